@@ -1,0 +1,1 @@
+"""Pipelines: stages, their kernels, and one small file that composes each variant."""

@@ -1,0 +1,61 @@
+"""Checks for the arrays inside the data types: shape and dtype, once, with an error that names the field."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from fbench.replay.errors import DataError
+
+Array = NDArray[Any]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+Text = NDArray[np.str_]
+
+Shape = tuple[int | str, ...]
+
+
+def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
+    """Return `value` as a read-only array of `dtype` and `shape`.
+
+    A letter in `shape` stands for a size that must agree between all fields of one object; `sizes` holds
+    those met so far and is extended. Casts that lose nothing are made, others refused.
+
+    Raises:
+        DataError: naming field, expected and got.
+    """
+    array = np.asarray(value)
+    expected = f"{np.dtype(dtype).name} ({', '.join(str(sizes.get(str(s), s)) for s in shape)})"
+    got = f"{array.dtype.name} {array.shape}"
+    if not _castable(array, np.dtype(dtype)) or array.ndim != len(shape):
+        raise DataError(f"{owner}.{field}: expected {expected}, got {got}")
+    for want, have in zip(shape, array.shape, strict=True):
+        fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
+        if fixed != have:
+            raise DataError(f"{owner}.{field}: expected {expected}, got {got}")
+    return _frozen(array, np.dtype(dtype))
+
+
+def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
+    """Check the named array fields of a frozen dataclass and make them read-only; `None` stays `None`."""
+    sizes: dict[str, int] = {}
+    for name, (dtype, shape) in specs.items():
+        value = getattr(owner, name)
+        if value is not None:
+            array = checked(type(owner).__name__, name, value, dtype, shape, sizes)
+            object.__setattr__(owner, name, array)
+
+
+def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
+    if dtype.kind == "U":
+        return array.dtype.kind == "U" or array.size == 0
+    return array.size == 0 or np.can_cast(array.dtype, dtype, "safe")
+
+
+def _frozen(array: Array, dtype: np.dtype[Any]) -> Array:
+    cast = array if dtype.kind == "U" and array.dtype.kind == "U" else array.astype(dtype, copy=False)
+    view = cast.view()
+    view.flags.writeable = False
+    return view

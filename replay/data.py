@@ -1,0 +1,248 @@
+"""The data types of fbench: messages of sensors, boxes, rig, frames and outputs.
+
+Frozen dataclasses over read-only numpy arrays; shapes are checked once, when an object is made.
+Time is `int` nanoseconds. Body: x forward, y left, z up; camera: x right, y down, z forward.
+Lengths m, angles rad, image px with pixel centres at integers.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntFlag
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64, Text, freeze_fields
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.errors import DataError
+from fbench.replay.geometry.transforms import pose_matrix
+
+__all__ = [
+    "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "Fault", "Float32", "Float64", "Frame",
+    "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output", "PointCloud", "Pose", "RadarScan", "Rig",
+    "Source", "Text", "Truth",
+]  # fmt: skip
+
+LABELS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "other")
+VEHICLES = ("car", "van", "truck", "bus", "trailer", "motorcycle")
+
+Kind: TypeAlias = Literal["camera", "lidar", "radar"]
+Boxes: TypeAlias = Boxes2D | Boxes3D
+
+
+class Source(IntFlag):
+    """Which sensors contributed to a box."""
+
+    C = 1
+    L = 2
+    R = 4
+    S = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One camera image, encoded as it was recorded."""
+
+    sensor: str
+    stamp_ns: int
+    """When it was measured."""
+    log_ns: int
+    """When it was recorded, that is arrived."""
+    data: bytes
+    encoding: str
+    """`jpeg`, `png`, `webp`, or a raw layout: `rgb8`, `bgr8`, `mono8`, rows without padding."""
+    size_wh: tuple[int, int]
+    """Width and height [px]."""
+    frame_number: int | None = None
+    """Number of the frame that the recorder gave to all messages of one instant, where it did."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """One LiDAR sweep, in the sensor's coordinate frame."""
+
+    sensor: str
+    stamp_ns: int
+    log_ns: int
+    xyz: Float32
+    """(N, 3) [m]."""
+    intensity: Float32 | None = None
+    """(N,) as the sensor gives it."""
+    ring: Array | None = None
+    """(N,) uint16, laser number."""
+    offset_ns: Array | None = None
+    """(N,) int32 [ns], time of each point after `stamp_ns`."""
+    frame_number: int | None = None
+
+    def __post_init__(self) -> None:
+        freeze_fields(
+            self,
+            xyz=("f4", ("N", 3)),
+            intensity=("f4", ("N",)),
+            ring=("u2", ("N",)),
+            offset_ns=("i4", ("N",)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RadarScan:
+    """One radar scan, in the sensor's coordinate frame."""
+
+    sensor: str
+    stamp_ns: int
+    log_ns: int
+    xyz: Float32
+    """(N, 3) [m]."""
+    radial_velocity_mps: Float32 | None = None
+    """(N,) [m/s], positive when receding, relative to the sensor as measured (ego motion not removed)."""
+    rcs_dbsm: Float32 | None = None
+    """(N,) [dBsm]; some sensors give an uncalibrated magnitude [dB], which the log's metadata then say."""
+    range_m: Float32 | None = None
+    azimuth_rad: Float32 | None = None
+    altitude_rad: Float32 | None = None
+    frame_number: int | None = None
+
+    def __post_init__(self) -> None:
+        one = ("f4", ("N",))
+        freeze_fields(
+            self,
+            xyz=("f4", ("N", 3)),
+            radial_velocity_mps=one,
+            rcs_dbsm=one,
+            range_m=one,
+            azimuth_rad=one,
+            altitude_rad=one,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The body's pose in the world at one instant."""
+
+    sensor: str
+    stamp_ns: int
+    log_ns: int
+    translation_m: Float64
+    """(3,) [m] of the body in the world."""
+    rotation_xyzw: Float64
+    """(4,) quaternion, as it was given."""
+    frame_number: int | None = None
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, translation_m=("f8", (3,)), rotation_xyzw=("f8", (4,)))
+
+    @property
+    def world_T_body(self) -> Float64:
+        """Matrix (4, 4) that moves points from body to world."""
+        return pose_matrix(self.translation_m, self.rotation_xyzw)
+
+
+Message: TypeAlias = Image | PointCloud | RadarScan | Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Ground truth at one instant; `None` means not labelled, empty boxes mean that nothing was there."""
+
+    stamp_ns: int
+    log_ns: int
+    boxes3d: Boxes3D | None = None
+    """In body coordinates at `stamp_ns`."""
+    boxes2d: Boxes2D | None = None
+    frame_number: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """Where a sensor sits on the body: the sensor's pose in body coordinates, as it was given."""
+
+    kind: Kind
+    translation_m: Float64
+    """(3,) [m]."""
+    rotation_xyzw: Float64
+    """(4,) quaternion."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, translation_m=("f8", (3,)), rotation_xyzw=("f8", (4,)))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Intrinsics of one camera: u = K [x/z, y/z, 1] for undistorted rays."""
+
+    K: Float64
+    """(3, 3) [px]."""
+    size_wh: tuple[int, int]
+    distortion_model: str = ""
+    """As in ROS: `plumb_bob`, `rational_polynomial`, `fisheye`; empty: none."""
+    distortion: Float64 = field(default_factory=lambda: np.zeros(0))
+    """(M,) coefficients."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, K=("f8", (3, 3)), distortion=("f8", ("M",)))
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The sensors of a vehicle with their calibration, by sensor name."""
+
+    mounts: Mapping[str, Mount]
+    cameras: Mapping[str, CameraModel]
+
+    def body_T_sensor(self, sensor: str) -> Float64:
+        """Matrix (4, 4) that moves points from the sensor's to body coordinates."""
+        mount = self.mounts[sensor]
+        return pose_matrix(mount.translation_m, mount.rotation_xyzw)
+
+    def sensors(self, *kinds: Kind) -> tuple[str, ...]:
+        """Names of all sensors of these kinds, sorted."""
+        return tuple(sorted(name for name, mount in self.mounts.items() if mount.kind in kinds))
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """What a log says about itself."""
+
+    name: str
+    """File name without folder and suffix."""
+    log_id: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The messages of all sensors that belong to one instant."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    messages: Mapping[str, Message]
+    """By sensor name."""
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Why an expected sensor isn't there, by sensor name."""
+    frame_number: int | None = None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong with the data of one frame that a pipeline met: a code of the fault table, and where."""
+
+    code: str
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """What a pipeline makes of one frame: boxes in body coordinates (3D) or in images (2D)."""
+
+    detections: Boxes
+    tracks: Boxes
+    stage_ns: Mapping[str, int]
+    """Wall time of each stage [ns], in the order in which they ran."""
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        if type(self.detections) is not type(self.tracks):
+            raise DataError(
+                f"Output.tracks: expected {type(self.detections).__name__}, got {type(self.tracks).__name__}"
+            )

@@ -1,0 +1,1 @@
+"""Transforms, camera projection, boxes and their overlap: shared by all folders."""

@@ -1,0 +1,46 @@
+"""Corners and overlap of boxes."""
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Float64
+from fbench.replay.boxes import Boxes3D
+
+_SIGNS = np.array([[1 - 2 * (i & 1), 1 - 2 * (i >> 1 & 1), 1 - 2 * (i >> 2 & 1)] for i in range(8)]) / 2.0
+
+
+def corners(boxes: Boxes3D) -> Float64:
+    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4.
+
+    R = Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
+    """
+    local = boxes.size_lwh_m[:, None, :] * _SIGNS[None]
+    x, y, z = local[..., 0], local[..., 1], local[..., 2]
+    for angle, axis in ((boxes.roll_rad, 0), (boxes.pitch_rad, 1), (boxes.yaw_rad, 2)):
+        if angle is None:
+            continue
+        cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        if axis == 0:
+            y, z = cos * y - sin * z, sin * y + cos * z
+        elif axis == 1:
+            x, z = cos * x + sin * z, cos * z - sin * x
+        else:
+            x, y = cos * x - sin * y, sin * x + cos * y
+    return boxes.center_m[:, None, :] + np.stack([x, y, z], axis=2)
+
+
+def iou_2d(a: Array, b: Array) -> Float64:
+    """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 where both are empty."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    overlap = np.prod(np.clip(high - low, 0, None), axis=2)
+    area_a = np.prod(np.clip(a[:, 2:] - a[:, :2], 0, None), axis=1)
+    area_b = np.prod(np.clip(b[:, 2:] - b[:, :2], 0, None), axis=1)
+    union = area_a[:, None] + area_b[None, :] - overlap
+    return np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
+
+
+def distance_bev(a: Array, b: Array) -> Float64:
+    """Distance (N, M) [m] in the ground plane between centres (N, 2 or 3) and (M, 2 or 3)."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    return np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])

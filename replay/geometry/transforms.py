@@ -1,0 +1,55 @@
+"""Rigid transforms: float64 (4, 4) matrices named `dst_T_src`, quaternions in the order x, y, z, w."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.arrays import Array, Float64
+
+
+def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
+    """Return `dst_T_src` (4, 4) from the position (3,) and quaternion (4,) of `src` in `dst`.
+
+    The one function that turns stored rotations into matrices.
+    """
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_matrix()
+    matrix[:3, 3] = translation_m
+    return matrix
+
+
+def quaternion(rotation: ArrayLike) -> Float64:
+    """Return the quaternion x, y, z, w of a rotation matrix (3, 3), with w not negative."""
+    xyzw = Rotation.from_matrix(np.asarray(rotation, np.float64)).as_quat(canonical=True)
+    return np.asarray(xyzw, np.float64)
+
+
+def inverse(dst_T_src: Float64) -> Float64:
+    """Return `src_T_dst` (4, 4)."""
+    result = np.eye(4)
+    rotation = dst_T_src[:3, :3].T
+    result[:3, :3] = rotation
+    result[:3, 3] = -(rotation @ dst_T_src[:3, 3])
+    return result
+
+
+def transform(dst_T_src: Float64, xyz: Array) -> Float64:
+    """Move points (N, 3) [m] from `src` to `dst`; returns float64 (N, 3).
+
+    Written as sums of products, so that the result doesn't depend on the BLAS in use.
+    """
+    p = np.asarray(xyz, np.float64)
+    m = dst_T_src
+    return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
+
+
+def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:
+    """Return yaw, pitch, roll [rad] with R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    yaw, pitch, roll = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_euler("ZYX")
+    return float(yaw), float(pitch), float(roll)
+
+
+def wrap_angle(angle_rad: Float64) -> Float64:
+    """Wrap angles [rad] to [-pi, pi)."""
+    wrapped: Float64 = (angle_rad + np.pi) % (2 * np.pi) - np.pi
+    return wrapped

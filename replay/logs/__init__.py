@@ -1,0 +1,1 @@
+"""Containers (MCAP) and message codecs (Foxglove)."""

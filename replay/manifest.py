@@ -1,0 +1,125 @@
+"""The manifest of a run: what ran. Equal inputs give equal bytes; measured and host data live elsewhere."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fbench.replay.data import CameraModel, Kind, LogInfo, Mount, Rig
+from fbench.replay.errors import RunError
+
+FORMAT = 1
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class LogEntry(_Strict):
+    """Which log was replayed."""
+
+    name: str
+    log_id: str
+    digest: str
+    """blake2b over all messages in canonical order."""
+    metadata: dict[str, str]
+
+
+class MountEntry(_Strict):
+    """A sensor's pose on the body."""
+
+    kind: Kind
+    translation_m: list[float]
+    rotation_xyzw: list[float]
+
+
+class CameraEntry(_Strict):
+    """Intrinsics of a camera."""
+
+    K: list[list[float]]
+    size_wh: tuple[int, int]
+    distortion_model: str
+    distortion: list[float]
+
+
+class FrameEntry(_Strict):
+    """How messages were put into frames."""
+
+    reference: str
+    timeout_ns: int
+    tolerance_ns: int
+    max_gap_ns: int
+
+
+class Manifest(_Strict):
+    """What ran, and whether all of it did."""
+
+    format: int = FORMAT
+    complete: bool
+    """False where data was lost beyond the fault budget."""
+    log: LogEntry
+    pipeline: str
+    parameters: dict[str, Any]
+    frames: FrameEntry
+    mounts: dict[str, MountEntry]
+    cameras: dict[str, CameraEntry]
+    num_frames: int
+    num_segments: int
+    digest: str
+    """The last link of the chain of frame digests."""
+    versions: dict[str, str]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as data."""
+        mounts = {
+            n: Mount(m.kind, np.array(m.translation_m), np.array(m.rotation_xyzw)) for n, m in self.mounts.items()
+        }
+        cameras = {
+            n: CameraModel(np.array(c.K), c.size_wh, c.distortion_model, np.array(c.distortion, np.float64))
+            for n, c in self.cameras.items()
+        }
+        return Rig(mounts, cameras)
+
+    @property
+    def log_info(self) -> LogInfo:
+        """The log as pipelines see it."""
+        return LogInfo(self.log.name, self.log.log_id, self.log.metadata)
+
+
+def rig_entries(rig: Rig) -> tuple[dict[str, MountEntry], dict[str, CameraEntry]]:
+    """Return a rig in the manifest's form."""
+    mounts = {
+        n: MountEntry(kind=m.kind, translation_m=m.translation_m.tolist(), rotation_xyzw=m.rotation_xyzw.tolist())
+        for n, m in sorted(rig.mounts.items())
+    }
+    cameras = {
+        n: CameraEntry(
+            K=c.K.tolist(),
+            size_wh=c.size_wh,
+            distortion_model=c.distortion_model,
+            distortion=c.distortion.tolist(),
+        )
+        for n, c in sorted(rig.cameras.items())
+    }
+    return mounts, cameras
+
+
+def save_manifest(path: Path, manifest: Manifest) -> None:
+    """Write the manifest as JSON."""
+    path.write_text(manifest.model_dump_json(indent=1) + "\n")
+
+
+def load_manifest(path: Path) -> Manifest:
+    """Read a manifest.
+
+    Raises:
+        RunError: where there is none, or it is of another version.
+    """
+    try:
+        return Manifest.model_validate_json(path.read_text())
+    except FileNotFoundError:
+        raise RunError(f"{path.parent}: not a run folder (no {path.name})") from None
+    except (ValidationError, UnicodeDecodeError, OSError) as error:
+        raise RunError(f"{path}: not a manifest of this version of fbench ({str(error).splitlines()[0]})") from error

@@ -1,0 +1,83 @@
+"""What plug-ins implement. Built-ins come in by the same door: the entry-point groups `fbench.*`."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, Truth
+from fbench.replay.scores import Score, ScoreOptions
+from fbench.replay.store import Run
+
+
+class Reader(Protocol):
+    """One log, read as a stream; never loads a whole log."""
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        ...
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration."""
+        ...
+
+    def messages(self) -> Iterator[Message]:
+        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream)."""
+        ...
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth in the order of its stamps."""
+        ...
+
+
+class Importer(Protocol):
+    """Turns one public dataset into an fbench log. Made without arguments."""
+
+    def convert(self, source: Path, out: Path) -> Sequence[str]:
+        """Write the log `out` from the folder `source`; returns lines that say what was found and what was odd.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+
+class Pipeline(Protocol):
+    """Frames in, detections and tracks out.
+
+    Made without arguments, or with one argument `params`, annotated with a frozen dataclass whose fields all
+    have defaults; these are what `--set name.field=value` changes.
+    """
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Prepare for one log.
+
+        Raises:
+            LogError: where the rig lacks a sensor that the pipeline can't do without.
+        """
+        ...
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks: a segment of the log begins."""
+        ...
+
+    def step(self, frame: Frame) -> Output:
+        """Process one frame. Must depend on nothing but the frames since the last reset."""
+        ...
+
+
+class Metric(Protocol):
+    """Scores of one run, computed from its folder alone. Made without arguments."""
+
+    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+        """Return this metric's rows, the primary one first."""
+        ...
+
+
+class Report(Protocol):
+    """Turns runs and their scores into a file; computes nothing. Made without arguments."""
+
+    def write(self, runs: Sequence[Run], out: Path) -> None:
+        """Write the report of these runs to `out`."""
+        ...

@@ -1,0 +1,220 @@
+"""Run folders: written under a temporary name and renamed when whole; read back as `Run`."""
+
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import pyarrow as pa
+
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.data import Boxes, Truth
+from fbench.replay.errors import ConfigError, RunError
+from fbench.replay.manifest import Manifest, load_manifest, save_manifest
+from fbench.replay.media import MediaFrame, read_media, write_media
+from fbench.replay.scores import Score, load_scores
+from fbench.replay.tables import BoxTable, BoxWriter, read_boxes, read_table, write_table
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """One frame of a run."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    frame_number: int | None
+    missing: Mapping[str, str]
+    """Why a sensor was missing, by its name."""
+    digest: str
+    chain: str
+    failed: str | None = None
+    """Why the pipeline gave nothing."""
+    truth_stamp_ns: int | None = None
+    """Stamp of the truth that belongs to the frame; `None`: not labelled, and so not scored."""
+
+
+class RunWriter:
+    """Writes one run folder; nothing appears under its name before `finish`."""
+
+    def __init__(self, folder: Path, overwrite: bool = False) -> None:
+        if folder.exists() and not overwrite:
+            raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+        if folder.exists() and not (folder / "manifest.json").is_file():
+            raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it")
+        self.folder = folder
+        self.partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
+        try:
+            self.partial.mkdir(parents=True)
+        except OSError as error:
+            raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
+        self._records: list[FrameRecord] = []
+        self._timings: list[tuple[int, str, int]] = []
+        self._writers: dict[str, BoxWriter] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for writer in self._writers.values():
+            writer.close()
+        shutil.rmtree(self.partial, ignore_errors=True)
+
+    @property
+    def records(self) -> Sequence[FrameRecord]:
+        """The frames added so far."""
+        return self._records
+
+    def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int]) -> None:
+        """Append one frame."""
+        self._records.append(record)
+        self._timings += [(record.index, stage, ns) for stage, ns in stage_ns.items()]
+
+    def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
+        """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
+        if table not in self._writers:
+            self._writers[table] = BoxWriter(self.partial / f"{table}.parquet", type(boxes))
+        self._writers[table].add(frame, boxes)
+
+    def label_frame(self, index: int, truth: Truth) -> None:
+        """Attach truth to frame `index`."""
+        record = self._records[index]
+        self._records[index] = FrameRecord(**{**vars(record), "truth_stamp_ns": truth.stamp_ns})
+        if truth.boxes3d is not None:
+            self.add_boxes("truth", index, truth.boxes3d)
+        if truth.boxes2d is not None:
+            self.add_boxes("truth_2d", index, truth.boxes2d)
+
+    def write_json(self, name: str, content: object) -> None:
+        """Write a JSON file into the folder."""
+        (self.partial / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+    def write_media(self, frames: Sequence[MediaFrame]) -> None:
+        """Keep images and points of chosen frames."""
+        write_media(self.partial / "media.parquet", frames)
+
+    def finish(self, manifest: Manifest) -> Path:
+        """Complete the folder, give it its name, and return it."""
+        for writer in self._writers.values():
+            writer.close()
+        self._writers = {}
+        write_table(self.partial / "frames.parquet", _frame_columns(self._records))
+        frames, stages, ns = (list(c) for c in zip(*self._timings, strict=True)) if self._timings else ([], [], [])
+        columns = {
+            "frame": pa.array(frames, pa.int64()),
+            "stage": pa.array(stages, pa.string()),
+            "ns": pa.array(ns, pa.int64()),
+        }
+        write_table(self.partial / "timings.parquet", columns)
+        save_manifest(self.partial / "manifest.json", manifest)
+        if self.folder.exists():
+            shutil.rmtree(self.folder)
+        self.partial.rename(self.folder)
+        return self.folder
+
+
+def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
+    missing = [json.dumps(dict(sorted(r.missing.items()))) for r in records]
+    return {
+        "index": pa.array([r.index for r in records], pa.int64()),
+        "stamp_ns": pa.array([r.stamp_ns for r in records], pa.int64()),
+        "segment": pa.array([r.segment for r in records], pa.int64()),
+        "frame_number": pa.array([r.frame_number for r in records], pa.int64()),
+        "missing": pa.array(missing, pa.string()),
+        "digest": pa.array([r.digest for r in records], pa.string()),
+        "chain": pa.array([r.chain for r in records], pa.string()),
+        "failed": pa.array([r.failed for r in records], pa.string()),
+        "truth_stamp_ns": pa.array([r.truth_stamp_ns for r in records], pa.int64()),
+    }
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run, read from its folder; tables are read when first used."""
+
+    folder: Path
+
+    @cached_property
+    def manifest(self) -> Manifest:
+        """What ran."""
+        return load_manifest(self.folder / "manifest.json")
+
+    @cached_property
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """All frames, in order."""
+        rows = read_table(self.folder / "frames.parquet").to_pylist()
+        return tuple(FrameRecord(**{**row, "missing": json.loads(row["missing"])}) for row in rows)
+
+    @cached_property
+    def detections(self) -> BoxTable:
+        """Detections of all frames."""
+        return read_boxes(self.folder / "detections.parquet")
+
+    @cached_property
+    def tracks(self) -> BoxTable:
+        """Tracks of all frames."""
+        return read_boxes(self.folder / "tracks.parquet")
+
+    @cached_property
+    def _truth3d(self) -> BoxTable | None:
+        path = self.folder / "truth.parquet"
+        return read_boxes(path) if path.is_file() else None
+
+    @cached_property
+    def _truth2d(self) -> BoxTable | None:
+        path = self.folder / "truth_2d.parquet"
+        return read_boxes(path) if path.is_file() else None
+
+    def truth3d(self, index: int) -> Boxes3D | None:
+        """3D truth of frame `index`; `None` where it isn't labelled."""
+        return _at(self._truth3d, self.frames[index], Boxes3D)
+
+    def truth2d(self, index: int) -> Boxes2D | None:
+        """Recorded 2D truth of frame `index`; `None` where it isn't labelled or the log has only 3D truth."""
+        return _at(self._truth2d, self.frames[index], Boxes2D)
+
+    @cached_property
+    def timings(self) -> dict[str, list[int]]:
+        """Wall time [ns] of each stage over the frames in which it ran, and `total` of every frame."""
+        table = read_table(self.folder / "timings.parquet")
+        stages: dict[str, list[int]] = {}
+        for stage, ns in zip(table.column("stage").to_pylist(), table.column("ns").to_pylist(), strict=True):
+            stages.setdefault(str(stage), []).append(int(ns))
+        return stages
+
+    @cached_property
+    def media(self) -> tuple[MediaFrame, ...]:
+        """Images and points of the frames that were kept for reports."""
+        return read_media(self.folder / "media.parquet")
+
+    @cached_property
+    def scores(self) -> list[Score]:
+        """What `fbench score` wrote."""
+        return load_scores(self.folder / "scores.json")
+
+    def json(self, name: str) -> Any:
+        """Content of a JSON file of the folder: `faults.json`, `latency.json`, `host.json`."""
+        path = self.folder / name
+        try:
+            return json.loads(path.read_text())
+        except (OSError, ValueError) as error:
+            raise RunError(f"{path}: can't be read ({error})") from error
+
+
+B = TypeVar("B", Boxes2D, Boxes3D)
+
+
+def _at(table: BoxTable | None, record: FrameRecord, kind: type[B]) -> B | None:
+    if table is None or record.truth_stamp_ns is None:
+        return None
+    boxes = table.at(record.index)
+    if not isinstance(boxes, kind):
+        raise RunError(f"frame {record.index}: truth isn't {kind.__name__}")
+    return boxes

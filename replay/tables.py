@@ -1,0 +1,126 @@
+"""Boxes and timings as Parquet tables of a run folder; equal rows give equal bytes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fbench.replay.arrays import Array, Int64
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.data import Boxes
+from fbench.replay.errors import RunError
+
+_ROWS_PER_GROUP = 16384
+_TYPES = {
+    "center_m": pa.list_(pa.float64(), 3), "size_lwh_m": pa.list_(pa.float64(), 3), "yaw_rad": pa.float64(),
+    "roll_rad": pa.float64(), "pitch_rad": pa.float64(), "velocity_mps": pa.list_(pa.float64(), 3),
+    "camera": pa.string(), "xyxy_px": pa.list_(pa.float64(), 4), "visible_xyxy_px": pa.list_(pa.float64(), 4),
+    "distance_m": pa.float64(), "range_rate_mps": pa.float64(), "label": pa.string(), "score": pa.float64(),
+    "track_id": pa.int64(), "sources": pa.uint8(), "predicted": pa.bool_(), "visibility": pa.float64(),
+    "occlusion": pa.float64(), "truncation": pa.float64(), "attribute": pa.string(), "num_lidar_pts": pa.int64(),
+    "num_radar_pts": pa.int64(), "ignore": pa.bool_(), "source_label": pa.string(),
+}  # fmt: skip
+_FILL = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTable:
+    """The boxes of all frames of a run, in the order of the frames."""
+
+    frames: Int64
+    """(N,) index of the frame of each box, ascending."""
+    boxes: Boxes
+
+    def at(self, index: int) -> Boxes:
+        """Boxes of one frame."""
+        start, stop = np.searchsorted(self.frames, [index, index + 1])
+        return self.boxes[int(start) : int(stop)]
+
+
+class BoxWriter:
+    """Writes boxes of one type frame by frame, with bounded memory."""
+
+    def __init__(self, path: Path, kind: type[Boxes2D] | type[Boxes3D]) -> None:
+        names = [f.name for f in fields(kind)]
+        self._schema = pa.schema([("frame", pa.int64()), *((n, _TYPES[n]) for n in names)], {"boxes": kind.__name__})
+        self._writer = pq.ParquetWriter(path, self._schema, compression="zstd", write_page_checksum=True)
+        self._pending: list[pa.RecordBatch] = []
+        self._num_rows = 0
+
+    def add(self, frame: int, boxes: Boxes) -> None:
+        """Append the boxes of frame `frame`; frames come in ascending order."""
+        arrays = boxes.arrays()
+        columns = [pa.array(np.full(len(boxes), frame), pa.int64())]
+        columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
+        self._pending.append(pa.RecordBatch.from_arrays(columns, schema=self._schema))
+        self._num_rows += len(boxes)
+        if self._num_rows >= _ROWS_PER_GROUP:
+            self._flush()
+
+    def close(self) -> None:
+        """Write what is pending and finish the file."""
+        self._flush()
+        self._writer.close()
+
+    def _flush(self) -> None:
+        if self._num_rows:
+            self._writer.write_table(pa.Table.from_batches(self._pending).combine_chunks())
+        self._pending, self._num_rows = [], 0
+
+
+def _column(array: Array | None, kind: pa.DataType, length: int) -> pa.Array:
+    if array is None:
+        return pa.nulls(length, kind)
+    if array.ndim == 2:
+        return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), array.shape[1])
+    return pa.array(array.astype(object) if array.dtype.kind == "U" else array, kind)
+
+
+def read_boxes(path: Path) -> BoxTable:
+    """Read what `BoxWriter` wrote; a column without a value becomes `None`, single nulls NaN, -1 or empty.
+
+    Raises:
+        RunError: where the file is missing or isn't a table of boxes.
+    """
+    table = read_table(path)
+    kind = {b"Boxes2D": Boxes2D, b"Boxes3D": Boxes3D}.get((table.schema.metadata or {}).get(b"boxes", b""))
+    if kind is None:
+        raise RunError(f"{path}: not a table of boxes")
+    required = {"center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px"}
+    columns = {f.name: table.column(f.name) for f in fields(kind)}
+    arrays = {n: _array(c) for n, c in columns.items() if n in required or c.null_count < len(c)}
+    return BoxTable(table.column("frame").to_numpy(), kind(**arrays))
+
+
+def _array(column: pa.ChunkedArray) -> Array:
+    chunk = column.combine_chunks()
+    if isinstance(chunk, pa.ChunkedArray):
+        chunk = pa.concat_arrays(chunk.chunks) if chunk.num_chunks else pa.array([], column.type)
+    if pa.types.is_fixed_size_list(column.type):
+        if chunk.null_count:
+            return np.array([[np.nan] * column.type.list_size if row is None else row for row in chunk.to_pylist()])
+        return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, column.type.list_size)
+    if pa.types.is_string(column.type):
+        return np.array(["" if text is None else text for text in chunk.to_pylist()], dtype=np.str_)
+    dtype = np.dtype(column.type.to_pandas_dtype())
+    return np.asarray(chunk.fill_null(_FILL[dtype.kind]).to_numpy(zero_copy_only=False), dtype)
+
+
+def read_table(path: Path) -> pa.Table:
+    """Read a Parquet file, checksums verified.
+
+    Raises:
+        RunError: where it is missing or damaged.
+    """
+    try:
+        return pq.read_table(path, page_checksum_verification=True)
+    except (OSError, pa.ArrowException) as error:
+        raise RunError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
+
+
+def write_table(path: Path, columns: Mapping[str, pa.Array]) -> None:
+    """Write one Parquet file with checksums."""
+    pq.write_table(pa.table(dict(columns)), path, compression="zstd", write_page_checksum=True)
