@@ -88,8 +88,8 @@ def _picture(image: Image) -> Picture | None:
 def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:
     step = max(1, -(-len(message.xyz) // MAX_POINTS))
     xyz = transform(rig.body_T_sensor(message.sensor), message.xyz[::step]).astype(np.float32)
-    speed = message.radial_velocity_mps[::step] if isinstance(message, RadarScan) and message.radial_velocity_mps is not None \
-        else np.full(len(xyz), np.nan, np.float32)  # fmt: skip
+    measured = message.radial_velocity_mps if isinstance(message, RadarScan) else None
+    speed = np.full(len(xyz), np.nan, np.float32) if measured is None else measured[::step]
     return Points(xyz, speed)
 
 

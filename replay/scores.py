@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from fbench.replay.errors import MetricError, RunError
+from fbench.replay.errors import ConfigError, MetricError, RunError
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,12 @@ class ScoreOptions:
     """3D boxes match when their centres are this near in the ground plane."""
     iou: float = 0.5
     """2D boxes match from this intersection over union on."""
+
+    def __post_init__(self) -> None:
+        if not (self.range_m > 0 and 0 < self.distance_m < math.inf):
+            raise ConfigError(f"score options: range {self.range_m} m, distance {self.distance_m} m: expected above 0")
+        if not 0 < self.iou <= 1:
+            raise ConfigError(f"score options: iou {self.iou}: expected above 0 and up to 1")
 
 
 @dataclass(frozen=True)

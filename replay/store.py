@@ -3,8 +3,8 @@
 import json
 import os
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -83,10 +83,13 @@ class RunWriter:
             self._writers[table] = BoxWriter(self.partial / f"{table}.parquet", type(boxes))
         self._writers[table].add(frame, boxes)
 
+    def explain_missing(self, explain: Callable[[FrameRecord], FrameRecord]) -> None:
+        """Replace each frame's record, when the whole log is known."""
+        self._records = [explain(record) for record in self._records]
+
     def label_frame(self, index: int, truth: Truth) -> None:
         """Attach truth to frame `index`."""
-        record = self._records[index]
-        self._records[index] = FrameRecord(**{**vars(record), "truth_stamp_ns": truth.stamp_ns})
+        self._records[index] = replace(self._records[index], truth_stamp_ns=truth.stamp_ns)
         if truth.boxes3d is not None:
             self.add_boxes("truth", index, truth.boxes3d)
         if truth.boxes2d is not None:

@@ -51,7 +51,7 @@ class BoxWriter:
         self._num_rows = 0
 
     def add(self, frame: int, boxes: Boxes) -> None:
-        """Append the boxes of frame `frame`; frames come in ascending order."""
+        """Append the boxes of frame `frame`."""
         arrays = boxes.arrays()
         columns = [pa.array(np.full(len(boxes), frame), pa.int64())]
         columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
@@ -92,7 +92,9 @@ def read_boxes(path: Path) -> BoxTable:
     required = {"center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px"}
     columns = {f.name: table.column(f.name) for f in fields(kind)}
     arrays = {n: _array(c) for n, c in columns.items() if n in required or c.null_count < len(c)}
-    return BoxTable(table.column("frame").to_numpy(), kind(**arrays))
+    frames, boxes = table.column("frame").to_numpy(), kind(**arrays)
+    order = np.argsort(frames, kind="stable")
+    return BoxTable(frames[order], boxes[order])
 
 
 def _array(column: pa.ChunkedArray) -> Array:

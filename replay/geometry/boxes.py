@@ -29,7 +29,7 @@ def corners(boxes: Boxes3D) -> Float64:
 
 
 def iou_2d(a: Array, b: Array) -> Float64:
-    """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 where both are empty."""
+    """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 if both are empty."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])

@@ -1,0 +1,17 @@
+"""`fbench demo`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the log, the runs and the report.")] = Path(
+        "runs/demo"
+    ),
+) -> None:
+    """Make a small log of moving boxes, replay it into three pipelines, and write one report."""
+    from fbench.replay.cli.demo_job import run_demo
+
+    run_demo(out)

@@ -1,0 +1,28 @@
+"""The demo: a log that needs no download, three pipelines, one report."""
+
+from pathlib import Path
+
+from fbench.replay.cli.job import Job, run_job, show_run
+from fbench.replay.cli.show import console
+from fbench.replay.plugins import load
+
+PIPELINES = ("lidar3d", "radar3d", "late3d")
+
+
+def run_demo(folder: Path) -> None:
+    """Simulate, replay, score, report; replaces the last demo."""
+    from fbench.datasets.boxes import write_boxes_log
+
+    folder.mkdir(parents=True, exist_ok=True)
+    out = console()
+    log = folder / "boxes.mcap"
+    for line in write_boxes_log(log):
+        out.print(line, markup=False, soft_wrap=True)
+    runs = []
+    for pipeline in PIPELINES:
+        out.print(f"\n[bold]{pipeline}[/bold]")
+        runs.append(run_job(Job(log, pipeline, out=folder / pipeline, overwrite=True, tolerant=True)))
+        show_run(runs[-1], as_json=False)
+    report = folder / "report.html"
+    load("reports", "html")().write(runs, report)
+    out.print(f"\nreport: {report}", markup=False, soft_wrap=True)

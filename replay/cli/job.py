@@ -1,0 +1,120 @@
+"""One replay from the command line: open, replay, score, report, show."""
+
+import json
+import re
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fbench.replay.cli.progress import frame_progress
+from fbench.replay.cli.scoring import score_folder
+from fbench.replay.cli.show import console, fault_lines, latency_table, null_reasons, score_table
+from fbench.replay.clock import make_clock
+from fbench.replay.errors import ConfigError
+from fbench.replay.faults import FaultLog
+from fbench.replay.host import describe_host
+from fbench.replay.logs.open import open_log
+from fbench.replay.plugins import load, make_pipeline
+from fbench.replay.run import Plan, replay
+from fbench.replay.scores import ScoreOptions
+from fbench.replay.store import Run
+from fbench.replay.sync import SyncParams
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that `fbench replay` was asked for."""
+
+    log: Path
+    pipeline: str
+    settings: list[str] = field(default_factory=list)
+    out: Path | None = None
+    overwrite: bool = False
+    rate: str = "max"
+    sync: SyncParams = field(default_factory=SyncParams)
+    tolerant: bool = False
+    scoring: ScoreOptions = field(default_factory=ScoreOptions)
+    report: bool = False
+
+    @property
+    def folder(self) -> Path:
+        """Where the run goes."""
+        return self.out or Path("runs") / f"{self.log.stem}-{short_name(self.pipeline)}"
+
+
+def short_name(pipeline: str) -> str:
+    """A pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`."""
+    file, _, cls = pipeline.rpartition(":")
+    name = f"{Path(file).stem}-{cls}" if file else cls
+    return re.sub(r"[^\w.-]+", "_", name)
+
+
+def run_job(job: Job) -> Run:
+    """Replay, score, and report if asked to; returns the finished run."""
+    clock = make_clock(job.rate)
+    pipeline, parameters = make_pipeline(job.pipeline, job.settings)
+    faults = FaultLog()
+    reader = open_log(job.log, faults)
+    host = {**describe_host(), "rate": job.rate}
+    start = time.monotonic()
+    with frame_progress(f"{job.log.name} → {job.pipeline}") as progress:
+        plan = Plan(
+            pipeline, short_name(job.pipeline), parameters, job.sync, clock, tolerant=job.tolerant, progress=progress
+        )
+        folder = replay(reader, plan, job.folder, faults, job.overwrite)
+    host["wall_s"] = round(time.monotonic() - start, 3)
+    (folder / "host.json").write_text(json.dumps(host, indent=1) + "\n")
+    run = score_folder(folder, job.scoring)
+    if job.report:
+        load("reports", "html")().write([run], folder / "report.html")
+    return run
+
+
+def show_run(run: Run, as_json: bool) -> None:
+    """Print scores, latency, faults, and where the run is."""
+    if as_json:
+        names = ("scores.json", "latency.json", "faults.json")
+        content = {name.removesuffix(".json"): run.json(name) for name in names}
+        manifest = json.loads(run.manifest.model_dump_json())
+        print(json.dumps({"run": str(run.folder), "manifest": manifest, **content}, indent=1))  # noqa: T201
+        return
+    out = console()
+    out.print(score_table(run.scores))
+    for line in null_reasons(run.scores):
+        out.print(f"– {line}", markup=False)
+    out.print()
+    latency = run.json("latency.json")
+    out.print(latency_table(latency))
+    out.print(f"{latency['over_budget']} of {latency['frames']} frames over the budget of {latency['budget_ms']:g} ms")
+    out.print()
+    for line in _status(run):
+        out.print(line, markup=False, soft_wrap=True)
+
+
+def _status(run: Run) -> list[str]:
+    manifest = run.manifest
+    scored = sum(frame.truth_stamp_ns is not None for frame in run.frames)
+    lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
+    missing: dict[str, int] = {}
+    for frame in run.frames:
+        for sensor in sorted(frame.missing):
+            missing[sensor] = missing.get(sensor, 0) + 1
+    lines += [f"missing: {sensor} in {num} frames" for sensor, num in sorted(missing.items())]
+    lines += [f"fault: {line}" for line in fault_lines(run)]
+    if not manifest.complete:
+        lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
+    return [*lines, f"run: {run.folder}"]
+
+
+def open_run(folder: Path) -> Run:
+    """Return the run in a folder.
+
+    Raises:
+        ConfigError: where there is no such folder.
+        RunError: where it isn't a run.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such run folder")
+    run = Run(folder)
+    _ = run.manifest
+    return run

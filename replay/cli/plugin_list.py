@@ -1,0 +1,44 @@
+"""What `fbench plugins` prints."""
+
+from typing import get_args
+
+from rich.table import Table
+
+from fbench.replay.cli.show import console
+from fbench.replay.errors import ConfigError
+from fbench.replay.names import did_you_mean
+from fbench.replay.plugins import Group, default_params, found, load
+from fbench.replay.settings import describe
+
+_GROUPS: tuple[Group, ...] = get_args(Group)
+
+
+def show_group(name: str | None) -> None:
+    """List the plug-ins of one group, or of all."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("group", "name", "where"):
+        table.add_column(column)
+    for group in _GROUPS if name is None else (_group(name),):
+        for point in found(group).values():
+            table.add_row(group, point.name, point.value)
+    console().print(table)
+
+
+def show_parameters(group: str, name: str) -> None:
+    """List the parameters of a pipeline with their defaults."""
+    if _group(group) != "pipelines":
+        raise ConfigError(f"only pipelines have parameters, not {group}")
+    params = default_params(load("pipelines", name))
+    table = Table(box=None, pad_edge=False)
+    for column in ("parameter", "default"):
+        table.add_column(column)
+    for path, value in ({} if params is None else describe(params)).items():
+        table.add_row(path, "none" if value is None else str(value))
+    console().print(table)
+
+
+def _group(name: str) -> Group:
+    for group in _GROUPS:
+        if group == name:
+            return group
+    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, _GROUPS)}")

@@ -1,0 +1,66 @@
+"""`fbench replay`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fbench.replay.cli.options import DistanceM, InView, Iou, Json, Log, Overwrite, RangeM
+
+EPILOG = """[bold]Examples[/bold]
+
+fbench replay log.mcap --pipeline lidar3d
+
+fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report
+
+fbench replay log.mcap -p my_pipeline.py:MyPipeline
+"""
+
+
+def replay(
+    log: Log,
+    pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="A name (see fbench plugins) or FILE.py:CLASS.")],
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; may be repeated.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Run folder [default: runs/LOG-PIPELINE].")] = None,
+    overwrite: Overwrite = False,
+    rate: Annotated[str, typer.Option(help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")] = "max",
+    reference: Annotated[str | None, typer.Option(help="Sensor whose stamps are the frames' instants.")] = None,
+    timeout_ms: Annotated[float, typer.Option(min=0, help="How long a frame waits for its sensors [ms].")] = 30.0,
+    tolerance_ms: Annotated[float, typer.Option(min=0, help="How far stamps may lie from the instant [ms].")] = 50.0,
+    max_gap_s: Annotated[float, typer.Option(min=0, help="A longer pause begins a new segment [s].")] = 2.0,
+    on_fault: Annotated[
+        str, typer.Option(help="'strict': lost data mean exit 4; 'tolerant': only counted.")
+    ] = "strict",
+    range_m: RangeM = 50.0,
+    in_view: InView = True,
+    distance_m: DistanceM = 2.0,
+    iou: Iou = 0.5,
+    report: Annotated[bool, typer.Option("--report", help="Write report.html into the run folder too.")] = False,
+    json: Json = False,
+) -> None:
+    """Replay a log into a pipeline, score it, and write a run folder."""
+    from fbench.replay.cli.job import Job, run_job, show_run
+    from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+    from fbench.replay.scores import ScoreOptions
+    from fbench.replay.sync import SyncParams
+
+    if on_fault not in ("strict", "tolerant"):
+        raise ConfigError(f"--on-fault {on_fault}: expected 'strict' or 'tolerant'")
+    sync = SyncParams(reference, round(timeout_ms * 1e6), round(tolerance_ms * 1e6), round(max_gap_s * 1e9))
+    job = Job(
+        log=log,
+        pipeline=pipeline,
+        settings=settings or [],
+        out=out,
+        overwrite=overwrite,
+        rate=rate,
+        sync=sync,
+        tolerant=on_fault == "tolerant",
+        scoring=ScoreOptions(range_m, in_view, distance_m, iou),
+        report=report,
+    )
+    run = run_job(job)
+    show_run(run, json)
+    raise typer.Exit(EXIT_OK if run.manifest.complete else EXIT_LOSSY)

@@ -1,0 +1,24 @@
+"""`fbench report`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="One or several run folders.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file [default: report.html in RUN].")] = None,
+    kind: Annotated[str, typer.Option(help="Which report plug-in writes it.")] = "html",
+) -> None:
+    """Write one self-contained report of one or several runs."""
+    from fbench.replay.cli.job import open_run
+    from fbench.replay.cli.show import console
+    from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
+    from fbench.replay.plugins import load
+
+    opened = [open_run(folder) for folder in runs]
+    path = out or opened[0].folder / "report.html"
+    load("reports", kind)().write(opened, path)
+    console().print(f"report: {path}", markup=False, soft_wrap=True)
+    raise typer.Exit(EXIT_OK if all(run.manifest.complete for run in opened) else EXIT_LOSSY)

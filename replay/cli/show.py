@@ -1,0 +1,77 @@
+"""Tables on the terminal."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from fbench.replay.scores import Score
+from fbench.replay.store import Run
+
+_SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw")
+
+
+def console() -> Console:
+    """A console that neither highlights nor breaks lines of what isn't a terminal."""
+    plain = Console(highlight=False)
+    return plain if plain.is_terminal else Console(highlight=False, width=120)
+
+
+def number(value: float | None, unit: str) -> str:
+    """A score for people: three decimals, counts without."""
+    if value is None:
+        return "–"
+    text = f"{value:.0f}" if unit == "count" else f"{value:.3f}"
+    return text if unit in ("1", "count", "iou") else f"{text} {unit}"
+
+
+def primary(scores: Sequence[Score]) -> list[Score]:
+    """The rows worth showing first: all vehicles as one class, in the run's own space and in the image."""
+    return [s for s in scores if s.metric in _SHOWN and s.class_ == "vehicle" and s.slice == "all"]
+
+
+def score_table(scores: Sequence[Score]) -> Table:
+    """One line a metric, one column a way of matching."""
+    rows = primary(scores)
+    matchings = list(dict.fromkeys(s.matching for s in rows))
+    table = Table(box=None, pad_edge=False)
+    table.add_column("metric")
+    for matching in matchings:
+        table.add_column(matching, justify="right")
+    for metric in dict.fromkeys(s.metric for s in rows):
+        cells = {s.matching: number(s.value, s.unit) for s in rows if s.metric == metric}
+        table.add_row(metric, *(cells.get(matching, "") for matching in matchings))
+    return table
+
+
+def null_reasons(scores: Sequence[Score]) -> list[str]:
+    """Why numbers are missing, each reason once with its metrics."""
+    reasons: dict[str, list[str]] = {}
+    for s in primary(scores):
+        if s.reason is not None and s.metric not in reasons.setdefault(s.reason, []):
+            reasons[s.reason].append(s.metric)
+    return [f"{', '.join(metrics)}: {reason}" for reason, metrics in reasons.items()]
+
+
+def latency_table(latency: dict[str, Any]) -> Table:
+    """One line a stage, in milliseconds."""
+    table = Table(box=None, pad_edge=False)
+    table.add_column("stage")
+    for name in ("p50", "p95", "p99", "max"):
+        table.add_column(f"{name} ms", justify="right")
+    for row in latency["stages"]:
+        cells = (row[f"{name}_ms"] for name in ("p50", "p95", "p99", "max"))
+        table.add_row(row["stage"], *("–" if c is None else f"{c:.2f}" for c in cells))
+    return table
+
+
+def fault_lines(run: Run) -> list[str]:
+    """One line a kind of fault that was met."""
+    rows = run.json("faults.json")["rows"]
+    return [_fault_line(row) for row in rows if row["count"]]
+
+
+def _fault_line(row: dict[str, Any]) -> str:
+    first = f" (first: {row['places'][0]})" if row["places"] else ""
+    return f"{row['code']} {row['text']}: {row['count']}{first}"

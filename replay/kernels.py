@@ -1,0 +1,82 @@
+"""How hot loops are compiled and cached: numba, on first use, cached on disk by a digest of all that shaped them.
+
+Only files that hold kernels import this one, because it imports numba.
+"""
+
+import hashlib
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import llvmlite.binding
+import numba
+import numpy as np
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` on its first call: one thread, IEEE arithmetic, the same result in every process.
+
+    The machine code is kept in a folder of the user's cache named by `kernel_digest`, so that a change to any file
+    beside the kernel, to a version or to the CPU starts an empty cache; numba itself only looks at the one file that
+    defines the function. A kernel may therefore call kernels of its own folder only. Where the cache can't be
+    written, every process compiles anew.
+    """
+    folder = cache_folder(Path(function.__code__.co_filename).parent)
+    if folder is None:
+        return _compiled(function, cache=False)
+    previous = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder)  # read by numba while it decorates
+    try:
+        return _compiled(function, cache=True)
+    finally:
+        numba.config.CACHE_DIR = previous
+
+
+def _compiled(function: Callable[P, R], cache: bool) -> Callable[P, R]:
+    compiled: Callable[P, R] = numba.njit(cache=cache, fastmath=False, parallel=False, nogil=True)(function)
+    return compiled
+
+
+def kernel_digest(sources: Path) -> str:
+    """Digest of all Python sources in the folder `sources`, of the versions that compile them, and of the CPU."""
+    digest = hashlib.blake2b(digest_size=16)
+    versions = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
+    for text in (*versions, llvmlite.binding.get_host_cpu_name()):
+        digest.update(f"{text}\0".encode())
+    for path in sorted(sources.glob("*.py")):
+        content = path.read_bytes()
+        digest.update(f"{path.name}\0{len(content)}\0".encode())
+        digest.update(content)
+    return digest.hexdigest()
+
+
+def cache_folder(sources: Path) -> Path | None:
+    """Return the folder for machine code made from the folder `sources`, or `None` where none can be written."""
+    try:
+        folder = user_cache() / "fbench" / "kernels" / kernel_digest(sources)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except (OSError, RuntimeError):  # read-only, full, or a user without a home
+        return None
+
+
+def user_cache() -> Path:
+    """Return the folder in which this user's programs keep caches.
+
+    Raises:
+        RuntimeError: where the user has no home folder.
+    """
+    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
+        return Path(os.environ["LOCALAPPDATA"])
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    if Path(given).is_absolute():
+        return Path(given)
+    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")

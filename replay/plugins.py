@@ -1,0 +1,102 @@
+"""Plug-ins: built-ins and outsiders come in by the same entry points, or from a single file."""
+
+import importlib.util
+import inspect
+import sys
+import typing
+from dataclasses import is_dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Literal
+
+from fbench.replay.errors import ConfigError
+from fbench.replay.names import did_you_mean
+from fbench.replay.protocols import Pipeline
+from fbench.replay.settings import apply_settings, describe
+
+Group = Literal["datasets", "pipelines", "metrics", "reports"]
+
+
+def found(group: Group) -> dict[str, EntryPoint]:
+    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them.
+
+    Raises:
+        ConfigError: where two packages claim one name.
+    """
+    points: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=f"fbench.{group}"), key=lambda p: (p.name, p.value)):
+        if point.name in points and points[point.name].value != point.value:
+            raise ConfigError(f"two {group} are called '{point.name}': {points[point.name].value} and {point.value}")
+        points[point.name] = point
+    return points
+
+
+def load(group: Group, name: str) -> Any:
+    """Return the class behind a name of `fbench.GROUP`, or behind `FILE.py:CLASS`.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest one) or a plug-in that can't be imported.
+    """
+    if ".py:" in name:
+        return _from_file(name)
+    points = found(group)
+    if name not in points:
+        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, points)}")
+    try:
+        return points[name].load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"{group.removesuffix('s')} '{name}' ({points[name].value}) can't be loaded: {error}"
+        ) from error
+
+
+def _from_file(name: str) -> Any:
+    path, _, class_name = name.rpartition(":")
+    file = Path(path).resolve()
+    if not file.is_file():
+        raise ConfigError(f"{path}: no such file")
+    module_name = f"fbench_plugin_{file.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, file)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a plug-in's file may raise anything
+        raise ConfigError(f"{path}: can't be imported: {type(error).__name__}: {error}") from error
+    classes = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
+    if class_name not in classes:
+        raise ConfigError(f"{path}: has no class '{class_name}'{did_you_mean(class_name, classes)}")
+    return classes[class_name]
+
+
+def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:
+    """Build a pipeline and return it with its parameters as the manifest shows them.
+
+    Raises:
+        ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
+    """
+    cls = load("pipelines", name)
+    absent = [method for method in ("start", "reset", "step") if not callable(getattr(cls, method, None))]
+    if absent:
+        raise ConfigError(f"pipeline '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")
+    params = default_params(cls)
+    if params is None:
+        if settings:
+            raise ConfigError(f"pipeline '{name}' takes no parameters, so --set {settings[0]} can't be applied")
+        pipeline: Pipeline = cls()
+        return pipeline, {}
+    params = apply_settings(params, settings)
+    pipeline = cls(params)
+    return pipeline, describe(params)
+
+
+def default_params(cls: type) -> Any:
+    """Return the defaults of a class's `params`, or `None` where it takes none."""
+    if "params" not in inspect.signature(cls).parameters:
+        return None
+    kind = typing.get_type_hints(cls.__init__).get("params")  # type: ignore[misc]
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        raise ConfigError(f"{cls.__name__}: its argument 'params' must be annotated with a dataclass")
+    return kind()

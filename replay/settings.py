@@ -1,0 +1,117 @@
+"""Parameters: nested frozen dataclasses, changed by `name.field=value`, described for the manifest."""
+
+import hashlib
+import math
+import types
+import typing
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fbench.replay.errors import ConfigError
+from fbench.replay.names import did_you_mean
+
+P = TypeVar("P")
+
+
+def apply_settings(params: P, settings: Sequence[str]) -> P:
+    """Return a copy of `params` with each setting `name.field=value` applied.
+
+    Raises:
+        ConfigError: for a setting without `=`, an unknown name (with the nearest one), a value of another type.
+    """
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected NAME=VALUE, such as lidar.cluster.eps_m=0.6")
+        params = _with(params, path, path.split("."), text)
+    return params
+
+
+def _with(params: Any, path: str, names: list[str], text: str) -> Any:
+    name, *rest = names
+    known = typing.get_type_hints(type(params))
+    if name not in known:
+        # The nearest name is looked for among full paths, so that a forgotten prefix is found as well.
+        done = path.split(".")[: -len(names)]
+        paths = [".".join([*done, p]) for p in parameter_paths(params)]
+        raise ConfigError(f"unknown parameter '{path}'{did_you_mean(path, paths)}")
+    value = getattr(params, name)
+    if rest and is_dataclass(value):
+        return replace(params, **{name: _with(value, path, rest, text)})
+    if rest or is_dataclass(value):
+        raise ConfigError(f"'{path}' isn't a single parameter{did_you_mean(path, parameter_paths(params))}")
+    return replace(params, **{name: _parsed(path, known[name], text)})
+
+
+def _parsed(path: str, hint: Any, text: str) -> object:
+    """Convert text to the type of a field."""
+    options = (
+        typing.get_args(hint)
+        if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union
+        else (hint,)
+    )
+    if text == "none" and type(None) in options:
+        return None
+    for option in options:
+        try:
+            return _convert(option, text)
+        except ValueError:
+            continue
+    names = [getattr(o, "__name__", str(o)) for o in options]
+    raise ConfigError(f"--set {path}={text}: expected {' or '.join(names)}")
+
+
+def _convert(kind: Any, text: str) -> object:
+    if kind is bool:
+        if text.lower() not in ("true", "false"):
+            raise ValueError(text)
+        return text.lower() == "true"
+    if typing.get_origin(kind) is typing.Literal:
+        if text not in typing.get_args(kind):
+            raise ValueError(text)
+        return text
+    if typing.get_origin(kind) is tuple:
+        parts, kinds = text.split(","), [k for k in typing.get_args(kind) if k is not Ellipsis]
+        if Ellipsis not in typing.get_args(kind) and len(parts) != len(kinds):
+            raise ValueError(text)
+        return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
+    if kind in (int, float, str, Path):
+        value: object = kind(text)
+        if isinstance(value, float) and math.isnan(value):
+            raise ValueError(text)
+        return value
+    raise ValueError(text)
+
+
+def parameter_paths(params: object) -> list[str]:
+    """Return the dotted names of all single parameters."""
+    return [path for path, _ in _walk(params)]
+
+
+def _walk(params: object) -> list[tuple[str, object]]:
+    if not is_dataclass(params) or isinstance(params, type):
+        return []
+    rows: list[tuple[str, object]] = []
+    for f in fields(params):
+        value = getattr(params, f.name)
+        inner = _walk(value)
+        rows += [(f"{f.name}.{path}", v) for path, v in inner] if is_dataclass(value) else [(f.name, value)]
+    return rows
+
+
+def describe(params: object) -> dict[str, object]:
+    """Return all parameters by dotted name, JSON-ready; a file becomes its name and sha256."""
+    return {path: _described(value) for path, value in _walk(params)}
+
+
+def _described(value: object) -> object:
+    if isinstance(value, Path):
+        return {
+            "file": value.name,
+            "sha256": hashlib.sha256(value.read_bytes()).hexdigest() if value.is_file() else None,
+        }
+    if isinstance(value, tuple):
+        return [_described(item) for item in value]
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)

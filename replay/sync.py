@@ -1,0 +1,235 @@
+"""The frame buffer: puts the messages of all sensors that belong to one instant into one frame.
+
+Instants are the stamps of a reference sensor as recorded. Other messages join by frame number where the log has
+one, else by nearest stamp within a tolerance. A frame is released whole when every expected sensor has delivered,
+or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronisation).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from fbench.replay.data import Frame, Kind, LogInfo, Message, Rig
+from fbench.replay.errors import ConfigError, LogError
+
+_PREFERENCE: tuple[Kind, ...] = ("lidar", "camera", "radar")
+
+
+@dataclass(frozen=True)
+class SyncParams:
+    """How messages are put into frames."""
+
+    reference: str | None = None
+    """Sensor whose stamps are the frames' instants; `None`: as the log says, else a LiDAR, camera or radar."""
+    timeout_ns: int = 30_000_000
+    """How long a frame waits [ns], in log time: with frame numbers from its first arrival on; without them it is
+    known only from the arrival of its reference message on."""
+    tolerance_ns: int = 50_000_000
+    """How far a stamp may be from the instant [ns]; never more than 0.6 mean periods of the sensor or the reference."""
+    max_gap_ns: int = 2_000_000_000
+    """A longer pause between two instants begins a new segment [ns]."""
+
+
+def choose_reference(rig: Rig, info: LogInfo, params: SyncParams) -> str:
+    """Return the name of the reference sensor.
+
+    Raises:
+        ConfigError: where the sensor that was asked for isn't in the log.
+        LogError: where the log has no sensor at all.
+    """
+    wanted = params.reference or info.metadata.get("reference")
+    if wanted is not None:
+        if wanted not in rig.mounts:
+            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
+        return wanted
+    for kind in _PREFERENCE:
+        if names := rig.sensors(kind):
+            return names[0]
+    raise LogError(f"log '{info.name}' has no sensor with calibration, so there are no frames")
+
+
+@dataclass
+class _Open:
+    """A frame that waits for its sensors."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    number: int | None
+    opened_ns: int
+    messages: dict[str, Message] = field(default_factory=dict)
+
+    @property
+    def first_arrival_ns(self) -> int:
+        if self.number is None:
+            return self.opened_ns
+        return min((m.log_ns for m in self.messages.values()), default=self.opened_ns)
+
+
+class _Periods:
+    """Mean time between the messages of each sensor."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, tuple[int, int, int]] = {}
+
+    def note(self, sensor: str, stamp_ns: int) -> None:
+        first, _, num = self._seen.get(sensor, (stamp_ns, stamp_ns, 0))
+        self._seen[sensor] = (first, stamp_ns, num + 1)
+
+    def limit_ns(self, sensor: str, otherwise_ns: int) -> int:
+        """Farther than 0.6 mean periods away another message of the sensor is surely nearer."""
+        first, last, num = self._seen.get(sensor, (0, 0, 0))
+        return min(otherwise_ns, (last - first) * 6 // (10 * (num - 1))) if num > 1 and last > first else otherwise_ns
+
+
+@dataclass(frozen=True)
+class SyncCounts:
+    """What became of the messages that are in no frame, and what was late."""
+
+    late_ms: dict[tuple[int, str], float]
+    """How much too late a message came, by frame index and sensor."""
+    unused: dict[str, int]
+    """Messages that no frame needed, by sensor."""
+
+
+class FrameBuffer:
+    """Collects messages, given in canonical order, into frames, released in the order of their instants."""
+
+    def __init__(self, expected: Sequence[str], reference: str, params: SyncParams) -> None:
+        self._expected, self._reference, self._params = tuple(sorted(expected)), reference, params
+        self._open: list[_Open] = []
+        self._pending: list[Message] = []
+        self._released: list[tuple[int, int, int | None, int]] = []
+        self._num_frames, self._segment = 0, 0
+        self._last_stamp_ns: int | None = None
+        self._periods = _Periods()
+        self._late_ms: dict[tuple[int, str], float] = {}
+        self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
+        self.breaks: list[str] = []
+
+    def advance(self, now_ns: int) -> Iterator[Frame]:
+        """Release the frames whose time-out has passed at log time `now_ns`, and complete ones before them."""
+        while self._open and (self._complete(self._open[0]) or now_ns > self._deadline_ns(self._open[0])):
+            yield self._release(self._open.pop(0))
+
+    def open_frame(self, message: Message) -> Iterator[Frame]:
+        """Open the frame at the instant of a message of the reference sensor, as recorded.
+
+        Yields the frames of the segment that ends where the instant is after a gap or before the last one.
+        """
+        stamp = message.stamp_ns
+        if self._last_stamp_ns is not None and (why := self._border(stamp - self._last_stamp_ns)):
+            yield from self.flush()
+            self.breaks.append(f"{why} before frame {self._num_frames}")
+            self._segment, self._periods = self._segment + 1, _Periods()
+        self._last_stamp_ns = stamp
+        self._periods.note(self._reference, stamp)
+        frame = _Open(self._num_frames, stamp, self._segment, message.frame_number, message.log_ns)
+        self._num_frames += 1
+        self._open.append(frame)
+        self._adopt(frame)
+
+    def add(self, message: Message) -> Iterator[Frame]:
+        """Put one message into the frame that it belongs to, or keep it until that frame opens."""
+        if message.sensor not in self._unused:
+            return
+        yield from self.advance(message.log_ns)
+        if message.sensor != self._reference:
+            self._periods.note(message.sensor, message.stamp_ns)
+        frame = self._find(message)
+        if frame is not None:
+            self._join(frame, message)
+        elif not self._is_late(message):
+            self._wait(message)
+        yield from self.advance(message.log_ns)
+
+    def flush(self) -> Iterator[Frame]:
+        """Release all frames: the log or the segment ends."""
+        while self._open:
+            yield self._release(self._open.pop(0))
+        for message in self._pending:
+            self._unused[message.sensor] += 1
+        self._pending = []
+
+    @property
+    def counts(self) -> SyncCounts:
+        """What was late or unused so far."""
+        return SyncCounts(dict(self._late_ms), dict(self._unused))
+
+    def _border(self, step_ns: int) -> str | None:
+        if step_ns > self._params.max_gap_ns:
+            return f"gap of {step_ns / 1e9:.3f} s"
+        if step_ns <= 0:
+            return f"clock jumps back by {-step_ns / 1e9:.3f} s" if step_ns else "clock stands still"
+        return None
+
+    def _complete(self, frame: _Open) -> bool:
+        return len(frame.messages) == len(self._expected)
+
+    def _deadline_ns(self, frame: _Open) -> int:
+        return frame.first_arrival_ns + self._params.timeout_ns
+
+    def _tolerance_ns(self, sensor: str) -> int:
+        limit = self._periods.limit_ns(self._reference, self._params.tolerance_ns)
+        return self._periods.limit_ns(sensor, limit)
+
+    def _distance_ns(self, message: Message, stamp_ns: int, number: int | None) -> int | None:
+        """How far a message is from an instant, or `None` where it doesn't belong there."""
+        if message.frame_number is not None and number is not None:
+            return 0 if message.frame_number == number else None
+        distance = abs(message.stamp_ns - stamp_ns)
+        return distance if distance <= self._tolerance_ns(message.sensor) else None
+
+    def _find(self, message: Message) -> _Open | None:
+        near = [
+            (d, f.index, f) for f in self._open if (d := self._distance_ns(message, f.stamp_ns, f.number)) is not None
+        ]
+        return min(near, key=lambda n: n[:2])[2] if near else None
+
+    def _join(self, frame: _Open, message: Message) -> None:
+        """Take the message; of two of one sensor the nearer one stays, the earlier one on ties."""
+        other = frame.messages.get(message.sensor)
+        if other is None:
+            frame.messages[message.sensor] = message
+            return
+        self._unused[message.sensor] += 1
+        if abs(message.stamp_ns - frame.stamp_ns) < abs(other.stamp_ns - frame.stamp_ns):
+            frame.messages[message.sensor] = message
+
+    def _wait(self, message: Message) -> None:
+        """Keep a message whose frame isn't open yet, but not for longer than a segment can pause."""
+        oldest = message.log_ns - self._params.max_gap_ns
+        for old in [m for m in self._pending if m.log_ns < oldest]:
+            self._unused[old.sensor] += 1
+        self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
+
+    def _adopt(self, frame: _Open) -> None:
+        """Give a new frame the messages that came before it; drop those that no later frame can want."""
+        waiting, self._pending = self._pending, []
+        for message in waiting:
+            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
+                self._join(frame, message)
+            elif message.stamp_ns > frame.stamp_ns:
+                self._pending.append(message)
+            else:
+                self._unused[message.sensor] += 1
+
+    def _is_late(self, message: Message) -> bool:
+        """Tell whether the message belongs to a frame that was released without it, and note by how much."""
+        for index, stamp_ns, number, deadline_ns in reversed(self._released):
+            if self._distance_ns(message, stamp_ns, number) is not None:
+                key = (index, message.sensor)
+                if key in self._late_ms or message.log_ns <= deadline_ns:
+                    self._unused[message.sensor] += 1
+                else:
+                    self._late_ms[key] = (message.log_ns - deadline_ns) / 1e6
+                return True
+        return False
+
+    def _release(self, frame: _Open) -> Frame:
+        absent = [name for name in self._expected if name not in frame.messages]
+        wait_ms = self._params.timeout_ns / 1e6
+        self._released = [*self._released[-15:], (frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame))]
+        return Frame(
+            frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
+            dict.fromkeys(absent, f"not there within {wait_ms:g} ms"), frame.number,
+        )  # fmt: skip

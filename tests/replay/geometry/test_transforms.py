@@ -1,0 +1,43 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion, transform, wrap_angle, yaw_pitch_roll
+
+angles = st.floats(-1.5, 1.5)
+
+
+def euler_xyzw(yaw, pitch, roll):
+    """Quaternion by hand: qz * qy * qx."""
+    (cz, sz), (cy, sy), (cx, sx) = ((np.cos(a / 2), np.sin(a / 2)) for a in (yaw, pitch, roll))
+    return np.array([
+        cz * cy * sx - sz * sy * cx, cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx, cz * cy * cx + sz * sy * sx,
+    ])  # fmt: skip
+
+
+@given(angles, angles, angles)
+def test_angles_survive(yaw, pitch, roll):
+    np.testing.assert_allclose(yaw_pitch_roll(euler_xyzw(yaw, pitch, roll)), (yaw, pitch, roll), atol=1e-9)
+
+
+@given(angles, angles, angles)
+def test_inverse_undoes(yaw, pitch, roll):
+    a_T_b = pose_matrix([1, -2, 3], euler_xyzw(yaw, pitch, roll))
+    points = np.array([[0.0, 0, 0], [1, 2, 3], [-5, 4, 9]])
+    np.testing.assert_allclose(transform(inverse(a_T_b), transform(a_T_b, points)), points, atol=1e-12)
+    np.testing.assert_allclose(a_T_b[:3, :3] @ a_T_b[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+@given(angles, angles, angles)
+def test_quaternion_of_a_matrix_gives_the_matrix_back(yaw, pitch, roll):
+    matrix = pose_matrix(np.zeros(3), euler_xyzw(yaw, pitch, roll))
+    np.testing.assert_allclose(pose_matrix(np.zeros(3), quaternion(matrix[:3, :3])), matrix, atol=1e-12)
+
+
+def test_quarter_turn_by_hand():
+    b_T_a = pose_matrix([10, 0, 0], [0, 0, np.sqrt(0.5), np.sqrt(0.5)])
+    np.testing.assert_allclose(transform(b_T_a, np.array([[1.0, 0, 0]])), [[10, 1, 0]], atol=1e-15)
+
+
+def test_wrap_angle():
+    np.testing.assert_allclose(wrap_angle(np.array([0, np.pi, -np.pi, 3.5])), [0, -np.pi, -np.pi, 3.5 - 2 * np.pi])

@@ -1,0 +1,65 @@
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from fbench.replay.data import Image
+from fbench.replay.errors import DecodeError
+from fbench.replay.images import decode, encode_jpeg, encoded_size, resized
+
+PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)
+
+
+def image(data, encoding, size_wh=(8, 6)):
+    return Image("cam", 0, 0, bytes(data), encoding, size_wh)
+
+
+def png(pixels=PIXELS):
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+def test_png_is_decoded_exactly():
+    np.testing.assert_array_equal(decode(image(png(), "png")), PIXELS)
+
+
+def test_raw_layouts():
+    np.testing.assert_array_equal(decode(image(PIXELS.tobytes(), "bgr8")), PIXELS)
+    np.testing.assert_array_equal(decode(image(PIXELS[..., ::-1].tobytes(), "rgb8")), PIXELS)
+    grey = PIXELS[..., 0]
+    np.testing.assert_array_equal(decode(image(grey.tobytes(), "mono8")), np.stack([grey] * 3, axis=2))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        image(b"", "jpeg"),
+        image(b"no image", "jpeg"),
+        image(png()[:40], "png"),
+        image(png(), "png", (9, 6)),
+        image(encode_jpeg(PIXELS)[:60], "jpeg"),
+        image(b"abc", "rgb8"),
+        image(png(), "png", (0, 0)),
+    ],
+)
+def test_corrupt_images_give_none(bad):
+    assert decode(bad) is None
+
+
+def test_bomb_is_refused_before_it_is_decoded():
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 30000, 30000)
+    assert decode(image(header, "png", (30000, 30000))) is None
+
+
+def test_encoded_size():
+    assert encoded_size(png()) == (8, 6)
+    assert encoded_size(encode_jpeg(PIXELS)) == (8, 6)
+    with pytest.raises(DecodeError, match="neither"):
+        encoded_size(b"GIF89a")
+    with pytest.raises(DecodeError, match="without a frame header"):
+        encoded_size(b"\xff\xd8\xff\xd9")
+
+
+def test_resized_keeps_the_aspect_and_never_enlarges():
+    assert resized(PIXELS, 4).shape == (3, 4, 3)
+    assert resized(PIXELS, 100) is PIXELS

@@ -1,0 +1,144 @@
+"""The frame buffer: the thesis's worked example, nearest stamps, segments."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
+from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference
+
+MS = 1_000_000
+SENSORS = ("camera", "lidar", "radar")
+
+
+def message(sensor, stamp_ms, arrival_ms=None, number=None):
+    arrival = stamp_ms if arrival_ms is None else arrival_ms
+    return PointCloud(
+        sensor, round(stamp_ms * MS), round(arrival * MS), np.zeros((0, 3), np.float32), frame_number=number
+    )
+
+
+def play(messages, expected=SENSORS, reference="camera", **params):
+    buffer = FrameBuffer(expected, reference, SyncParams(**params))
+    frames = []
+    for m in sorted(messages, key=lambda m: (m.log_ns, m.sensor)):
+        frames += buffer.advance(m.log_ns)
+        if m.sensor == reference:
+            frames += buffer.open_frame(m)
+        frames += buffer.add(m)
+    return frames + list(buffer.flush()), buffer
+
+
+def thesis_frame(number, offsets_ms):
+    """Frame `number` at 100 ms intervals; each sensor's arrival after the instant, `None`: never."""
+    start = 100 * number
+    return [message(s, start, start + o, number) for s, o in offsets_ms.items() if o is not None]
+
+
+def test_thesis_example_with_frame_numbers():
+    log = [
+        *thesis_frame(0, {"camera": 5, "lidar": 5, "radar": 5}),  # all on time
+        *thesis_frame(1, {"camera": 0, "lidar": 15, "radar": 29}),  # staggered, but in time
+        *thesis_frame(2, {"camera": 0, "lidar": 45, "radar": 10}),  # LiDAR 15 ms too late
+        *thesis_frame(3, {"camera": 0, "lidar": 5, "radar": None}),  # radar missing
+    ]
+    frames, buffer = play(log)
+    assert [sorted(f.messages) for f in frames] == [
+        ["camera", "lidar", "radar"],
+        ["camera", "lidar", "radar"],
+        ["camera", "radar"],
+        ["camera", "lidar"],
+    ]
+    assert [dict(f.missing) for f in frames[2:]] == [
+        {"lidar": "not there within 30 ms"},
+        {"radar": "not there within 30 ms"},
+    ]
+    assert buffer.counts.late_ms == {(2, "lidar"): 15.0}
+    assert [f.frame_number for f in frames] == [0, 1, 2, 3]
+
+
+def test_message_at_the_deadline_is_in_time():
+    frames, _ = play(thesis_frame(0, {"camera": 0, "lidar": 30, "radar": 0}))
+    assert not frames[0].missing
+
+
+def test_reference_that_comes_late_is_late_with_frame_numbers():
+    frames, buffer = play(thesis_frame(0, {"camera": 40, "lidar": 0, "radar": 0}))
+    assert list(frames[0].missing) == ["camera"]
+    assert buffer.counts.late_ms == {(0, "camera"): 10.0}
+
+
+def test_faster_sensor_gives_its_nearest_message():
+    lidar = [message("lidar", 100 * i, 100 * i + 10) for i in range(10)]
+    radar = [message("radar", 50 * i + 10, 50 * i + 15) for i in range(20)]
+    frames, buffer = play([*lidar, *radar], ("lidar", "radar"), "lidar")
+    joined = [f.messages["radar"].stamp_ns - f.stamp_ns for f in frames[1:]]
+    assert joined == [10 * MS] * 9
+    assert buffer.counts.unused["radar"] == 20 - len(frames)
+
+
+def test_message_before_its_frame_opens_waits_for_it():
+    frames, _ = play([message("lidar", 95, 95), message("camera", 100, 110)], ("camera", "lidar"))
+    assert sorted(frames[0].messages) == ["camera", "lidar"]
+
+
+def test_stamp_beyond_the_tolerance_stays_out():
+    frames, buffer = play([message("camera", 0), message("lidar", 51)], ("camera", "lidar"))
+    assert list(frames[0].missing) == ["lidar"]
+    assert buffer.counts.unused["lidar"] == 1
+
+
+def test_gap_and_backward_jump_begin_segments():
+    stamps = [0, 100, 200, 2201, 2301, 1000, 1100]
+    log = [message("camera", s, 10 * i) for i, s in enumerate(stamps)]
+    frames, buffer = play(log, ("camera",))
+    assert [f.segment for f in frames] == [0, 0, 0, 1, 1, 2, 2]
+    assert buffer.breaks == ["gap of 2.001 s before frame 3", "clock jumps back by 1.301 s before frame 5"]
+
+
+def test_gap_of_exactly_the_limit_is_none():
+    frames, _ = play([message("camera", 0), message("camera", 2000)], ("camera",))
+    assert [f.segment for f in frames] == [0, 0]
+
+
+def test_unexpected_sensors_are_left_out():
+    frames, _ = play([message("camera", 0), message("sonar", 0)], ("camera",))
+    assert list(frames[0].messages) == ["camera"]
+
+
+arrivals = st.lists(st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.integers(0, 200)), max_size=60)
+
+
+@given(arrivals, st.booleans())
+def test_no_message_is_lost_or_used_twice(items, numbered):
+    log = [message(s, 33 * i, 33 * i + late, i if numbered else None) for s, i, late in items]
+    frames, buffer = play(log)
+    used = [id(m) for f in frames for m in f.messages.values()]
+    assert len(used) == len(set(used))
+    counts = buffer.counts
+    assert len(used) + sum(counts.unused.values()) + len(counts.late_ms) == len(log)
+    assert len(frames) == sum(m.sensor == "camera" for m in log)
+    assert [f.index for f in frames] == list(range(len(frames)))
+    assert all(set(f.messages) | set(f.missing) == set(SENSORS) for f in frames)
+
+
+def rig(**kinds):
+    return Rig({name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in kinds.items()}, {})
+
+
+def test_reference_is_chosen_by_option_metadata_and_kind():
+    full = rig(cam="camera", top="lidar", front="radar")
+    info = LogInfo("log", "id", {"reference": "front"})
+    assert choose_reference(full, info, SyncParams(reference="cam")) == "cam"
+    assert choose_reference(full, info, SyncParams()) == "front"
+    assert choose_reference(full, LogInfo("log", "id"), SyncParams()) == "top"
+    assert choose_reference(rig(cam="camera", front="radar"), LogInfo("log", "id"), SyncParams()) == "cam"
+
+
+def test_unknown_reference_is_a_usage_error():
+    with pytest.raises(ConfigError, match=r"reference sensor 'x' isn't in the log; it has: cam"):
+        choose_reference(rig(cam="camera"), LogInfo("log", "id"), SyncParams(reference="x"))
+    with pytest.raises(LogError, match="has no sensor with calibration"):
+        choose_reference(rig(), LogInfo("log", "id"), SyncParams())

@@ -1,0 +1,122 @@
+"""The house: who may import whom, what a wheel holds, and what `--help` costs."""
+
+import ast
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("replay", "datasets", "pipelines", "metrics", "reports")
+
+
+def sources(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def imported(tree: ast.AST) -> list[str]:
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.append(node.module)
+    return names
+
+
+def inside_functions(tree: ast.AST) -> list[str]:
+    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+    return [name for function in functions for name in imported(function)]
+
+
+def type_checking_only(tree: ast.AST) -> list[str]:
+    blocks = [n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
+    return [name for block in blocks for name in imported(block)]
+
+
+def foreign(folder: str, name: str) -> bool:
+    allowed = {folder, "replay"}
+    return any(name.startswith(f"fbench.{other}") for other in FOLDERS if other not in allowed)
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_imports_form_a_star(folder):
+    for path in sources(folder):
+        tree = ast.parse(path.read_text())
+        bad = [name for name in imported(tree) if foreign(folder, name)]
+        if path.is_relative_to(ROOT / "replay" / "cli"):
+            free = inside_functions(tree) + type_checking_only(tree)
+            bad = [name for name in bad if name not in free]
+        assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
+
+
+def test_relative_imports_are_not_used():
+    for folder in FOLDERS:
+        for path in sources(folder):
+            relative = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom) and n.level]
+            assert not relative, path
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; sys.argv = ['fbench', '--help']\nfrom fbench.replay.cli import main\ntry: main()\nexcept SystemExit: pass\nprint('LOADED', *sorted(sys.modules))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = result.stdout.rpartition("LOADED")[2].split()
+    assert "typer" in loaded
+    heavy = {
+        "numpy",
+        "scipy",
+        "numba",
+        "cv2",
+        "pyarrow",
+        "onnxruntime",
+        "mcap",
+        "google.protobuf",
+        "torch",
+        "pydantic",
+        "plotly",
+        "jinja2",
+        "sklearn",
+        "pandas",
+    }
+    assert not heavy & set(loaded)
+
+
+@pytest.mark.slow
+def test_wheel_holds_the_tree(tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "-w",
+        str(tmp_path),
+        str(copy(tmp_path)),
+    ]
+    subprocess.run(command, check=True)
+    (wheel,) = tmp_path.glob("fbench-*.whl")
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("fbench/")}
+    tree = {
+        f"fbench/{p.relative_to(ROOT)}"
+        for folder in FOLDERS
+        for p in (ROOT / folder).rglob("*")
+        if p.is_file() and "__pycache__" not in p.parts
+    }
+    assert held == tree
+
+
+def copy(tmp_path: Path) -> Path:
+    """Build from a copy, so that the tree stays free of build folders."""
+    import shutil
+
+    target = tmp_path / "source"
+    target.mkdir()
+    for folder in FOLDERS:
+        shutil.copytree(ROOT / folder, target / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, target / name)
+    return target
