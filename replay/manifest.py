@@ -50,6 +50,7 @@ class FrameEntry(_Strict):
     timeout_ns: int
     tolerance_ns: int
     max_gap_ns: int
+    max_jump_ns: int = 1_000_000_000
 
 
 class Manifest(_Strict):

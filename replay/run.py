@@ -168,6 +168,8 @@ class _Loop:
         for index, truth in _matched(self._digested(reader.truths()), self._writer):
             self._writer.label_frame(index, truth)
         counts = self._buffer.counts
+        if counts.disordered:
+            self._faults.add("TIM001", self.reference, counts.disordered)
         self._writer.explain_missing(lambda record: _explained(record, counts))
         self._writer.write_media(self._media.frames)
         faults = {"lost": self._faults.lost, "unused_messages": counts.unused, "rows": self._faults.rows()}
@@ -197,6 +199,7 @@ class _Loop:
                 timeout_ns=sync.timeout_ns,
                 tolerance_ns=sync.tolerance_ns,
                 max_gap_ns=sync.max_gap_ns,
+                max_jump_ns=sync.max_jump_ns,
             ),
             mounts=mounts,
             cameras=cameras,

@@ -57,8 +57,16 @@ class Score:
             raise MetricError(f"score {self.metric} ({self.matching}): a reason goes with null and only with null")
 
 
-def ratio(metric: str, class_: str, matching: str, top: float, bottom: float, why: str, counts: Mapping[str, int | float],
-          unit: str = "1") -> Score:  # fmt: skip
+def ratio(
+    metric: str,
+    class_: str,
+    matching: str,
+    top: float,
+    bottom: float,
+    why: str,
+    counts: Mapping[str, int | float],
+    unit: str = "1",
+) -> Score:
     """Return `top / bottom` as a score over all frames, or null with the reason `why` when `bottom` is 0."""
     value = top / bottom if bottom else None
     return Score(metric, class_, "all", matching, value, None if bottom else why, unit, counts)

@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -37,6 +37,8 @@ class FrameRecord:
     """Why the pipeline gave nothing."""
     truth_stamp_ns: int | None = None
     """Stamp of the truth that belongs to the frame; `None`: not labelled, and so not scored."""
+    truth_spaces: str = ""
+    """What is labelled: `3d`, `2d` or `3d 2d`."""
 
 
 class RunWriter:
@@ -89,7 +91,9 @@ class RunWriter:
 
     def label_frame(self, index: int, truth: Truth) -> None:
         """Attach truth to frame `index`."""
-        self._records[index] = replace(self._records[index], truth_stamp_ns=truth.stamp_ns)
+        named = (("3d", truth.boxes3d), ("2d", truth.boxes2d))
+        spaces = " ".join(name for name, boxes in named if boxes is not None)
+        self._records[index] = replace(self._records[index], truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
         if truth.boxes3d is not None:
             self.add_boxes("truth", index, truth.boxes3d)
         if truth.boxes2d is not None:
@@ -135,6 +139,7 @@ def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
         "chain": pa.array([r.chain for r in records], pa.string()),
         "failed": pa.array([r.failed for r in records], pa.string()),
         "truth_stamp_ns": pa.array([r.truth_stamp_ns for r in records], pa.int64()),
+        "truth_spaces": pa.array([r.truth_spaces for r in records], pa.string()),
     }
 
 
@@ -152,7 +157,10 @@ class Run:
     @cached_property
     def frames(self) -> tuple[FrameRecord, ...]:
         """All frames, in order."""
-        rows = read_table(self.folder / "frames.parquet").to_pylist()
+        path = self.folder / "frames.parquet"
+        rows = read_table(path).to_pylist()
+        if rows and sorted(rows[0]) != sorted(f.name for f in fields(FrameRecord)):
+            raise RunError(f"{path}: can't be read (not a table of frames)")
         return tuple(FrameRecord(**{**row, "missing": json.loads(row["missing"])}) for row in rows)
 
     @cached_property
@@ -177,11 +185,11 @@ class Run:
 
     def truth3d(self, index: int) -> Boxes3D | None:
         """3D truth of frame `index`; `None` where it isn't labelled."""
-        return _at(self._truth3d, self.frames[index], Boxes3D)
+        return _at(self._truth3d, self.frames[index], "3d", Boxes3D)
 
     def truth2d(self, index: int) -> Boxes2D | None:
-        """Recorded 2D truth of frame `index`; `None` where it isn't labelled or the log has only 3D truth."""
-        return _at(self._truth2d, self.frames[index], Boxes2D)
+        """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
+        return _at(self._truth2d, self.frames[index], "2d", Boxes2D)
 
     @cached_property
     def timings(self) -> dict[str, list[int]]:
@@ -214,8 +222,8 @@ class Run:
 B = TypeVar("B", Boxes2D, Boxes3D)
 
 
-def _at(table: BoxTable | None, record: FrameRecord, kind: type[B]) -> B | None:
-    if table is None or record.truth_stamp_ns is None:
+def _at(table: BoxTable | None, record: FrameRecord, space: str, kind: type[B]) -> B | None:
+    if table is None or space not in record.truth_spaces.split():
         return None
     boxes = table.at(record.index)
     if not isinstance(boxes, kind):

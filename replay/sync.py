@@ -27,6 +27,8 @@ class SyncParams:
     """How far a stamp may be from the instant [ns]; never more than 0.6 mean periods of the sensor or the reference."""
     max_gap_ns: int = 2_000_000_000
     """A longer pause between two instants begins a new segment [ns]."""
+    max_jump_ns: int = 1_000_000_000
+    """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
 
 
 def choose_reference(rig: Rig, info: LogInfo, params: SyncParams) -> str:
@@ -89,6 +91,8 @@ class SyncCounts:
     """How much too late a message came, by frame index and sensor."""
     unused: dict[str, int]
     """Messages that no frame needed, by sensor."""
+    disordered: int
+    """Messages of the reference sensor that opened no frame, since a later one had come before them."""
 
 
 class FrameBuffer:
@@ -104,6 +108,7 @@ class FrameBuffer:
         self._periods = _Periods()
         self._late_ms: dict[tuple[int, str], float] = {}
         self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
+        self._disordered = 0
         self.breaks: list[str] = []
 
     def advance(self, now_ns: int) -> Iterator[Frame]:
@@ -114,13 +119,18 @@ class FrameBuffer:
     def open_frame(self, message: Message) -> Iterator[Frame]:
         """Open the frame at the instant of a message of the reference sensor, as recorded.
 
-        Yields the frames of the segment that ends where the instant is after a gap or before the last one.
+        Yields the frames of the segment that ends where a gap or a jump of the clock is. A message that is merely out
+        of order, or a repeated stamp, opens no frame, so that time never stands still or runs back within a segment.
         """
         stamp = message.stamp_ns
-        if self._last_stamp_ns is not None and (why := self._border(stamp - self._last_stamp_ns)):
+        step = None if self._last_stamp_ns is None else stamp - self._last_stamp_ns
+        if step is not None and (why := self._border(step)):
             yield from self.flush()
             self.breaks.append(f"{why} before frame {self._num_frames}")
             self._segment, self._periods = self._segment + 1, _Periods()
+        elif step is not None and step <= 0:
+            self._disordered += 1
+            return
         self._last_stamp_ns = stamp
         self._periods.note(self._reference, stamp)
         frame = _Open(self._num_frames, stamp, self._segment, message.frame_number, message.log_ns)
@@ -153,13 +163,13 @@ class FrameBuffer:
     @property
     def counts(self) -> SyncCounts:
         """What was late or unused so far."""
-        return SyncCounts(dict(self._late_ms), dict(self._unused))
+        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
 
     def _border(self, step_ns: int) -> str | None:
         if step_ns > self._params.max_gap_ns:
             return f"gap of {step_ns / 1e9:.3f} s"
-        if step_ns <= 0:
-            return f"clock jumps back by {-step_ns / 1e9:.3f} s" if step_ns else "clock stands still"
+        if -step_ns > self._params.max_jump_ns:
+            return f"clock jumps back by {-step_ns / 1e9:.3f} s"
         return None
 
     def _complete(self, frame: _Open) -> bool:

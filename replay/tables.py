@@ -44,15 +44,16 @@ class BoxWriter:
     """Writes boxes of one type frame by frame, with bounded memory."""
 
     def __init__(self, path: Path, kind: type[Boxes2D] | type[Boxes3D]) -> None:
-        names = [f.name for f in fields(kind)]
-        self._schema = pa.schema([("frame", pa.int64()), *((n, _TYPES[n]) for n in names)], {"boxes": kind.__name__})
+        self._schema = _schema(kind)
         self._writer = pq.ParquetWriter(path, self._schema, compression="zstd", write_page_checksum=True)
         self._pending: list[pa.RecordBatch] = []
         self._num_rows = 0
+        self._present: dict[str, None] = {}
 
     def add(self, frame: int, boxes: Boxes) -> None:
         """Append the boxes of frame `frame`."""
         arrays = boxes.arrays()
+        self._present.update(dict.fromkeys(arrays))
         columns = [pa.array(np.full(len(boxes), frame), pa.int64())]
         columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
         self._pending.append(pa.RecordBatch.from_arrays(columns, schema=self._schema))
@@ -63,12 +64,18 @@ class BoxWriter:
     def close(self) -> None:
         """Write what is pending and finish the file."""
         self._flush()
+        self._writer.add_key_value_metadata({"present": ",".join(sorted(self._present))})
         self._writer.close()
 
     def _flush(self) -> None:
         if self._num_rows:
             self._writer.write_table(pa.Table.from_batches(self._pending).combine_chunks())
         self._pending, self._num_rows = [], 0
+
+
+def _schema(kind: type[Boxes2D] | type[Boxes3D]) -> pa.Schema:
+    names = [f.name for f in fields(kind)]
+    return pa.schema([("frame", pa.int64()), *((n, _TYPES[n]) for n in names)], {"boxes": kind.__name__})
 
 
 def _column(array: Array | None, kind: pa.DataType, length: int) -> pa.Array:
@@ -80,19 +87,19 @@ def _column(array: Array | None, kind: pa.DataType, length: int) -> pa.Array:
 
 
 def read_boxes(path: Path) -> BoxTable:
-    """Read what `BoxWriter` wrote; a column without a value becomes `None`, single nulls NaN, -1 or empty.
+    """Read what `BoxWriter` wrote; fields that no frame had are `None`, single nulls become NaN, -1 or empty.
 
     Raises:
         RunError: where the file is missing or isn't a table of boxes.
     """
     table = read_table(path)
     kind = {b"Boxes2D": Boxes2D, b"Boxes3D": Boxes3D}.get((table.schema.metadata or {}).get(b"boxes", b""))
-    if kind is None:
-        raise RunError(f"{path}: not a table of boxes")
-    required = {"center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px"}
-    columns = {f.name: table.column(f.name) for f in fields(kind)}
-    arrays = {n: _array(c) for n, c in columns.items() if n in required or c.null_count < len(c)}
-    frames, boxes = table.column("frame").to_numpy(), kind(**arrays)
+    if kind is None or not table.schema.equals(_schema(kind)):
+        raise RunError(f"{path}: can't be read (not a table of boxes)")
+    # The names are kept apart, since a table without rows can't show which fields its boxes had.
+    present = (pq.read_metadata(path).metadata or {}).get(b"present", b"").decode().split(",")
+    arrays = {f.name: _array(table.column(f.name)) for f in fields(kind) if f.name in present}
+    frames, boxes = table.column("frame").to_numpy(), kind(**arrays) if arrays else kind.empty()
     order = np.argsort(frames, kind="stable")
     return BoxTable(frames[order], boxes[order])
 

@@ -1,5 +1,7 @@
 """The frame buffer: the thesis's worked example, nearest stamps, segments."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -103,6 +105,14 @@ def test_gap_of_exactly_the_limit_is_none():
     assert [f.segment for f in frames] == [0, 0]
 
 
+def test_reference_out_of_order_or_repeated_opens_no_frame():
+    log = [message("camera", s, 10 * i) for i, s in enumerate([0, 100, 60, 100, 200])]
+    frames, buffer = play(log, ("camera",))
+    assert [f.stamp_ns // MS for f in frames] == [0, 100, 200]
+    assert buffer.counts.disordered == 2
+    assert buffer.counts.unused == {"camera": 2}
+
+
 def test_unexpected_sensors_are_left_out():
     frames, _ = play([message("camera", 0), message("sonar", 0)], ("camera",))
     assert list(frames[0].messages) == ["camera"]
@@ -119,7 +129,8 @@ def test_no_message_is_lost_or_used_twice(items, numbered):
     assert len(used) == len(set(used))
     counts = buffer.counts
     assert len(used) + sum(counts.unused.values()) + len(counts.late_ms) == len(log)
-    assert len(frames) == sum(m.sensor == "camera" for m in log)
+    assert len(frames) == sum(m.sensor == "camera" for m in log) - counts.disordered
+    assert all(a.stamp_ns < b.stamp_ns for a, b in pairwise(frames))
     assert [f.index for f in frames] == list(range(len(frames)))
     assert all(set(f.messages) | set(f.missing) == set(SENSORS) for f in frames)
 

@@ -1,0 +1,199 @@
+"""Importer of the Astyx HiRes2019 set: one camera, a VLP-16 LiDAR, a 3D radar and 3D boxes.
+
+M. Meyer and G. Kuschk, "Automotive Radar Dataset for Deep Learning Based 3D Object Detection", EuRAD 2019.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fbench.datasets.astyx_files import (
+    CALIBRATION,
+    CAMERA,
+    HOUR_US,
+    KINDS,
+    LABELS,
+    LIDAR,
+    RADAR,
+    TRUTH,
+    Files,
+    LidarTable,
+    read_boxes,
+    read_jpeg,
+    read_lidar,
+    read_radar,
+    read_rig,
+    scan,
+)  # fmt: skip
+from fbench.replay.data import Float32, Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
+from fbench.replay.errors import LogError
+from fbench.replay.logs.mcap_write import McapWriter
+
+VELOCITY_PERIOD_MPS = 10.3936
+"""The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""
+GAP_NS = 2_000_000_000
+_LISTED = 20
+
+
+@dataclass
+class _Findings:
+    """What the import met, for its summary."""
+
+    frames: list[tuple[int, int]] = field(default_factory=list)
+    """Number and stamp [ns] of each frame."""
+    timeless: list[int] = field(default_factory=list)
+    turns: list[int] = field(default_factory=list)
+    """Frames before which the clock ran backwards."""
+    boxes: Counter[str] = field(default_factory=Counter)
+    unlabelled: int = 0
+
+
+class Astyx:
+    """Reads `camera_front/ lidar_vlp16/ radar_6455/ calibration/ groundtruth_obj3d/`, files named by frame number.
+
+    Time exists in the LiDAR's files only: the first point's time is the stamp of all messages of the frame. It
+    counts within the hour; where it runs backwards from one frame to the next, whole hours are added.
+    """
+
+    def convert(self, source: Path, out: Path) -> Sequence[str]:
+        """Write the log `out` from the folder `source`; see `Importer`."""
+        files = scan(source)
+        rig = read_rig(files)
+        findings = _Findings()
+        with McapWriter(out, _info(out, files), rig) as writer:
+            for message in _messages(files, rig, findings):
+                writer.write(message)
+            if not findings.frames:
+                raise LogError(f"{source / LIDAR}: no frame has a LiDAR point, and so none has a time")
+        return _summary(files, findings)
+
+
+def _info(out: Path, files: Files) -> LogInfo:
+    """Describe the log; its id digests folder, frame number and size of every file."""
+    digest = blake2b(digest_size=8)
+    for folder, paths in files.items():
+        for number, path in paths.items():
+            digest.update(f"{folder}/{number} {path.stat().st_size}\n".encode())
+    metadata = {
+        "dataset": "Astyx HiRes2019",
+        "licence": "CC BY-NC-SA 4.0",
+        "frames": str(len(files[LIDAR])),
+        "stamps": "time of the frame's first LiDAR point within the hour, for all sensors: no other is recorded",
+        "reference": LIDAR,
+        "radar.velocity_period_mps": str(VELOCITY_PERIOD_MPS),
+        "radar.rcs_dbsm": "uncalibrated magnitude [dB]",
+    }
+    return LogInfo(out.stem, f"astyx-{digest.hexdigest()}", metadata)
+
+
+def _messages(files: Files, rig: Rig, findings: _Findings) -> Iterator[Message | Truth]:
+    for number in sorted({number for paths in files.values() for number in paths}):
+        lidar = read_lidar(files[LIDAR][number]) if number in files[LIDAR] else None
+        if lidar is None or not len(lidar.time_us):
+            findings.timeless.append(number)
+            continue
+        stamp_ns = _stamp(int(lidar.time_us[0]), number, findings)
+        findings.frames.append((number, stamp_ns))
+        yield from _sensors(files, rig, number, stamp_ns, lidar)
+        yield from _truth(files, number, stamp_ns, findings)
+
+
+def _stamp(time_us: int, number: int, findings: _Findings) -> int:
+    last_us = findings.frames[-1][1] // 1000 if findings.frames else 0
+    hours = last_us // HOUR_US
+    if hours * HOUR_US + time_us < last_us:
+        hours += 1
+        findings.turns.append(number)
+    return (hours * HOUR_US + time_us) * 1000
+
+
+def _sensors(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Iterator[Message]:
+    if number in files[CAMERA]:
+        data, size_wh = read_jpeg(files[CAMERA][number], rig.cameras[CAMERA].size_wh)
+        yield Image(CAMERA, stamp_ns, stamp_ns, data, "jpeg", size_wh, number)
+    # The hour can turn within a sweep.
+    offset_us = (lidar.time_us - lidar.time_us[0] + HOUR_US // 2) % HOUR_US - HOUR_US // 2
+    if np.abs(offset_us).max() * 1000 >= 2**31:
+        raise LogError(f"{files[LIDAR][number]}: points more than 2 s apart, expected one sweep")
+    yield PointCloud(
+        LIDAR, stamp_ns, stamp_ns, lidar.xyz.astype(np.float32), lidar.intensity.astype(np.float32),
+        lidar.ring.astype(np.uint16), (offset_us * 1000).astype(np.int32), number,
+    )  # fmt: skip
+    if number in files[RADAR]:
+        yield _radar(read_radar(files[RADAR][number]).astype(np.float32), number, stamp_ns)
+
+
+def _radar(table: Float32, number: int, stamp_ns: int) -> RadarScan:
+    """Turn the sign of V_r, which is positive when approaching.
+
+    Shown by the recording: static scenery fits V_r = v cos(azimuth) cos(elevation), modulo the period, with the
+    forward speed v that LiDAR sweeps 0.1 s apart give.
+    """
+    receding = np.float32(0) - table[:, 3]
+    return RadarScan(RADAR, stamp_ns, stamp_ns, table[:, :3], receding, table[:, 4], frame_number=number)
+
+
+def _truth(files: Files, number: int, stamp_ns: int, findings: _Findings) -> Iterator[Truth]:
+    if number not in files[TRUTH]:
+        findings.unlabelled += 1
+        return
+    boxes = read_boxes(files[TRUTH][number])
+    if boxes.source_label is not None:
+        findings.boxes.update(boxes.source_label.tolist())
+    yield Truth(stamp_ns, stamp_ns, boxes, frame_number=number)
+
+
+def _summary(files: Files, findings: _Findings) -> list[str]:
+    lines = [*_stretch_lines(findings.frames), *_missing_lines(files, findings), *_box_lines(findings)]
+    if findings.turns:
+        lines.append(f"time ran backwards before {_listed(findings.turns)}: whole hours were added")
+    return [
+        *lines,
+        "stamps: all messages of a frame have the LiDAR's, the set records no time for camera, radar and boxes",
+        f"radar: velocities are ambiguous, they alias with a period of {VELOCITY_PERIOD_MPS} m/s",
+        "radar: rcs holds an uncalibrated magnitude [dB]",
+    ]
+
+
+def _stretch_lines(frames: list[tuple[int, int]]) -> Iterator[str]:
+    gaps = [i for i in range(1, len(frames)) if frames[i][1] - frames[i - 1][1] > GAP_NS]
+    stretches = [frames[a:b] for a, b in pairwise([0, *gaps, len(frames)])]
+    spacing_s = [(b[1] - a[1]) / 1e9 for part in stretches for a, b in pairwise(part)]
+    spread = f", spaced by {min(spacing_s):.2f} to {max(spacing_s):.2f} s" if spacing_s else ""
+    plural = "es" if gaps else ""
+    yield f"frames: {len(frames)} in {len(stretches)} stretch{plural} (parted by gaps of over 2 s){spread}"
+    for part in stretches[:_LISTED]:
+        yield f"stretch: frames {part[0][0]} to {part[-1][0]} ({len(part)}), {(part[-1][1] - part[0][1]) / 1e9:.1f} s"
+    if len(stretches) > _LISTED:
+        yield f"stretch: {len(stretches) - _LISTED} more"
+
+
+def _missing_lines(files: Files, findings: _Findings) -> Iterator[str]:
+    numbers = [number for number, _ in findings.frames]
+    folders = [*(name for name in KINDS if name != LIDAR), CALIBRATION, TRUTH]
+    counts = {folder: sum(number not in files[folder] for number in numbers) for folder in folders}
+    yield "missing files: " + ", ".join(f"{folder} {count}" for folder, count in counts.items())
+    if findings.timeless:
+        yield f"left out, without LiDAR points and so without time: {_listed(findings.timeless)}"
+
+
+def _box_lines(findings: _Findings) -> Iterator[str]:
+    classes = ", ".join(
+        f"{name} {count}" for name, count in sorted(findings.boxes.items(), key=lambda x: (-x[1], x[0]))
+    )
+    yield f"boxes: {findings.boxes.total()}{f' ({classes})' if classes else ''}, without track ids"
+    if findings.unlabelled:
+        yield f"unlabelled frames: {findings.unlabelled}"
+    unknown = sorted(name for name in findings.boxes if name not in LABELS)
+    if unknown:
+        yield f"classes that the set's specification lacks, taken as 'other': {', '.join(unknown)}"
+
+
+def _listed(numbers: list[int]) -> str:
+    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
+    return f"frames {', '.join(map(str, numbers[:_LISTED]))}{more}"

@@ -1,0 +1,118 @@
+"""Comparing scores: verdicts, regression and refusals."""
+
+import pytest
+
+from fbench.metrics.compare import compare, require_comparable
+from fbench.replay.errors import ConfigError, MetricError
+from fbench.replay.manifest import LogEntry
+from fbench.replay.scores import Score
+
+from .conftest import make_manifest
+
+
+def score(
+    metric: str, value: float | None, class_: str = "vehicle", matching: str = "bev 2 m", unit: str = "1"
+) -> Score:
+    return Score(metric, class_, "all", matching, value, None if value is not None else "no truth", unit)
+
+
+def verdict(metric: str, base: float | None, head: float | None, unit: str = "1", tolerance: float = 0.01) -> str:
+    gate = score("f1", 0.5, class_="gate")
+    rows = compare([gate, score(metric, base, unit=unit)], [gate, score(metric, head, unit=unit)], tolerance).rows
+    return rows[1].verdict
+
+
+@pytest.mark.parametrize(
+    ("base", "head", "expected"),
+    [(0.8, 0.8, "same"), (0.8, 0.79, "same"), (0.8, 0.81, "same"), (0.8, 0.78, "worse"), (0.8, 0.82, "better"),
+     (0.8, None, "null"), (None, 0.8, "null"), (None, None, "null")],
+)  # fmt: skip
+def test_verdicts(base: float | None, head: float | None, expected: str) -> None:
+    assert verdict("f1", base, head) == expected
+
+
+def test_fewer_switches_and_smaller_distances_are_better() -> None:
+    assert verdict("idsw", 5, 3) == "better"
+    assert verdict("idsw", 3, 5) == "worse"
+    assert verdict("motp", 0.5, 0.3, unit="m") == "better"
+    assert verdict("motp", 0.5, 0.7, unit="iou") == "better"
+
+
+def test_rows_keep_the_bases_order_and_name_what_is_gone_and_new() -> None:
+    base = [score("f1", 0.5), score("recall", 0.5), score("f1", 0.4, class_="car")]
+    head = [score("f1", 0.5, class_="bus"), score("recall", 0.7), score("f1", 0.5)]
+    rows = compare(base, head, 0.0).rows
+    assert [(r.metric, r.class_, r.verdict) for r in rows] == [
+        ("f1", "vehicle", "same"), ("recall", "vehicle", "better"), ("f1", "car", "gone"), ("f1", "bus", "new"),
+    ]  # fmt: skip
+    assert (rows[1].base, rows[1].head) == (0.5, 0.7)
+    assert rows[1].delta == pytest.approx(0.2)
+    assert [r.primary for r in rows] == [True, False, False, False]
+
+
+BASE = (score("f1", 0.8), score("precision", 0.9), score("mota", 0.6), score("f1", 0.7, matching="iou 0.5"))
+
+
+@pytest.mark.parametrize(
+    ("metric", "matching", "value", "regressed"),
+    [
+        ("f1", "bev 2 m", 0.78, True),
+        ("mota", "bev 2 m", 0.5, True),
+        ("mota", "bev 2 m", None, True),
+        ("f1", "bev 2 m", 0.795, False),
+        ("f1", "bev 2 m", 0.95, False),
+        ("precision", "bev 2 m", 0.1, False),
+        ("f1", "iou 0.5", 0.1, False),
+    ],
+)
+def test_only_primary_rows_decide(metric: str, matching: str, value: float | None, regressed: bool) -> None:
+    head = [
+        score(metric, value, matching=matching) if (s.metric, s.matching) == (metric, matching) else s for s in BASE
+    ]
+    assert compare(BASE, head, 0.01).regressed is regressed
+
+
+def test_a_primary_row_that_is_gone_is_a_regression() -> None:
+    assert compare(BASE, [s for s in BASE if s.metric != "mota"], 0.01).regressed
+
+
+def test_what_was_null_already_is_no_regression() -> None:
+    base = [score("f1", 0.8), score("mota", None)]
+    assert not compare(base, base, 0.0).regressed
+    assert not compare(base, [score("f1", 0.8), score("mota", 0.1)], 0.0).regressed
+
+
+def test_equal_runs_dont_regress_at_tolerance_zero() -> None:
+    found = compare(BASE, BASE, 0.0)
+    assert {r.verdict for r in found.rows} == {"same"}
+    assert not found.regressed
+
+
+def test_scores_without_a_common_primary_row_are_refused() -> None:
+    head = [score("f1", 0.9, matching="bev 4 m"), score("f1", 0.7, matching="iou 0.5")]
+    with pytest.raises(
+        MetricError, match=r"nothing to compare: base has f1 of vehicle \(bev 2 m\), head has .*bev 4 m"
+    ):
+        compare(BASE, head, 0.0)
+    with pytest.raises(MetricError, match="base has neither f1 nor mota"):
+        compare([], BASE, 0.0)
+
+
+@pytest.mark.parametrize("tolerance", [-0.1, float("nan")])
+def test_a_tolerance_below_zero_is_refused(tolerance: float) -> None:
+    with pytest.raises(ConfigError, match="expected a number from 0 on"):
+        compare(BASE, BASE, tolerance)
+
+
+class TestRequireComparable:
+    def test_equal_runs_have_no_notes(self) -> None:
+        assert require_comparable(make_manifest(), make_manifest()) == ()
+
+    def test_other_logs_are_refused(self) -> None:
+        other = make_manifest(log=LogEntry(name="other", log_id="id", digest="e" * 32, metadata={}))
+        with pytest.raises(MetricError, match=r"base is 'log' \(dddddddddddd\), head is 'other' \(eeeeeeeeeeee\)"):
+            require_comparable(make_manifest(), other)
+
+    def test_what_else_differs_is_noted(self) -> None:
+        notes = require_comparable(make_manifest(), make_manifest(pipeline="late3d", complete=False))
+        assert notes == ("pipelines differ: lidar3d and late3d", "head is incomplete")

@@ -1,0 +1,76 @@
+"""All scores of a run: order, the same rows whatever was found, and bytes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from fbench.metrics.clear import Clear
+from fbench.metrics.detection import Detection
+from fbench.metrics.score import score_run
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.errors import ConfigError
+from fbench.replay.protocols import Metric
+from fbench.replay.scores import Score, ScoreOptions, load_scores, save_scores
+from fbench.replay.store import Run
+
+from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
+
+METRICS: tuple[Metric, ...] = (Clear(), Detection())
+PRIMARY = ["f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw"]
+
+
+def all_scores(run: Run) -> list[Score]:
+    return score_run(run, ScoreOptions(), METRICS)
+
+
+def test_rows_of_a_3d_run_are_ordered(make_run: MakeRun) -> None:
+    truth = boxes3d((10, 0), (20, 0), label=["car", "truck"], ids=[1, 2])
+    rows = all_scores(make_run(Case(truth, truth), rig=front_camera()))
+    assert [r.metric for r in rows] == [*PRIMARY * 4, "coverage"]
+    blocks = [(r.class_, r.matching.split()[0]) for r in rows[:: len(PRIMARY)]]
+    assert blocks == [("vehicle", "bev"), ("vehicle", "iou"), ("car", "bev"), ("truck", "bev"), ("all", "bev")]
+
+
+def test_a_2d_run_is_scored_in_the_image_alone(make_run: MakeRun) -> None:
+    box = boxes2d((0, 0, 9, 9), label="car", ids=[1])
+    rows = all_scores(make_run(Case(box, truth2d=box), rig=front_camera()))
+    assert [r.metric for r in rows if r.class_ == "vehicle"] == PRIMARY
+    assert {r.matching for r in rows} == {"iou 0.5"}
+    assert rows[0].value == 1.0
+
+
+@pytest.mark.parametrize("truth", [None, Boxes3D.empty()])
+def test_runs_without_truth_have_the_same_rows(make_run: MakeRun, truth: Boxes3D | None) -> None:
+    found = boxes3d((10, 0), ids=[1])
+    full = all_scores(make_run(Case(found, boxes3d((10, 0), label="car", ids=[1])), rig=front_camera()))
+    empty = all_scores(make_run(Case(found, truth), rig=front_camera()))
+    assert [(r.metric, r.class_, r.matching) for r in full] == [(r.metric, r.class_, r.matching) for r in empty]
+    assert [r.reason for r in empty[3:7]] == ["no truth" if truth is None else "no truth boxes"] * 4
+
+
+def test_rows_of_other_metrics_follow(make_run: MakeRun) -> None:
+    class Extra:
+        def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+            matching = Detection().scores(run, options)[0].matching
+            return [Score(m, "vehicle", "all", matching, 1.0, None, "1") for m in ("hota", "assa")]
+
+    car = boxes3d((10, 0), label="car", ids=[1])
+    rows = score_run(make_run(Case(car, car)), ScoreOptions(), (Extra(), *METRICS))
+    assert [r.metric for r in rows][:9] == [*PRIMARY, "hota", "assa"]
+
+
+def test_equal_runs_give_equal_bytes_and_read_back(make_run: MakeRun, tmp_path: Path) -> None:
+    truth = boxes3d((10, 0), (20, 0), (30, 3), label="car", ids=[1, 2, 3])
+    cases = [Case(boxes3d((10.3, 0.1), (21, 0.7), ids=[1, 2]), truth)] * 3
+    first, second = (all_scores(make_run(*cases, rig=front_camera())) for _ in range(2))
+    save_scores(tmp_path / "a.json", first)
+    save_scores(tmp_path / "b.json", second)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert load_scores(tmp_path / "a.json") == first
+
+
+@pytest.mark.parametrize("options", [{"iou": 0.0}, {"iou": 1.1}, {"distance_m": 0.0}, {"range_m": float("nan")}])
+def test_options_that_mean_nothing_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="score options"):
+        ScoreOptions(**options)  # type: ignore[arg-type]

@@ -1,0 +1,103 @@
+"""The command line in this process, and small logs."""
+
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.cli import main
+from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, RadarScan, Rig, Truth
+from fbench.replay.images import encode_jpeg
+from fbench.replay.logs.mcap_write import McapWriter
+
+MS = 1_000_000
+UPRIGHT = np.array([0.0, 0, 0, 1])
+FORWARD = np.array([-0.5, 0.5, -0.5, 0.5])
+
+
+@dataclass(frozen=True)
+class Result:
+    code: int
+    out: str
+    err: str
+
+    def json(self):
+        return json.loads(self.out)
+
+
+@pytest.fixture()
+def fbench(monkeypatch, capsys, tmp_path):
+    """Call `fbench ARGS` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*args):
+        monkeypatch.setattr(sys, "argv", ["fbench", *map(str, args)])
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.err
+        return Result(code, captured.out, captured.err)
+
+    return call
+
+
+def car_points(x, y=0.0):
+    """LiDAR points on the back and one side of a car, and a ring of ground."""
+    side = [(x + u, y + 0.9, z) for u in np.linspace(-2, 2, 20) for z in (0.4, 0.8, 1.2)]
+    back = [(x - 2, y + v, z) for v in np.linspace(-0.9, 0.9, 10) for z in (0.4, 0.8, 1.2)]
+    ground = [(r * np.cos(a), r * np.sin(a), 0.0) for r in range(4, 40, 3) for a in np.linspace(-1, 1, 40)]
+    return np.array([*side, *back, *ground], np.float32)
+
+
+def rig(camera=True):
+    mounts = {"lidar": Mount("lidar", np.zeros(3), UPRIGHT), "radar": Mount("radar", np.zeros(3), UPRIGHT)}
+    if not camera:
+        return Rig(mounts, {})
+    model = CameraModel(np.array([[60.0, 0, 39.5], [0, 60, 29.5], [0, 0, 1]]), (80, 60))
+    return Rig({**mounts, "camera": Mount("camera", np.array([0, 0, 1.0]), FORWARD)}, {"camera": model})
+
+
+def messages(num_frames=6, camera=True):
+    for i in range(num_frames):
+        stamp = 1_000_000_000 + 100 * MS * i
+        x = 12.0 + i
+        if camera:
+            yield Image("camera", stamp, stamp, encode_jpeg(np.full((60, 80, 3), 90, np.uint8)), "jpeg", (80, 60))
+        yield PointCloud("lidar", stamp, stamp + 1 * MS, car_points(x))
+        points = np.array([[x - 2, v, 0.5] for v in (-0.5, -0.2, 0.2, 0.5)], np.float32)
+        yield RadarScan(
+            "radar", stamp, stamp + 2 * MS, points, np.full(4, 10.0, np.float32), np.full(4, 15.0, np.float32)
+        )
+
+
+def truths(num_frames=6):
+    for i in range(num_frames):
+        stamp = 1_000_000_000 + 100 * MS * i
+        box = Boxes3D(
+            np.array([[12.0 + i, 0, 0.75]]),
+            np.array([[4.0, 1.8, 1.5]]),
+            np.zeros(1),
+            label=np.array(["car"]),
+            track_id=np.array([3]),
+        )
+        yield Truth(stamp, stamp, box)
+
+
+def write_log(path: Path, items, log_rig=None) -> Path:
+    with McapWriter(path, LogInfo(path.stem, "test-1"), log_rig or rig()) as writer:
+        for item in sorted(items, key=lambda m: m.log_ns):
+            writer.write(item)
+    return path
+
+
+@pytest.fixture()
+def log(tmp_path):
+    """Six frames of camera, LiDAR, radar and truth: a car drives away at 10 m/s."""
+    return write_log(tmp_path / "car.mcap", [*messages(), *truths()])

@@ -1,0 +1,136 @@
+"""Run folders: tables of boxes read back as they were, damage is found."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from fbench.replay.data import Boxes2D, Boxes3D, Truth
+from fbench.replay.errors import MetricError, RunError
+from fbench.replay.faults import FaultLog
+from fbench.replay.run import Plan, replay
+from fbench.replay.scores import Score, load_scores, save_scores
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxWriter, read_boxes
+
+from .fakes import Echo, drive
+
+floats = st.floats(width=64)
+
+
+def some(n):
+    number = arrays(np.float64, n, elements=floats)
+    text = st.lists(
+        st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=5), min_size=n, max_size=n
+    ).map(lambda v: np.array(v, np.str_))
+    optional = {
+        "velocity_mps": arrays(np.float64, (n, 3), elements=floats), "label": text, "score": number,
+        "track_id": arrays(np.int64, n), "sources": arrays(np.uint8, n), "predicted": arrays(np.bool_, n), "source_label": text,
+    }  # fmt: skip
+    return st.fixed_dictionaries(
+        {"center_m": arrays(np.float64, (n, 3), elements=floats), "size_lwh_m": arrays(np.float64, (n, 3), elements=floats), "yaw_rad": number},
+        optional=optional,
+    )  # fmt: skip
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@given(st.integers(1, 4).flatmap(some))
+def test_boxes_survive_bit_for_bit(tmp_path, fields):
+    boxes = Boxes3D(**fields)
+    writer = BoxWriter(tmp_path / "t.parquet", Boxes3D)
+    writer.add(3, boxes)
+    writer.add(5, boxes[:0])
+    writer.close()
+    back = read_boxes(tmp_path / "t.parquet")
+    assert set(back.boxes.arrays()) == set(boxes.arrays())
+    for name, array in boxes.arrays().items():
+        again = back.at(3).arrays()[name]
+        if array.dtype.kind == "U":
+            assert again.tolist() == array.tolist()
+        else:
+            assert again.dtype == array.dtype
+            assert again.tobytes() == np.ascontiguousarray(array).tobytes()
+    assert len(back.at(4)) == len(back.at(5)) == 0
+
+
+def test_2d_boxes_and_partly_absent_fields(tmp_path):
+    writer = BoxWriter(tmp_path / "t.parquet", Boxes2D)
+    with_distance = Boxes2D(np.array(["a", "b"]), np.ones((2, 4)), distance_m=np.array([1.0, np.nan]))
+    writer.add(0, with_distance)
+    writer.add(1, Boxes2D(np.array(["c"]), np.zeros((1, 4))))
+    writer.close()
+    back = read_boxes(tmp_path / "t.parquet")
+    assert back.boxes.camera.tolist() == ["a", "b", "c"]
+    np.testing.assert_array_equal(back.boxes.distance_m, [1, np.nan, np.nan])
+    assert back.boxes.label is None
+
+
+def test_empty_table_reads_as_no_boxes(tmp_path):
+    BoxWriter(tmp_path / "t.parquet", Boxes3D).close()
+    assert len(read_boxes(tmp_path / "t.parquet").at(0)) == 0
+
+
+@pytest.fixture()
+def folder(tmp_path):
+    return replay(drive(4), Plan(Echo(), "echo"), tmp_path / "run", FaultLog())
+
+
+def test_damaged_table_is_found(folder):
+    path = folder / "detections.parquet"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 0x10
+    path.write_bytes(data)
+    with pytest.raises(RunError, match=r"detections.parquet: can't be read"):
+        _ = Run(folder).detections
+
+
+def test_what_is_no_run_says_so(folder, tmp_path):
+    with pytest.raises(RunError, match=r"not a run folder \(no manifest.json\)"):
+        _ = Run(tmp_path).manifest
+    with pytest.raises(RunError, match="no scores, run `fbench score"):
+        _ = Run(folder).scores
+    manifest = folder / "manifest.json"
+    content = json.loads(manifest.read_text())
+    manifest.write_text(json.dumps({**content, "surprise": 1}))
+    with pytest.raises(RunError, match="not a manifest of this version"):
+        _ = Run(folder).manifest
+    manifest.write_text("{")
+    with pytest.raises(RunError, match="not a manifest of this version"):
+        _ = Run(folder).manifest
+
+
+def test_scores_round_trip_and_refuse_nan(tmp_path):
+    rows = [
+        Score("f1", "vehicle", "all", "bev 2 m", 0.5, None, "1", {"tp": 1}),
+        Score("mota", "vehicle", "all", "bev 2 m", None, "no truth", "1"),
+    ]
+    save_scores(tmp_path / "scores.json", rows)
+    assert load_scores(tmp_path / "scores.json") == rows
+    with pytest.raises(MetricError, match="isn't a number"):
+        Score("f1", "vehicle", "all", "m", float("nan"), None, "1")
+    with pytest.raises(MetricError, match="a reason goes with null"):
+        Score("f1", "vehicle", "all", "m", None, None, "1")
+    (tmp_path / "scores.json").write_text('{"a": 1}')
+    with pytest.raises(RunError, match="not a list of scores"):
+        load_scores(tmp_path / "scores.json")
+
+
+def test_fields_of_boxes_are_known_without_a_single_box(tmp_path):
+    writer = BoxWriter(tmp_path / "t.parquet", Boxes3D)
+    writer.add(0, Boxes3D(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), label=np.zeros(0, "U3")))
+    writer.close()
+    boxes = read_boxes(tmp_path / "t.parquet").boxes
+    assert boxes.label is not None
+    assert boxes.score is None
+
+
+def test_truth_in_one_space_is_not_empty_truth_in_the_other(tmp_path):
+    labels = [Truth(0, 0, Boxes3D.empty()), Truth(100_000_000, 0, None, Boxes2D.empty())]
+    log = drive(3)
+    log.labels = labels
+    run = Run(replay(log, Plan(Echo(), "echo"), tmp_path / "run", FaultLog()))
+    assert [run.truth3d(i) is not None for i in range(3)] == [True, False, False]
+    assert [run.truth2d(i) is not None for i in range(3)] == [False, True, False]
