@@ -3,6 +3,11 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples on every run, and no deadline: machines of CI are slow at times.
+settings.register_profile("fbench", deadline=None, derandomize=True)
+settings.load_profile("fbench")
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -78,12 +78,24 @@ def folder(tmp_path):
     return replay(drive(4), Plan(Echo(), "echo"), tmp_path / "run", FaultLog())
 
 
-def test_damaged_table_is_found(folder):
+def test_no_damage_to_a_table_goes_unnoticed(folder):
     path = folder / "detections.parquet"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 3] ^= 0x10
-    path.write_bytes(data)
-    with pytest.raises(RunError, match=r"detections.parquet: can't be read"):
+    data, whole = path.read_bytes(), Run(folder).detections.boxes.center_m.tobytes()
+    end_of_pages = len(data) - 8 - int.from_bytes(data[-8:-4], "little")
+    found = 0
+    for at in range(4, end_of_pages, 11):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :])
+        try:
+            assert Run(folder).detections.boxes.center_m.tobytes() == whole
+        except RunError as error:
+            assert "detections.parquet: can't be read" in str(error)
+            found += 1
+    assert found > 20
+
+
+def test_table_of_another_kind_is_refused(folder):
+    (folder / "detections.parquet").write_bytes((folder / "frames.parquet").read_bytes())
+    with pytest.raises(RunError, match=r"detections.parquet: can't be read \(not a table of boxes\)"):
         _ = Run(folder).detections
 
 
