@@ -125,7 +125,7 @@ class FrameBuffer:
         stamp = message.stamp_ns
         step = None if self._last_stamp_ns is None else stamp - self._last_stamp_ns
         if step is not None and (why := self._border(step)):
-            yield from self.flush()
+            yield from self._release_all()
             self.breaks.append(f"{why} before frame {self._num_frames}")
             self._segment, self._periods = self._segment + 1, _Periods()
         elif step is not None and step <= 0:
@@ -153,9 +153,8 @@ class FrameBuffer:
         yield from self.advance(message.log_ns)
 
     def flush(self) -> Iterator[Frame]:
-        """Release all frames: the log or the segment ends."""
-        while self._open:
-            yield self._release(self._open.pop(0))
+        """Release all frames: the log ends."""
+        yield from self._release_all()
         for message in self._pending:
             self._unused[message.sensor] += 1
         self._pending = []
@@ -164,6 +163,10 @@ class FrameBuffer:
     def counts(self) -> SyncCounts:
         """What was late or unused so far."""
         return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
+
+    def _release_all(self) -> Iterator[Frame]:
+        while self._open:
+            yield self._release(self._open.pop(0))
 
     def _border(self, step_ns: int) -> str | None:
         if step_ns > self._params.max_gap_ns:

@@ -100,6 +100,14 @@ def test_gap_and_backward_jump_begin_segments():
     assert buffer.breaks == ["gap of 2.001 s before frame 3", "clock jumps back by 1.301 s before frame 5"]
 
 
+@pytest.mark.parametrize("numbers", [(None, None), (1, 2)])
+def test_first_frame_of_a_segment_gets_what_came_before_its_reference(numbers):
+    log = [message(s, t, t, n) for t, n in zip((0, 9000), numbers, strict=True) for s in ("camera", "lidar")]
+    frames, buffer = play(log, ("camera", "lidar"), "lidar")
+    assert [(f.segment, sorted(f.messages)) for f in frames] == [(0, ["camera", "lidar"]), (1, ["camera", "lidar"])]
+    assert buffer.counts.unused == {"camera": 0, "lidar": 0}
+
+
 def test_gap_of_exactly_the_limit_is_none():
     frames, _ = play([message("camera", 0), message("camera", 2000)], ("camera",))
     assert [f.segment for f in frames] == [0, 0]
