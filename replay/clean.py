@@ -1,7 +1,7 @@
 """What must never reach a pipeline: points that aren't finite."""
 
 from dataclasses import fields, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -37,5 +37,6 @@ def _clean_cloud(cloud: C, faults: FaultLog) -> C | None:
         faults.add("DAT001", f"{where}: {lost} of {num} points")
         return None
     faults.add("DAT004", f"{where}: {lost} of {num} points")
-    arrays = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
-    return replace(cloud, **{n: a[good] for n, a in arrays.items() if isinstance(a, np.ndarray)})
+    values = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
+    points: dict[str, Any] = {name: v[good] for name, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(cloud, **points)

@@ -240,6 +240,8 @@ class Output:
     stage_ns: Mapping[str, int]
     """Wall time of each stage [ns], in the order in which they ran."""
     faults: tuple[Fault, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Sensors that the pipeline could have used but couldn't, with the reason: a camera without weights."""
 
     def __post_init__(self) -> None:
         if type(self.detections) is not type(self.tracks):

@@ -71,12 +71,12 @@ class Digest:
             array = _canonical_floats(array)
         little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
         self._head("array", f"{little.dtype.str}{array.shape}")
-        self._hash.update(memoryview(little).cast("B") if little.size else b"")
+        self._hash.update(little.data.cast("B") if little.size else b"")
 
 
 def _canonical_floats(array: Array) -> Array:
     """One NaN and one zero."""
-    plain = array + array.dtype.type(0)
+    plain: Array = array + array.dtype.type(0)
     odd = np.isnan(plain)
     if odd.any():
         plain[odd] = np.nan

@@ -12,7 +12,8 @@ Pixels = NDArray[np.uint8]
 MAX_PIXELS = 178_956_970
 """Larger images are refused before they are decoded (Pillow's limit for decompression bombs)."""
 
-_RAW_CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+RAW_CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
+"""Bytes a pixel of the raw layouts."""
 
 
 def decode(image: Image) -> Pixels | None:
@@ -20,8 +21,8 @@ def decode(image: Image) -> Pixels | None:
     width, height = image.size_wh
     if width * height > MAX_PIXELS or width <= 0 or height <= 0:
         return None
-    if image.encoding in _RAW_CHANNELS:
-        return _decode_raw(image, _RAW_CHANNELS[image.encoding])
+    if image.encoding in RAW_CHANNELS:
+        return _decode_raw(image, RAW_CHANNELS[image.encoding])
     return _decode_compressed(image)
 
 

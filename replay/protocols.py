@@ -22,6 +22,11 @@ class Reader(Protocol):
         """Sensors and their calibration."""
         ...
 
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses, which frames wait for like for sensors."""
+        ...
+
     def messages(self) -> Iterator[Message]:
         """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream)."""
         ...

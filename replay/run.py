@@ -11,7 +11,7 @@ import numpy as np
 from fbench.replay.boxes import Boxes2D
 from fbench.replay.clean import clean
 from fbench.replay.clock import Clock, VirtualClock
-from fbench.replay.data import Boxes, Frame, LogInfo, Message, Output, Rig, Truth
+from fbench.replay.data import Boxes, Frame, Message, Output, Truth
 from fbench.replay.digest import START, Digest, digest, link
 from fbench.replay.errors import LogError, RunError
 from fbench.replay.faults import FaultLog
@@ -20,7 +20,7 @@ from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entries
 from fbench.replay.media import MediaKeeper
 from fbench.replay.protocols import Pipeline, Reader
 from fbench.replay.store import FrameRecord, RunWriter
-from fbench.replay.sync import FrameBuffer, SyncCounts, SyncParams, choose_reference
+from fbench.replay.sync import NOT_THERE, FrameBuffer, SyncCounts, SyncParams, choose_reference
 
 MAX_FAILURES_IN_A_ROW = 10
 """A pipeline that fails on so many frames in a row is given up."""
@@ -53,7 +53,7 @@ def replay(reader: Reader, plan: Plan, folder: Path, faults: FaultLog, overwrite
         RunError: where the pipeline keeps failing.
     """
     with RunWriter(folder, overwrite) as writer:
-        loop = _Loop(reader.rig, reader.info, plan, faults, writer)
+        loop = _Loop(reader, plan, faults, writer)
         plan.pipeline.start(reader.rig, reader.info)
         for frame in loop.frames(reader):
             loop.step(frame)
@@ -66,11 +66,13 @@ def replay(reader: Reader, plan: Plan, folder: Path, faults: FaultLog, overwrite
 class _Loop:
     """The state of one replay."""
 
-    def __init__(self, rig: Rig, info: LogInfo, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
-        self._rig, self._info, self._plan, self._faults, self._writer = rig, info, plan, faults, writer
-        self.reference = choose_reference(rig, info, plan.sync)
-        self._buffer = FrameBuffer(rig.sensors("camera", "lidar", "radar"), self.reference, plan.sync)
-        self._media = MediaKeeper(rig, plan.num_media)
+    def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
+        self._rig, self._info = reader.rig, reader.info
+        self._plan, self._faults, self._writer = plan, faults, writer
+        self.reference = choose_reference(self._rig, self._info, plan.sync)
+        expected = (*self._rig.sensors("camera", "lidar", "radar"), *reader.poses)
+        self._buffer = FrameBuffer(expected, self.reference, plan.sync)
+        self._media = MediaKeeper(self._rig, plan.num_media)
         self._log_digest = Digest()
         self._chain, self._segment, self._failures = START, 0, 0
 
@@ -127,7 +129,8 @@ class _Loop:
 
     def _record(self, frame: Frame, output: Output | None, failed: str | None, total_ns: int) -> None:
         results = None if output is None else (output.detections, output.tracks)
-        content = [frame.index, frame.stamp_ns, frame.segment, dict(frame.missing), failed, results]
+        missing = {**frame.missing, **({} if output is None else output.missing)}
+        content = [frame.index, frame.stamp_ns, frame.segment, missing, failed, results]
         frame_digest = digest(content)
         self._chain = link(self._chain, frame_digest)
         if results is not None:
@@ -135,9 +138,7 @@ class _Loop:
             self._writer.add_boxes("detections", frame.index, results[0])
             self._writer.add_boxes("tracks", frame.index, results[1])
         number, stamp = frame.frame_number, frame.stamp_ns
-        record = FrameRecord(
-            frame.index, stamp, frame.segment, number, dict(frame.missing), frame_digest, self._chain, failed
-        )
+        record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
         stages = {} if output is None else output.stage_ns
         self._writer.add_frame(record, {**stages, "total": total_ns})
 
@@ -211,13 +212,15 @@ class _Loop:
 
 
 def _explained(record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-    """Say of each missing sensor whether it came too late or never."""
+    """Say of each sensor that wasn't there in time whether it came too late or never."""
 
-    def why(sensor: str) -> str:
+    def why(sensor: str, reason: str) -> str:
         late = counts.late_ms.get((record.index, sensor))
-        return "never came" if late is None else f"late by {late:.1f} ms"
+        if late is not None:
+            return f"late by {late:.1f} ms"
+        return "never came" if reason.startswith(NOT_THERE) else reason
 
-    return replace(record, missing={sensor: why(sensor) for sensor in record.missing})
+    return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
 
 
 def _matched(truths: Iterator[Truth], writer: RunWriter) -> Iterator[tuple[int, Truth]]:

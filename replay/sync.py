@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from fbench.replay.data import Frame, Kind, LogInfo, Message, Rig
 from fbench.replay.errors import ConfigError, LogError
 
+NOT_THERE = "not there within"
 _PREFERENCE: tuple[Kind, ...] = ("lidar", "camera", "radar")
 
 
@@ -176,7 +177,7 @@ class FrameBuffer:
         return None
 
     def _complete(self, frame: _Open) -> bool:
-        return len(frame.messages) == len(self._expected)
+        return all(name in frame.messages for name in self._expected)
 
     def _deadline_ns(self, frame: _Open) -> int:
         return frame.first_arrival_ns + self._params.timeout_ns
@@ -244,5 +245,5 @@ class FrameBuffer:
         self._released = [*self._released[-15:], (frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame))]
         return Frame(
             frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
-            dict.fromkeys(absent, f"not there within {wait_ms:g} ms"), frame.number,
+            dict.fromkeys(absent, f"{NOT_THERE} {wait_ms:g} ms"), frame.number,
         )  # fmt: skip

@@ -1,8 +1,9 @@
 """Boxes and timings as Parquet tables of a run folder; equal rows give equal bytes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -99,9 +100,13 @@ def read_boxes(path: Path) -> BoxTable:
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
     present = (pq.read_metadata(path).metadata or {}).get(b"present", b"").decode().split(",")
     arrays = {f.name: _array(table.column(f.name)) for f in fields(kind) if f.name in present}
-    frames, boxes = table.column("frame").to_numpy(), kind(**arrays) if arrays else kind.empty()
+    frames, boxes = table.column("frame").to_numpy(), _boxes(kind, arrays)
     order = np.argsort(frames, kind="stable")
     return BoxTable(frames[order], boxes[order])
+
+
+def _boxes(kind: type[Boxes2D] | type[Boxes3D], arrays: dict[str, Any]) -> Boxes:
+    return replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
 
 
 def _array(column: pa.ChunkedArray) -> Array:

@@ -60,7 +60,13 @@ def test_relative_imports_are_not_used():
 
 
 def test_help_loads_nothing_heavy():
-    code = "import sys; sys.argv = ['fbench', '--help']\nfrom fbench.replay.cli import main\ntry: main()\nexcept SystemExit: pass\nprint('LOADED', *sorted(sys.modules))"
+    code = (
+        "import sys; sys.argv = ['fbench', '--help']\n"
+        "from fbench.replay.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "print('LOADED', *sorted(sys.modules))"
+    )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = result.stdout.rpartition("LOADED")[2].split()
     assert "typer" in loaded

@@ -44,7 +44,7 @@ def _print(comparison: "Comparison", notes: tuple[str, ...]) -> None:
     for row in changed:
         delta = "–" if row.delta is None else f"{row.delta:+.3f}"
         verdict = f"{row.verdict}{' (primary)' if row.primary else ''}"
-        cells = (number(row.base, row.unit), number(row.head, row.unit), delta)
+        cells = (number(row.metric, row.base, row.unit), number(row.metric, row.head, row.unit), delta)
         table.add_row(row.metric, row.class_, row.matching, *cells, verdict, style=_MARKS.get(row.verdict))
     out.print(table)
     out.print(f"{len(comparison.rows) - len(changed)} other numbers are the same")

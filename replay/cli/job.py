@@ -3,6 +3,7 @@
 import json
 import re
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -95,15 +96,17 @@ def _status(run: Run) -> list[str]:
     manifest = run.manifest
     scored = sum(frame.truth_stamp_ns is not None for frame in run.frames)
     lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
-    missing: dict[str, int] = {}
-    for frame in run.frames:
-        for sensor in sorted(frame.missing):
-            missing[sensor] = missing.get(sensor, 0) + 1
-    lines += [f"missing: {sensor} in {num} frames" for sensor, num in sorted(missing.items())]
+    missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
+    lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
     lines += [f"fault: {line}" for line in fault_lines(run)]
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
     return [*lines, f"run: {run.folder}"]
+
+
+def _kind(reason: str) -> str:
+    """A reason without its number: 'late by 12.3 ms' is 'late'."""
+    return "late" if reason.startswith("late by") else reason
 
 
 def open_run(folder: Path) -> Run:

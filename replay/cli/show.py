@@ -9,6 +9,7 @@ from rich.table import Table
 from fbench.replay.scores import Score
 from fbench.replay.store import Run
 
+_COUNTS = ("idsw",)
 _SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw")
 
 
@@ -18,12 +19,13 @@ def console() -> Console:
     return plain if plain.is_terminal else Console(highlight=False, width=120)
 
 
-def number(value: float | None, unit: str) -> str:
-    """A score for people: three decimals, counts without."""
+def number(metric: str, value: float | None, unit: str) -> str:
+    """A score for people: three decimals and the unit, counts without."""
     if value is None:
         return "–"
-    text = f"{value:.0f}" if unit == "count" else f"{value:.3f}"
-    return text if unit in ("1", "count", "iou") else f"{text} {unit}"
+    if metric in _COUNTS:
+        return f"{value:.0f}"
+    return f"{value:.3f}" if unit in ("1", "iou") else f"{value:.3f} {unit}"
 
 
 def primary(scores: Sequence[Score]) -> list[Score]:
@@ -34,22 +36,24 @@ def primary(scores: Sequence[Score]) -> list[Score]:
 def score_table(scores: Sequence[Score]) -> Table:
     """One line a metric, one column a way of matching."""
     rows = primary(scores)
-    matchings = list(dict.fromkeys(s.matching for s in rows))
+    native = rows[0].matching if rows else ""
+    matchings = list(dict.fromkeys(s.matching for s in rows if s.value is not None or s.matching == native))
     table = Table(box=None, pad_edge=False)
     table.add_column("metric")
     for matching in matchings:
         table.add_column(matching, justify="right")
     for metric in dict.fromkeys(s.metric for s in rows):
-        cells = {s.matching: number(s.value, s.unit) for s in rows if s.metric == metric}
+        cells = {s.matching: number(metric, s.value, s.unit) for s in rows if s.metric == metric}
         table.add_row(metric, *(cells.get(matching, "") for matching in matchings))
     return table
 
 
 def null_reasons(scores: Sequence[Score]) -> list[str]:
-    """Why numbers are missing, each reason once with its metrics."""
+    """Why numbers are missing in the run's own space, each reason once with its metrics."""
+    native = scores[0].matching if scores else ""
     reasons: dict[str, list[str]] = {}
     for s in primary(scores):
-        if s.reason is not None and s.metric not in reasons.setdefault(s.reason, []):
+        if s.matching == native and s.reason is not None and s.metric not in reasons.setdefault(s.reason, []):
             reasons[s.reason].append(s.metric)
     return [f"{', '.join(metrics)}: {reason}" for reason, metrics in reasons.items()]
 

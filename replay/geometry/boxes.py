@@ -37,10 +37,12 @@ def iou_2d(a: Array, b: Array) -> Float64:
     area_a = np.prod(np.clip(a[:, 2:] - a[:, :2], 0, None), axis=1)
     area_b = np.prod(np.clip(b[:, 2:] - b[:, :2], 0, None), axis=1)
     union = area_a[:, None] + area_b[None, :] - overlap
-    return np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
+    iou: Float64 = np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
+    return iou
 
 
 def distance_bev(a: Array, b: Array) -> Float64:
     """Distance (N, M) [m] in the ground plane between centres (N, 2 or 3) and (M, 2 or 3)."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    return np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
+    distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
+    return distance

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.replay.data import Boxes3D, Frame, LogInfo, Message, Mount, Output, PointCloud, RadarScan, Rig, Truth
+from fbench.replay.data import Boxes3D, Frame, LogInfo, Message, Mount, Output, PointCloud, Pose, RadarScan, Rig, Truth
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 MS = 1_000_000
@@ -20,6 +20,10 @@ class FakeLog:
     labels: list[Truth] = field(default_factory=list)
     rig: Rig = RIG
     info: LogInfo = field(default_factory=lambda: LogInfo("fake", "fake-1", {"place": "here"}))
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        return tuple(sorted({m.sensor for m in self.items if isinstance(m, Pose)}))
 
     def messages(self) -> Iterator[Message]:
         return iter(sorted(self.items, key=lambda m: (m.log_ns, m.sensor)))

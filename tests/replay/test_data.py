@@ -72,7 +72,7 @@ def test_concatenate():
     joined = concatenate([boxes(1, score=np.ones(1)), boxes(0), boxes(2, score=np.zeros(2))])
     assert joined.score.tolist() == [1, 0, 0]
     assert len(concatenate([boxes(0), boxes(0)])) == 0
-    with pytest.raises(DataError, match="Boxes3D.score: expected in all 2 parts, absent in 1"):
+    with pytest.raises(DataError, match=r"Boxes3D.score: expected in all 2 parts, absent in 1"):
         concatenate([boxes(1, score=np.ones(1)), boxes(1)])
 
 

@@ -5,9 +5,9 @@ import textwrap
 import pytest
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.faults import FaultLog
 from fbench.replay.plugins import found, load, make_pipeline
 from fbench.replay.run import Plan, replay
-from fbench.replay.faults import FaultLog
 from fbench.replay.store import Run
 
 from .fakes import drive
@@ -49,7 +49,7 @@ class Odd:
 '''
 
 
-@pytest.fixture()
+@pytest.fixture
 def outsider(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(textwrap.dedent(OUTSIDER))

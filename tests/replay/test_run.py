@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from fbench.replay.clock import PacedClock
-from fbench.replay.data import Boxes3D, Fault, Output, Truth
+from fbench.replay.data import Boxes3D, Fault, Output, Pose, Truth
 from fbench.replay.errors import ConfigError, LogError, RunError
 from fbench.replay.faults import FaultLog
 from fbench.replay.run import Plan, replay
 from fbench.replay.store import Run
 
-from .fakes import MS, Echo, FakeLog, box, cloud, drive, scan
+from .fakes import MS, UPRIGHT, Echo, FakeLog, box, cloud, drive, scan
 
 MEASURED = ("timings.parquet", "latency.json", "host.json")
 
@@ -218,3 +218,25 @@ def test_media_are_kept_for_a_few_frames_of_a_log_of_any_length(tmp_path):
 
 def test_no_media_where_none_are_wanted(tmp_path):
     assert play(drive(3), tmp_path / "run", num_media=0).media == ()
+
+
+class Posed(Echo):
+    def step(self, frame):
+        assert "pose" in frame.messages
+        return super().step(frame)
+
+
+def test_frames_wait_for_poses(tmp_path):
+    poses = [Pose("pose", 100 * MS * i, (100 * i + 5) * MS, np.zeros(3), UPRIGHT) for i in range(3)]
+    run = play(FakeLog([*(cloud(100 * MS * i) for i in range(3)), *poses]), tmp_path / "run", Posed())
+    assert [f.failed for f in run.frames] == [None] * 3
+
+
+class Blind(Echo):
+    def step(self, frame):
+        return replace(super().step(frame), missing={"camera": "no weights"})
+
+
+def test_sensor_that_the_pipeline_cannot_use_is_missing_too(tmp_path):
+    run = play(FakeLog([cloud(0)]), tmp_path / "run", Blind())
+    assert run.frames[0].missing == {"camera": "no weights", "radar": "never came"}

@@ -28,12 +28,11 @@ def some(n):
     ).map(lambda v: np.array(v, np.str_))
     optional = {
         "velocity_mps": arrays(np.float64, (n, 3), elements=floats), "label": text, "score": number,
-        "track_id": arrays(np.int64, n), "sources": arrays(np.uint8, n), "predicted": arrays(np.bool_, n), "source_label": text,
+        "track_id": arrays(np.int64, n), "sources": arrays(np.uint8, n), "predicted": arrays(np.bool_, n),
+        "source_label": text,
     }  # fmt: skip
-    return st.fixed_dictionaries(
-        {"center_m": arrays(np.float64, (n, 3), elements=floats), "size_lwh_m": arrays(np.float64, (n, 3), elements=floats), "yaw_rad": number},
-        optional=optional,
-    )  # fmt: skip
+    three = arrays(np.float64, (n, 3), elements=floats)
+    return st.fixed_dictionaries({"center_m": three, "size_lwh_m": three, "yaw_rad": number}, optional=optional)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
@@ -73,7 +72,7 @@ def test_empty_table_reads_as_no_boxes(tmp_path):
     assert len(read_boxes(tmp_path / "t.parquet").at(0)) == 0
 
 
-@pytest.fixture()
+@pytest.fixture
 def folder(tmp_path):
     return replay(drive(4), Plan(Echo(), "echo"), tmp_path / "run", FaultLog())
 
@@ -86,10 +85,11 @@ def test_no_damage_to_a_table_goes_unnoticed(folder):
     for at in range(4, end_of_pages, 11):
         path.write_bytes(data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :])
         try:
-            assert Run(folder).detections.boxes.center_m.tobytes() == whole
-        except RunError as error:
-            assert "detections.parquet: can't be read" in str(error)
+            unharmed = Run(folder).detections.boxes.center_m.tobytes() == whole
+        except RunError:
             found += 1
+        else:
+            assert unharmed
     assert found > 20
 
 

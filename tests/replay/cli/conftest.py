@@ -29,7 +29,7 @@ class Result:
         return json.loads(self.out)
 
 
-@pytest.fixture()
+@pytest.fixture
 def fbench(monkeypatch, capsys, tmp_path):
     """Call `fbench ARGS` in an empty folder."""
     monkeypatch.chdir(tmp_path)
@@ -97,7 +97,7 @@ def write_log(path: Path, items, log_rig=None) -> Path:
     return path
 
 
-@pytest.fixture()
+@pytest.fixture
 def log(tmp_path):
     """Six frames of camera, LiDAR, radar and truth: a car drives away at 10 m/s."""
     return write_log(tmp_path / "car.mcap", [*messages(), *truths()])

@@ -21,12 +21,13 @@ class Still:
     def step(self, frame):
         xyz = frame.messages["lidar"].xyz[:90].astype(float)
         middle = (xyz.min(axis=0) + xyz.max(axis=0)) / 2 + [self.x, 0, 0]
-        boxes = Boxes3D(middle[None], np.array([[4.0, 1.8, 1.5]]), np.zeros(1), score=np.ones(1), track_id=np.array([1]))
+        size, one = np.array([[4.0, 1.8, 1.5]]), np.ones(1)
+        boxes = Boxes3D(middle[None], size, 0 * one, score=one, track_id=np.array([1]))
         return Output(boxes, boxes, {"detect.lidar": 5})
 """
 
 
-@pytest.fixture()
+@pytest.fixture
 def still(tmp_path):
     """A pipeline that is right; with `shift` it is wrong by so many metres."""
 
@@ -186,7 +187,7 @@ def test_sensor_without_messages_is_missing_in_every_frame(fbench, tmp_path):
     log = write_log(tmp_path / "deaf.mcap", [m for m in messages() if m.sensor != "radar"])
     result = fbench("replay", log, "-p", "late3d")
     assert result.code == 0
-    assert "missing: radar in 6 frames" in result.out
+    assert "missing: radar (never came) in 6 frames" in result.out
 
 
 def test_nan_points_and_empty_clouds(fbench, tmp_path, still):

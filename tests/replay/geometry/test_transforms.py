@@ -11,7 +11,8 @@ def euler_xyzw(yaw, pitch, roll):
     """Quaternion by hand: qz * qy * qx."""
     (cz, sz), (cy, sy), (cx, sx) = ((np.cos(a / 2), np.sin(a / 2)) for a in (yaw, pitch, roll))
     return np.array([
-        cz * cy * sx - sz * sy * cx, cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx, cz * cy * cx + sz * sy * sx,
+        cz * cy * sx - sz * sy * cx, cz * sy * cx + sz * cy * sx,
+        sz * cy * cx - cz * sy * sx, cz * cy * cx + sz * sy * sx,
     ])  # fmt: skip
 
 

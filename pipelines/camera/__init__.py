@@ -1,0 +1,1 @@
+"""Camera detectors: any ONNX model whose inputs and outputs are understood."""

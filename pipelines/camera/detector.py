@@ -1,0 +1,135 @@
+"""The camera detector: one image in, labelled boxes out."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fbench.pipelines.camera import onnx_file
+from fbench.pipelines.camera.candidates import Candidates
+from fbench.pipelines.camera.layouts import Size
+from fbench.pipelines.camera.merging import Window, merge, to_image, windows
+from fbench.pipelines.camera.recognise import recognise
+from fbench.pipelines.checks import require_between
+from fbench.replay.arrays import Array, Float64, Text, freeze_fields
+from fbench.replay.errors import ConfigError, ModelError
+from fbench.replay.images import Pixels
+
+
+@dataclass(frozen=True)
+class CameraParams:
+    """Parameters of the camera detector."""
+
+    weights: Path | None = None
+    """An ONNX file."""
+    min_score: float = 0.6
+    """Boxes with a lower score are dropped."""
+    nms_iou: float = 0.5
+    """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
+    nms_containment: float = 0.9
+    """The same for a box of which more than this share lies inside the other."""
+    tiles: bool = True
+    """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
+    tile_aspect: float = 2.0
+    """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
+    tile_overlap: float = 0.1
+    """Least share of a window by which neighbours overlap."""
+    input_wh: tuple[int, int] | None = None
+    """Width and height of the model's input [px], for models that leave it free."""
+    threads: int = 2
+    """Threads of onnxruntime; results are the same for any number."""
+
+    def __post_init__(self) -> None:
+        for name in ("min_score", "nms_iou", "nms_containment"):
+            require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
+        require_between("camera.tile_aspect", self.tile_aspect, 1.0)
+        require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
+        require_between("camera.threads", self.threads, 1)
+        for side in self.input_wh or ():
+            require_between("camera.input_wh", side, 32)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraDetections:
+    """N boxes of one image, by falling score."""
+
+    xyxy_px: Float64
+    """(N, 4) left, top, right, bottom [px]; pixel centres at integers."""
+    score: Float64
+    """(N,) 0 to 1."""
+    label: Text
+    """(N,) of `LABELS`."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, xyxy_px=("f8", ("N", 4)), score=("f8", ("N",)), label=("U", ("N",)))
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """An image, cut and scaled for the model."""
+
+    size_wh: Size
+    windows: Sequence[Window]
+    batches: Sequence[dict[str, Array]]
+
+
+class CameraDetector:
+    """Runs one ONNX model on the CPU.
+
+    Raises:
+        ConfigError: where no weights are named, or the file is missing.
+        ModelError: where the weights can't be used.
+    """
+
+    def __init__(self, params: CameraParams) -> None:
+        if params.weights is None:
+            raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
+        self._params, self._path = params, params.weights
+        try:
+            self._session = onnx_file.load(params.weights, params.threads)
+            self._layout = recognise(onnx_file.header(self._session), params.input_wh)
+        except ModelError as error:
+            raise ModelError(f"{self._path}: {error}") from error
+
+    def detect(self, pixels: Pixels) -> CameraDetections:
+        """Find road users in an image (H, W, 3) BGR."""
+        return self.infer(self.prepare(pixels))
+
+    def prepare(self, pixels: Pixels) -> Prepared:
+        """Cut and scale an image (H, W, 3) BGR."""
+        size = (pixels.shape[1], pixels.shape[0])
+        wide = self._params.tile_aspect if self._params.tiles else math.inf
+        parts = windows(size, wide, self._params.tile_overlap)
+        images = [pixels[top:bottom, left:right] for left, top, right, bottom in parts]
+        step = self._layout.max_batch or len(images)
+        batches = [self._layout.feeds(images[i : i + step]) for i in range(0, len(images), step)]
+        return Prepared(size, parts, batches)
+
+    def infer(self, prepared: Prepared) -> CameraDetections:
+        """Run the model and merge what it found.
+
+        Raises:
+            ModelError: where the model fails, or its outputs aren't as its header says.
+        """
+        found: list[Candidates] = []
+        at = 0
+        for feeds in prepared.batches:
+            num = len(next(iter(feeds.values())))
+            found += self._run(feeds, prepared.windows[at : at + num])
+            at += num
+        parts = [
+            to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
+        ]
+        merged = merge(parts, self._params.nms_iou, self._params.nms_containment)
+        return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label)
+
+    def _run(self, feeds: dict[str, Array], parts: Sequence[Window]) -> list[Candidates]:
+        sizes = [(right - left, bottom - top) for left, top, right, bottom in parts]
+        try:
+            outputs = self._session.run(None, feeds)
+            return self._layout.read(outputs, sizes, self._params.min_score)
+        except (*onnx_file.ORT_ERRORS, IndexError, TypeError) as error:
+            raise ModelError(f"{self._path}: the model failed ({onnx_file.first_line(error)})") from error

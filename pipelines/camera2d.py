@@ -1,0 +1,93 @@
+"""camera2d: a detector on every camera, and a tracker per camera."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.stages import StageClock
+from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
+from fbench.replay.boxes import Boxes2D, concatenate
+from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig, Source
+from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.images import decode
+
+
+@dataclass(frozen=True)
+class Camera2DParams:
+    """Parameters of `camera2d`."""
+
+    camera: CameraParams = field(default_factory=CameraParams)
+    """The detector."""
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
+    """The tracker, one per camera."""
+
+
+class Camera2D:
+    """Boxes in the images of all cameras, from the images alone.
+
+    Raises:
+        ConfigError: where no weights are named.
+    """
+
+    def __init__(self, params: Camera2DParams) -> None:
+        if params.camera.weights is None:
+            raise ConfigError("camera2d needs a detector: --set camera.weights=PATH (an ONNX file)")
+        self._detector = CameraDetector(params.camera)
+        self._tracker = Tracker2D(params.tracking)
+        self._cameras: tuple[str, ...] = ()
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all cameras of the rig."""
+        self._cameras = rig.sensors("camera")
+        if not self._cameras:
+            raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none")
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracker.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect in every camera's image and track; a camera without a usable image gives no detections."""
+        clock, faults, parts = StageClock(), [], [no_detections()]
+        for camera in self._cameras:
+            image = frame.messages.get(camera)
+            if not isinstance(image, Image):
+                continue
+            found = self._detect(image, clock)
+            if found is None:
+                faults.append(Fault("DEC002", f"{camera} at stamp {image.stamp_ns}"))
+            else:
+                parts.append(camera_boxes(camera, found))
+        detections = concatenate(parts)
+        with clock.stage("track"):
+            tracks = self._tracker.step(detections, frame.stamp_ns)
+        return Output(detections, tracks, clock.stage_ns, tuple(faults))
+
+    def _detect(self, image: Image, clock: StageClock) -> CameraDetections | None:
+        with clock.stage("decode"):
+            pixels = decode(image)
+        if pixels is None:
+            return None
+        with clock.stage("preprocess"):
+            prepared = self._detector.prepare(pixels)
+        with clock.stage("detect.camera"):
+            return self._detector.infer(prepared)
+
+
+def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:
+    """Boxes of one camera with its name and source."""
+    num = len(found)
+    return Boxes2D(
+        camera=np.full(num, camera),
+        xyxy_px=found.xyxy_px,
+        label=found.label,
+        score=found.score,
+        sources=np.full(num, int(Source.C), np.uint8),
+    )
+
+
+def no_detections() -> Boxes2D:
+    """No boxes, with the same fields as others, so that tables of all frames are alike."""
+    return camera_boxes("", CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1")))

@@ -1,0 +1,1 @@
+"""Multi-object tracking: constant-velocity Kalman filters and optimal association."""

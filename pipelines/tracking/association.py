@@ -1,0 +1,24 @@
+"""Which detection belongs to which track."""
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fbench.replay.arrays import Float64, Int64
+
+
+def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]:
+    """Pair rows with columns of `similarity` (N, M) so that the sum is largest (Hungarian method).
+
+    Pairs below `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the
+    pairs, by row.
+    """
+    allowed = (similarity >= min_similarity) & (similarity > 0)
+    # Forbidden pairs are worth nothing, so they never push out an allowed pair.
+    rows, columns = linear_sum_assignment(np.where(allowed, similarity, 0.0), maximize=True)
+    made = allowed[rows, columns]
+    return np.asarray(rows[made], np.int64), np.asarray(columns[made], np.int64)
+
+
+def nearness(distance_m: Float64, gate_m: Float64) -> Float64:
+    """Turn distances (N, M) [m] into similarities: 1 at distance 0, falling to 0 at the gate (N,) and beyond."""
+    return np.clip(1.0 - distance_m / gate_m[:, None], 0.0, 1.0)

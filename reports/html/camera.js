@@ -1,0 +1,102 @@
+// The camera image with boxes. Outlines come in pixels of the camera model and are scaled to the picture.
+const images = new Map();
+
+function picture(number, onReady) {
+  if (!images.has(number)) {
+    const image = new Image();
+    image.onload = onReady;
+    image.src = "data:image/jpeg;base64," + data.pictures[number];
+    images.set(number, image);
+  }
+  return images.get(number);
+}
+
+class CameraPanel {
+  constructor(canvas, onHover, redraw) {
+    Object.assign(this, { canvas, redraw, hits: [] });
+    canvas.addEventListener("pointermove", (event) => {
+      const box = canvas.getBoundingClientRect();
+      const [x, y] = [event.clientX - box.left, event.clientY - box.top];
+      const inside = this.hits.filter(({ r }) => x >= r[0] && x <= r[2] && y >= r[1] && y <= r[3]);
+      onHover(inside.sort((a, b) => area(a.r) - area(b.r))[0], event);
+    });
+    canvas.addEventListener("pointerleave", (event) => onHover(undefined, event));
+  }
+
+  draw(run, frame, name, layers, hover) {
+    this.hits = [];
+    const image = frame && known(frame.pictures[name]) ? picture(frame.pictures[name], this.redraw) : null;
+    const ready = image && image.complete && image.naturalWidth;
+    const [w, h] = ready ? [image.naturalWidth, image.naturalHeight] : run.cameras[name] || [16, 9];
+    const width = this.canvas.parentElement.clientWidth;
+    const height = Math.min(width * h / w, 720);
+    this.canvas.style.height = `${height}px`;
+    const ctx = this.ctx = sized(this.canvas, width, height);
+    const fit = Math.min(width / w, height / h);
+    const left = (width - w * fit) / 2;
+    if (ready) ctx.drawImage(image, left, 0, w * fit, h * fit);
+    else this.say(image ? "" : "No image of this camera in this frame", width, height);
+    if (!frame) return;
+    const model = run.cameras[name] || [w, h];
+    this.map = [left, w * fit / model[0], h * fit / model[1]];
+    this.labels = new Labels(ctx, width, height);
+    if (layers.truth) frame.truth.forEach((box) => this.box("truth", box, name, hover));
+    if (layers.detections) frame.detections.forEach((box) => this.box("detection", box, name, hover));
+    if (layers.tracks) frame.tracks.forEach((box) => this.box("track", box, name, hover));
+    if (layers.labels) this.names(layers);
+  }
+
+  say(text, width, height) {
+    const { ctx } = this;
+    ctx.fillStyle = "#a0a7b1";
+    ctx.font = `13px ${FONT}`;
+    ctx.textAlign = "center";
+    ctx.fillText(text, width / 2, height / 2);
+  }
+
+  // Pixel centres are at integers, canvas coordinates count from the corner.
+  at(u, v) {
+    const [left, sx, sy] = this.map;
+    return [left + (u + .5) * sx, (v + .5) * sy];
+  }
+
+  box(kind, box, name, hover) {
+    const outline = box.seen[name];
+    if (!outline) return;
+    const { ctx } = this;
+    const rgb = kind === "truth" ? [236, 240, 245] : sourceRgb(box.sources);
+    const on = hover === box;
+    const r = [...this.at(outline.rect[0], outline.rect[1]), ...this.at(outline.rect[2], outline.rect[3])];
+    ctx.strokeStyle = rgba(rgb, kind === "detection" ? .75 : box.ignore || box.predicted ? .6 : .95);
+    ctx.lineWidth = (kind === "track" ? 2 : 1.2) + (on ? 1.2 : 0);
+    ctx.setLineDash(kind === "truth" ? [5, 4] : box.predicted ? [2, 3] : []);
+    if (kind === "detection" || on) {
+      ctx.fillStyle = rgba(rgb, on ? .24 : .12);
+      ctx.fillRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
+    }
+    outline.wire ? this.wire(outline.wire) : ctx.strokeRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
+    ctx.setLineDash([]);
+    this.hits.push({ kind, box, r, rgb });
+  }
+
+  wire(uv) {
+    const { ctx } = this;
+    ctx.beginPath();
+    for (const [i, j] of EDGES) {
+      ctx.moveTo(...this.at(uv[2 * i], uv[2 * i + 1]));
+      ctx.lineTo(...this.at(uv[2 * j], uv[2 * j + 1]));
+    }
+    ctx.stroke();
+  }
+
+  names(layers) {
+    const tracks = this.hits.filter((hit) => hit.kind === "track");
+    const named = tracks.length || !layers.detections ? tracks : this.hits.filter((hit) => hit.kind === "detection");
+    for (const { box, r, rgb } of [...named].sort((a, b) => area(b.r) - area(a.r))) {
+      const score = known(box.score) ? ` · ${fixed(box.score, 2)}` : "";
+      this.labels.put(boxText(box) + score, (r[0] + r[2]) / 2, r[1], rgb);
+    }
+  }
+}
+
+const area = (r) => (r[2] - r[0]) * (r[3] - r[1]);

@@ -1,0 +1,134 @@
+"""Scores as tables: what was measured how, one column a run."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fbench.replay.scores import Score
+from fbench.replay.store import Run
+from fbench.reports.html.text import DASH, number
+
+PRIMARY = {
+    "f1": "F1",
+    "precision": "Precision",
+    "recall": "Recall",
+    "mota": "MOTA",
+    "mota_no_fp": "MOTA without FP",
+    "motp": "MOTP",
+    "idsw": "ID switches",
+}
+"""Rows that are shown large, in this order."""
+_CARD_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
+_WHOLE = ("idsw", "fragmentations", "tp", "fp", "fn")
+
+Key = tuple[str, str, str, str]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One score as text."""
+
+    text: str
+    unit: str = ""
+    reason: str = ""
+    """Why there is no value."""
+    share: float | None = None
+    """The value, where it is a ratio that a bar can show."""
+    counts: str = ""
+    """All raw counts."""
+    short_counts: str = ""
+    """Those that make up the value."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One metric with a cell for every run."""
+
+    metric: str
+    title: str
+    class_: str
+    slice: str
+    matching: str
+    cells: Sequence[Cell]
+
+
+@dataclass(frozen=True)
+class Board:
+    """The primary metrics of one class and matching, over all frames."""
+
+    class_: str
+    matching: str
+    lines: Sequence[Line]
+
+    @property
+    def reason(self) -> str:
+        """Why the whole board is empty; nothing where it isn't."""
+        reasons = [cell.reason for line in self.lines for cell in line.cells]
+        return reasons[0] if len(dict.fromkeys(reasons)) == 1 else ""
+
+
+@dataclass(frozen=True)
+class Scoreboard:
+    """All scores of all runs."""
+
+    boards: Sequence[Board]
+    """Primary metrics of the first class, one board a matching."""
+    lines: Sequence[Line]
+    """Every score."""
+    unscored: Sequence[str]
+    """Labels of runs without scores."""
+
+
+def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
+    """Join the scores of all runs by metric, class, slice and matching."""
+    scored = [(run.folder / "scores.json").is_file() for run in runs]
+    columns = [
+        {_key(score): score for score in run.scores} if has else {} for run, has in zip(runs, scored, strict=True)
+    ]
+    keys = dict.fromkeys(key for column in columns for key in column)
+    lines = [_line(key, [column.get(key) for column in columns], scored) for key in keys]
+    unscored = [label for label, has in zip(labels, scored, strict=True) if not has]
+    return Scoreboard(_boards(lines), lines, unscored)
+
+
+def _key(score: Score) -> Key:
+    return score.metric, score.class_, score.slice, score.matching
+
+
+def _line(key: Key, scores: Sequence[Score | None], scored: Sequence[bool]) -> Line:
+    cells = [_cell(score) if score else _absent(has) for score, has in zip(scores, scored, strict=True)]
+    return Line(key[0], PRIMARY.get(key[0], key[0]), *key[1:], cells)
+
+
+def _absent(scored: bool) -> Cell:
+    return Cell(DASH, reason="this run has no such score" if scored else "not scored")
+
+
+def _cell(score: Score) -> Cell:
+    whole = isinstance(score.value, int) or score.metric in _WHOLE
+    ratio = score.unit == "1" and not whole
+    share = min(max(float(score.value), 0.0), 1.0) if ratio and score.value is not None else None
+    counts = {name: number(n, 0 if float(n).is_integer() else 3) for name, n in score.counts.items()}
+    short = {name: counts[name] for name in _CARD_COUNTS if name in counts and score.value is not None}
+    unit = "" if score.unit == "1" else score.unit
+    return Cell(
+        number(score.value, 0 if whole else 3), unit, score.reason or "", share, _joined(counts), _joined(short)
+    )
+
+
+def _joined(counts: Mapping[str, str]) -> str:
+    return " · ".join(f"{name} {count}" for name, count in counts.items())
+
+
+def _boards(lines: Sequence[Line]) -> list[Board]:
+    """Group the primary metrics of the first class by matching."""
+    groups: dict[tuple[str, str], list[Line]] = {}
+    for line in lines:
+        if line.metric in PRIMARY and line.slice == "all":
+            groups.setdefault((line.class_, line.matching), []).append(line)
+    first = [class_ for class_, _ in groups][:1]
+    order = list(PRIMARY)
+    return [
+        Board(class_, matching, sorted(group, key=lambda line: order.index(line.metric)))
+        for (class_, matching), group in groups.items()
+        if class_ in first
+    ]

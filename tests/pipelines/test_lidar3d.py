@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.points.lidar import LidarParams
+from fbench.replay.data import LogInfo, PointCloud
+from fbench.replay.errors import LogError
+
+from .frames import assert_equal, cloud, fields, frame, rig, scan
+
+LOG = LogInfo("drive", "id")
+
+
+@pytest.fixture
+def pipeline() -> Lidar3D:
+    pipeline = Lidar3D()
+    pipeline.start(rig("lidar"), LOG)
+    return pipeline
+
+
+def test_a_car_is_detected_and_tracked(pipeline: Lidar3D):
+    output = pipeline.step(frame(0, cloud()))
+    assert output.detections.center_m == pytest.approx(np.array([[22.1, 0, -0.8]]), abs=0.05)
+    assert output.detections.sources.tolist() == [2]
+    assert output.detections.label is None
+    assert np.isnan(output.detections.velocity_mps).all()
+    assert len(output.tracks) == 1
+    assert list(output.stage_ns) == ["calibrate", "preprocess", "detect.lidar", "track"]
+
+
+def test_frames_without_lidar_or_without_points_have_the_same_fields(pipeline: Lidar3D):
+    full = pipeline.step(frame(0, cloud()))
+    missing = pipeline.step(frame(1))
+    empty = pipeline.step(frame(2, PointCloud("lidar", 0, 0, np.zeros((0, 3), np.float32))))
+    for output in (missing, empty):
+        assert len(output.detections) == 0
+        assert fields(output.detections) == fields(full.detections)
+        assert fields(output.tracks) == fields(full.tracks)
+    assert missing.tracks.predicted.all()
+
+
+@pytest.mark.parametrize("num", [1, 50])
+def test_points_in_one_place(pipeline: Lidar3D, num: int):
+    output = pipeline.step(frame(0, PointCloud("lidar", 0, 0, np.full((num, 3), 5, np.float32))))
+    assert len(output.detections) == 0
+
+
+def test_order_of_points_changes_nothing(pipeline: Lidar3D):
+    first = pipeline.step(frame(0, cloud()))
+    pipeline.reset("again")
+    second = pipeline.step(frame(0, cloud(np.random.default_rng(1))))
+    assert_equal(first.detections, second.detections)
+
+
+def test_parameters_reach_their_stage():
+    pipeline = Lidar3D(Lidar3DParams(lidar=LidarParams(min_range_m=30.0)))
+    pipeline.start(rig("lidar"), LOG)
+    assert len(pipeline.step(frame(0, cloud())).detections) == 0
+
+
+def test_a_rig_without_lidar_is_refused():
+    with pytest.raises(LogError, match=r"log 'drive': lidar3d needs a LiDAR; the log has: radar radar$"):
+        Lidar3D().start(rig("radar"), LOG)
+
+
+def test_other_sensors_are_left_alone(pipeline: Lidar3D):
+    alone = pipeline.step(frame(0, cloud()))
+    pipeline.reset("again")
+    assert_equal(alone.detections, pipeline.step(frame(0, cloud(), scan())).detections)

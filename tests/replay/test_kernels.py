@@ -1,0 +1,102 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from fbench.replay import kernels
+
+SOURCE = """
+from fbench.replay.kernels import kernel
+
+@kernel
+def twice(value: int) -> int:
+    return 2 * value
+
+print(twice(21))
+"""
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys, "platform", "linux")
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Path:
+    folder = tmp_path / "sources"
+    folder.mkdir()
+    (folder / "loops.py").write_text(SOURCE)
+    (folder / "other.py").write_text("a = 1\n")
+    return folder
+
+
+def run(sources: Path) -> str:
+    return subprocess.run([sys.executable, sources / "loops.py"], capture_output=True, text=True, check=True).stdout
+
+
+def test_kernels_run_and_leave_machine_code_in_the_folder_of_their_digest(cache: Path, sources: Path):
+    assert run(sources) == "42\n"
+    folder = cache / "fbench" / "kernels" / kernels.kernel_digest(sources)
+    assert list(folder.rglob("*.nbc"))
+    assert run(sources) == "42\n"
+
+
+def test_a_change_beside_the_kernel_starts_an_empty_cache(cache: Path, sources: Path):
+    before = kernels.cache_folder(sources)
+    (sources / "other.py").write_text("a = 2\n")
+    after = kernels.cache_folder(sources)
+    assert before is not None
+    assert after is not None
+    assert before != after
+    assert not list(after.iterdir())
+
+
+def test_renamed_sources_change_the_digest(sources: Path):
+    before = kernels.kernel_digest(sources)
+    (sources / "other.py").rename(sources / "another.py")
+    assert kernels.kernel_digest(sources) != before
+
+
+def test_versions_change_the_digest(sources: Path, monkeypatch: pytest.MonkeyPatch):
+    before = kernels.kernel_digest(sources)
+    monkeypatch.setattr(numba, "__version__", "0.0")
+    assert kernels.kernel_digest(sources) != before
+
+
+def test_without_a_writable_cache_kernels_still_run(sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert kernels.cache_folder(sources) is None
+    assert run(sources) == "42\n"
+
+
+def test_without_a_home_there_is_no_cache(sources: Path, monkeypatch: pytest.MonkeyPatch):
+    def homeless() -> Path:
+        raise RuntimeError("no home")
+
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(Path, "home", homeless)
+    assert kernels.cache_folder(sources) is None
+
+
+def test_a_relative_cache_folder_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", "here")
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    assert kernels.user_cache() == tmp_path / ".cache"
+
+
+def test_decorating_leaves_numbas_own_cache_folder_alone(cache: Path):
+    before = numba.config.CACHE_DIR
+    kernels.kernel(lambda value: value)
+    assert before == numba.config.CACHE_DIR
+
+
+def test_the_command_line_starts_without_numba():
+    code = "import sys, fbench.replay.cli; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)

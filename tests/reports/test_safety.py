@@ -1,0 +1,87 @@
+"""Names from logs are untrusted: they are shown, and never act."""
+
+import re
+from collections.abc import Callable
+
+import pytest
+
+from fbench.replay.store import Run
+
+from .conftest import LATENCY, Page, Plan, boxes2d, boxes3d, score
+
+MakeRun = Callable[[Plan], Run]
+Write = Callable[..., Page]
+
+HOSTILE = "</script><img src=x onerror=alert(1)>'\"&{{ 7*7 }}${1}\u2028\u2029\x1b[31m\u202e" + "x" * 300
+SHOWN = "</script><img src=x onerror=alert(1)>'\"&{{ 7*7 }}${1}\\u2028\\u2029\\x1b[31m\\u202e" + "x" * 300
+
+
+def hostile_plan(name: str = "run") -> Plan:
+    stage = {**LATENCY["stages"][0], "stage": HOSTILE}
+    return Plan(
+        name=name, log=HOSTILE, pipeline=HOSTILE, label=HOSTILE[:60], missing={HOSTILE: HOSTILE}, failed=HOSTILE,
+        complete=False, faults={"DEC001": HOSTILE}, parameters={HOSTILE: {HOSTILE: HOSTILE}},
+        latency={**LATENCY, "stages": [stage], "excluded": HOSTILE, "percentile_method": HOSTILE},
+        scores=[
+            score("f1", None, HOSTILE, class_=HOSTILE, matching=HOSTILE, counts={HOSTILE: 1}),
+            score(HOSTILE, 1.0, unit=HOSTILE),
+        ],
+    )  # fmt: skip
+
+
+@pytest.fixture
+def page(make_run: MakeRun, report: Write) -> Page:
+    run = make_run(hostile_plan())
+    (run.folder / "host.json").write_text('{"cpu": "</script><img src=x onerror=alert(1)>"}')
+    return report(run)
+
+
+def test_hostile_names_make_no_elements(page: Page, make_run: MakeRun, report: Write) -> None:
+    plain = report(
+        make_run(Plan(name="plain", failed="no", missing={"a": "b"}, complete=False, faults={"DEC001": "x"}))
+    )
+    assert "img" not in page.tags
+    assert page.tags.count("script") == plain.tags.count("script") == 3
+    assert not [name for name, _ in page.attributes if name.startswith("on")]
+
+
+def test_hostile_names_are_shown(page: Page) -> None:
+    assert page.text.count(SHOWN) >= 10
+
+
+def test_hostile_names_reach_the_scripts_as_data(page: Page) -> None:
+    run = page.data["runs"][0]
+    assert run["label"] == SHOWN
+    assert run["timeline"]["missing"] == [[1, SHOWN, SHOWN]]
+    assert run["timeline"]["failed"] == [[2, SHOWN]]
+    assert run["frames"][0]["tracks"][0]["label"].startswith("</script><img src=x onerror=alert(1)>'\"&{{ 7*7 }}")
+
+
+def test_no_invisible_characters_are_in_the_file(page: Page) -> None:
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]", page.html)
+
+
+@pytest.mark.parametrize("boxes", [boxes2d, boxes3d])
+def test_hostile_runs_side_by_side(make_run: MakeRun, report: Write, boxes: Callable[..., object]) -> None:
+    page = report(make_run(hostile_plan("a")), make_run(hostile_plan("b")))
+    assert "img" not in page.tags
+    assert [run["label"] for run in page.data["runs"]] == ["a", "b"]
+
+
+def test_page_allows_no_request(page: Page) -> None:
+    policy = next(value for name, value in page.attributes if name == "content" and value and "default-src" in value)
+    assert policy == (
+        "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    targets = [value or "" for name, value in page.attributes if name in ("src", "href", "action", "srcset", "data")]
+    assert all(target.startswith(("#", "data:")) for target in targets)
+    assert "url(" not in page.html
+    assert "@import" not in page.html
+
+
+def test_scripts_write_text_only(page: Page) -> None:
+    script = page.html.rpartition("<script>")[2]
+    assert not re.search(
+        r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|fetch\(", script
+    )

@@ -1,0 +1,97 @@
+"""Every command in README and docs is run: blocks marked `console`, lines that begin with `$ `, one folder a file.
+
+A block's commands must succeed, unless the line ends with a comment `# exit N`. Python blocks whose first line is a
+comment with a file name are written there first. Commands that need recordings or weights skip where there are none.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+ELSEWHERE = ("git clone", "cd fbench", "make demo", "make test", "make bench", "pip install")
+"""What other tests, or CI itself, run."""
+
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [body for kind, body in BLOCK.findall(page.read_text()) if kind == language]
+
+
+def commands(page: Path) -> list[tuple[str, int]]:
+    lines = [line[2:] for body in blocks(page, "console") for line in body.splitlines() if line.startswith("$ ")]
+    found = [(line.partition(" # exit ")[0], int(line.partition(" # exit ")[2] or 0)) for line in lines]
+    return [(command, code) for command, code in found if not command.startswith(ELSEWHERE)]
+
+
+def with_commands() -> list[Path]:
+    return [page for page in PAGES if commands(page)]
+
+
+@pytest.fixture
+def workplace(tmp_path):
+    """An empty folder with what the pages assume: the small log, and recordings and weights where there are any."""
+    from fbench.datasets.boxes import write_boxes_log
+
+    write_boxes_log(tmp_path / "boxes.mcap", seconds=1.0)
+    shared = ROOT.parent / "shared"
+    for name, target in (
+        ("astyx", "data/astyx"),
+        ("deimv2.onnx", "weights/deimv2_femto/deimv2_hgnetv2_femto_coco.onnx"),
+        ("yolox_nano.onnx", "weights/yolox_nano/yolox_nano.onnx"),
+    ):
+        if (shared / target).exists():
+            (tmp_path / name).symlink_to(shared / target)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", with_commands(), ids=lambda page: page.name)
+def test_commands_of_a_page_work(page, workplace):
+    for body in blocks(page, "python"):
+        if name := re.match(r"# (\S+\.py)\n", body):
+            (workplace / name[1]).write_text(body)
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    for command, code in commands(page):
+        needs = [n for n in ("astyx", "deimv2.onnx", "yolox_nano.onnx") if n in command]
+        if any(not (workplace / need).exists() for need in needs if need != "astyx" or "import" in command):
+            pytest.skip(f"`{command}` needs {needs}, which aren't beside this repository")
+        result = subprocess.run(
+            command, shell=True, cwd=workplace, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        )
+        assert result.returncode == code, f"{command}\n{result.stdout}{result.stderr}"
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]:
+        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+            if not link.startswith("http"):
+                assert (page.parent / link).exists(), f"{page.name} links to {link}"
+
+
+def test_fault_table_of_the_docs_is_the_one_in_the_code():
+    from fbench.replay.faults import FAULTS
+
+    rows = [f"| {code} | {kind.behaviour} | {kind.text} |" for code, kind in FAULTS.items()]
+    assert "\n".join(rows) in (ROOT / "docs" / "faults.md").read_text()
+
+
+def test_dependencies_are_pinned_and_explained():
+    import tomllib
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = [
+        re.split(r"[><=\[]", d)[0].lower()
+        for d in [*project["dependencies"], *project["optional-dependencies"]["test"]]
+    ]
+    pinned = {line.partition("==")[0].lower() for line in (ROOT / "constraints.txt").read_text().splitlines()}
+    explained = (ROOT / "docs" / "dependencies.md").read_text()
+    for name in wanted:
+        assert name in pinned, name
+        assert name in explained, name
