@@ -128,10 +128,9 @@ def _scan(seed: int, stamp_ns: int) -> tuple[RadarScan, Int64]:
     range_m = np.where(clutter, rng.uniform(2, _RANGE_M, num), range_m + _noise(rng, num, _RADAR_NOISE_M))
     speed = ((velocity[hit] - _EGO_MPS) * direction).sum(axis=1) + _noise(rng, num, _RADAR_NOISE_MPS)
     speed = np.where(clutter, rng.uniform(-20, 20, num), speed)
-    xyz, speed, rcs, range_m, azimuth, altitude = (
-        c.astype(np.float32) for c in (direction * range_m[:, None], speed, rcs, range_m, azimuth, altitude)
-    )
-    return RadarScan("radar", stamp_ns, arrival_ns, xyz, speed, rcs, range_m, azimuth, altitude), hit
+    columns = (direction * range_m[:, None], speed, rcs, range_m, azimuth, altitude)
+    xyz, speed32, rcs32, range32, azimuth32, altitude32 = (c.astype(np.float32) for c in columns)
+    return RadarScan("radar", stamp_ns, arrival_ns, xyz, speed32, rcs32, range32, azimuth32, altitude32), hit
 
 
 def _generator(seed: int, sensor: str, stamp_ns: int) -> np.random.Generator:
