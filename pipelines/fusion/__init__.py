@@ -1,0 +1,1 @@
+"""Fusion of what camera, LiDAR and radar see into one set of 3D boxes."""

@@ -1,0 +1,135 @@
+"""What one image tells about the distance and size of the objects in it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.points.ground import Plane
+from fbench.replay.arrays import Float64
+from fbench.replay.data import Rig
+
+SIZES = {
+    "car": (4.2, 1.8, 1.55, 0.15), "van": (5.0, 2.0, 2.1, 0.2), "truck": (8.0, 2.5, 3.0, 0.4),
+    "bus": (12.0, 2.6, 3.0, 0.4), "trailer": (8.0, 2.5, 3.2, 0.4), "motorcycle": (2.1, 0.8, 1.5, 0.2),
+    "bicycle": (1.8, 0.6, 1.6, 0.2), "pedestrian": (0.6, 0.6, 1.7, 0.15),
+}  # fmt: skip
+"""Typical length, width, height [m] and relative spread of heights, by label. Detectors call vans trucks and buses."""
+LOW_TRUCK_M = 2.5
+"""A truck or bus that turns out lower than this [m] is a van."""
+_EDGE_PX = 3.0
+_SIDE_MARGIN = 1.3
+_SIDE_SHARE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """One object in one image: a ray and a guess of how far along it the object is."""
+
+    camera: str
+    xyxy_px: Float64
+    """(4,) left, top, right, bottom [px]."""
+    label: str
+    score: float
+    eye_m: Float64
+    """(3,) position of the camera in body coordinates [m]."""
+    bearing_rad: float
+    """Direction of the box's middle on the ground, in body axes [rad]."""
+    near_m: float
+    """Guessed distance of the near side from the camera, on the ground [m]."""
+    std: float
+    """Relative standard deviation of that guess."""
+    depth_m: float
+    """From the near side to the object's middle [m], by how wide it looks."""
+    aspect_rad: float
+    """Angle between its heading and the line of sight, 0 to pi/2 [rad]; which of the two sides isn't known."""
+    size_lwh_m: Float64
+    """(3,) typical size, the height as it looks at the guessed distance [m]."""
+    beside_m: float
+    """How far left of the ray the middle is [m], where the image cuts the object off."""
+    cut: bool
+    """Whether the left or right border of the image cuts it off."""
+
+
+def sightings(
+    rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: FusionParams
+) -> list[Sighting]:
+    """Lift the boxes of one image whose label has a typical size."""
+    rows = [i for i in range(len(found)) if str(found.label[i]) in SIZES]
+    return [
+        _sighting(rig, camera, found.xyxy_px[i], str(found.label[i]), float(found.score[i]), plane, params)
+        for i in rows
+    ]
+
+
+def _sighting(
+    rig: Rig, camera: str, xyxy: Float64, label: str, score: float, plane: Plane | None, params: FusionParams
+) -> Sighting:
+    model, body_T_camera = rig.cameras[camera], rig.body_T_sensor(camera)
+    left, top, right, bottom = (float(value) for value in xyxy)
+    middle = ((left + right) / 2 - model.K[0, 2]) / model.K[0, 0]
+    low = np.array([middle, (bottom - model.K[1, 2]) / model.K[1, 1], 1.0])
+    ray = (body_T_camera[:3, :3] * low).sum(axis=1)
+    eye = body_T_camera[:3, 3]
+    width_px, height_px = model.size_wh
+    cut_low, cut_high = bottom > height_px - 1 - _EDGE_PX, top < _EDGE_PX
+    length, width, height, spread = SIZES[label]
+    by_height = (model.K[1, 1] * height / max(bottom - top, 1.0), float(np.hypot(spread, 0.04)))
+    by_height = (by_height[0], 0.3) if cut_low or cut_high else by_height
+    by_ground = None if cut_low or plane is None else _on_ground(ray, eye, plane, params.tilt_std_rad)
+    depth, std = _joined(by_height, by_ground)
+    tall = (bottom - top) * depth / model.K[1, 1]
+    if label in ("truck", "bus") and tall < LOW_TRUCK_M:
+        length, width = SIZES["van"][:2]
+    wide = (right - left) * depth / model.K[0, 0]
+    cut_left, cut_right = left < _EDGE_PX, right > width_px - 1 - _EDGE_PX
+    hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
+    aspect = np.pi / 2 if hidden and cut_left != cut_right else _aspect(wide, length, width)
+    return Sighting(
+        camera=camera,
+        xyxy_px=xyxy,
+        label=label,
+        score=score,
+        eye_m=eye,
+        bearing_rad=float(np.arctan2(ray[1], ray[0])),
+        near_m=depth * float(np.hypot(ray[0], ray[1])),
+        std=max(std, params.min_range_std),
+        depth_m=float(length * np.cos(aspect) + width * np.sin(aspect)) / 2,
+        aspect_rad=float(aspect),
+        size_lwh_m=np.array([length, width, tall if spread > 0.3 else height]),
+        beside_m=hidden * (int(cut_left) - int(cut_right)),
+        cut=cut_left or cut_right,
+    )
+
+
+def _on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
+    """Depth at which a ray meets the ground, and its relative error: distance times tilt over height."""
+    above = float(eye[2] - plane.slope_x * eye[0] - plane.slope_y * eye[1] - plane.height_m)
+    fall = float(plane.slope_x * ray[0] + plane.slope_y * ray[1] - ray[2])
+    if above <= 0 or fall <= 0.005:
+        return None
+    depth = above / fall
+    return depth, float(np.hypot(0.04, depth * tilt_std_rad / above))
+
+
+def _joined(by_height: tuple[float, float], by_ground: tuple[float, float] | None) -> tuple[float, float]:
+    """Mean of two guesses, weighted by their relative errors; where they contradict, heights count less."""
+    if by_ground is None:
+        return by_height
+    weight_h, weight_g = by_height[1] ** -2, by_ground[1] ** -2
+    if abs(np.log(by_ground[0] / by_height[0])) > 3 * np.hypot(by_ground[1], by_height[1]):
+        weight_h *= 0.1
+    log = (weight_h * np.log(by_height[0]) + weight_g * np.log(by_ground[0])) / (weight_h + weight_g)
+    return float(np.exp(log)), float((weight_h + weight_g) ** -0.5)
+
+
+def _aspect(wide_m: float, length_m: float, width_m: float) -> float:
+    """Angle a between heading and line of sight at which a rectangle looks `wide_m`: l sin(a) + w cos(a).
+
+    What looks about as wide as it is long is taken to be seen from its side.
+    """
+    if wide_m >= _SIDE_SHARE * length_m:
+        return float(np.pi / 2)
+    diagonal = np.hypot(length_m, width_m)
+    return float(max(0.0, np.arcsin(wide_m / diagonal) - np.arctan2(width_m, length_m)))

@@ -1,0 +1,115 @@
+"""late3d: cameras, LiDARs and radars detect on their own; their boxes are merged in 3D and tracked."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.fusion.late import Seen, fuse
+from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.points import lidar, radar
+from fbench.pipelines.points.ground import Plane
+from fbench.pipelines.points.lidar import LidarParams, LidarView
+from fbench.pipelines.points.merged import lidar_points, lidar_position, radar_scans, require, world_T_body
+from fbench.pipelines.points.radar import RadarParams, RadarView
+from fbench.pipelines.radar3d import for_log
+from fbench.pipelines.stages import StageClock
+from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
+from fbench.replay.images import decode
+
+
+@dataclass(frozen=True)
+class Late3DParams:
+    """Parameters of `late3d`."""
+
+    camera: CameraParams = field(default_factory=CameraParams)
+    """Detection by camera; without weights the camera counts as missing."""
+    lidar: LidarParams = field(default_factory=LidarParams)
+    """Detection by LiDAR."""
+    radar: RadarParams = field(default_factory=RadarParams)
+    """Detection by radar."""
+    fusion: FusionParams = field(default_factory=FusionParams)
+    """How the sensors' objects become one."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
+    """The tracker."""
+
+
+class Late3D:
+    """Labelled boxes in 3D from any of cameras, LiDARs and radars; at least one LiDAR or radar must be there.
+
+    Objects without a camera's label are called cars, or trucks where they are long.
+    """
+
+    def __init__(self, params: Late3DParams = Late3DParams()) -> None:
+        self._params = params
+        self._radar = params.radar
+        self._detector = None if params.camera.weights is None else CameraDetector(params.camera)
+        self._tracker = Tracker3D(params.tracking)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all sensors of the rig."""
+        require("late3d", ("lidar", "radar"), rig, log_info)
+        self._rig = rig
+        self._viewpoint = lidar_position(rig) if rig.sensors("lidar") else np.zeros(2)
+        self._radar = for_log(self._params.radar, log_info)
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks, and how the ground lies."""
+        self._tracker.reset()
+        self._plane: Plane | None = None
+
+    def step(self, frame: Frame) -> Output:
+        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
+        clock, faults = StageClock(), list[Fault]()
+        cameras = self._cameras(frame, clock, faults)
+        seen = Seen(self._rig, cameras, self._lidar_view(frame, clock), self._radar_view(frame, clock))
+        with clock.stage("fuse"):
+            detections = fuse(seen, self._params.fusion)
+        with clock.stage("track"):
+            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
+        return Output(detections, tracks, clock.stage_ns, tuple(faults))
+
+    def _cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
+        found: dict[str, CameraDetections] = {}
+        for name in self._rig.sensors("camera"):
+            image = frame.messages.get(name)
+            if not isinstance(image, Image):
+                continue
+            if self._detector is None:
+                faults.append(Fault("CFG002", f"{name}: no weights"))
+                continue
+            with clock.stage("decode"):
+                pixels = decode(image)
+            if pixels is None:
+                faults.append(Fault("DEC002", f"{name} at stamp {image.stamp_ns}"))
+                continue
+            with clock.stage("preprocess"):
+                prepared = self._detector.prepare(pixels)
+            with clock.stage("detect.camera"):
+                found[name] = self._detector.infer(prepared)
+        return found
+
+    def _lidar_view(self, frame: Frame, clock: StageClock) -> LidarView:
+        params = self._params.lidar
+        with clock.stage("calibrate"):
+            points = lidar_points(self._rig, frame, params.min_range_m)
+        if points is None:
+            return LidarView(self._plane, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
+        with clock.stage("preprocess"):
+            found = lidar.obstacles(points, params)
+            self._plane = found.plane or self._plane
+        with clock.stage("detect.lidar"):
+            return lidar.detect(found, self._viewpoint, params)
+
+    def _radar_view(self, frame: Frame, clock: StageClock) -> RadarView:
+        with clock.stage("calibrate"):
+            scans = radar_scans(self._rig, frame)
+        if scans is None:
+            return RadarView(np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
+        with clock.stage("preprocess"):
+            echoes = radar.compensate(scans, self._radar)
+        with clock.stage("detect.radar"):
+            return radar.detect(echoes, self._radar)

@@ -1,0 +1,62 @@
+"""lidar3d: vehicles from the points of all LiDARs alone, and a tracker."""
+
+from dataclasses import dataclass, field
+
+from fbench.pipelines.points import lidar
+from fbench.pipelines.points.lidar import LidarParams
+from fbench.pipelines.points.merged import lidar_points, lidar_position, require, world_T_body
+from fbench.pipelines.points.reported import reported
+from fbench.pipelines.stages import StageClock
+from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import Frame, LogInfo, Output, Rig, Source
+
+
+@dataclass(frozen=True)
+class Lidar3DParams:
+    """Parameters of `lidar3d`."""
+
+    lidar: LidarParams = field(default_factory=LidarParams)
+    """Detection."""
+    min_score: float = 0.5
+    """Clusters that look less like a car than this are dropped."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
+    """The tracker."""
+
+
+class Lidar3D:
+    """Boxes in 3D from all LiDARs, merged in body coordinates. They have no class and no velocity."""
+
+    def __init__(self, params: Lidar3DParams = Lidar3DParams()) -> None:
+        self._params = params
+        self._tracker = Tracker3D(params.tracking)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all LiDARs of the rig."""
+        require("lidar3d", ("lidar",), rig, log_info)
+        self._rig, self._viewpoint = rig, lidar_position(rig)
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracker.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect and track; a frame without LiDAR has no detections."""
+        clock = StageClock()
+        detections = self._detect(frame, clock)
+        with clock.stage("track"):
+            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
+        return Output(detections, tracks, clock.stage_ns)
+
+    def _detect(self, frame: Frame, clock: StageClock) -> Boxes3D:
+        params = self._params
+        with clock.stage("calibrate"):
+            points = lidar_points(self._rig, frame, params.lidar.min_range_m)
+        if points is None:
+            return reported(Boxes3D.empty(), 0.0, Source.L)
+        with clock.stage("preprocess"):
+            found = lidar.obstacles(points, params.lidar)
+        with clock.stage("detect.lidar"):
+            view = lidar.detect(found, self._viewpoint, params.lidar)
+        return reported(view.boxes, params.min_score, Source.L)

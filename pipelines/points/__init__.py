@@ -1,0 +1,1 @@
+"""Stages on points of LiDAR and radar: ground, clustering, Doppler, box fitting."""

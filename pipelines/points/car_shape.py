@@ -1,0 +1,61 @@
+"""How much a LiDAR cluster looks like a passenger car."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.points.vehicle import fading
+from fbench.replay.arrays import Float64, Int64
+
+
+@dataclass(frozen=True)
+class CarShapeParams:
+    """What a cluster must be like; in each pair, values from the first on are fine, from the second on impossible."""
+
+    bottom_m: tuple[float, float] = (0.75, 1.1)
+    """Height of the lowest point [m]: cars stand on the ground, but LiDARs look between rings."""
+    top_m: tuple[float, float] = (2.1, 2.5)
+    """Height of the highest point [m]."""
+    least_extent_m: tuple[float, float] = (1.3, 0.8)
+    """Longer edge [m] where only a part is seen."""
+    most_length_m: tuple[float, float] = (5.2, 6.5)
+    """Longer edge [m]."""
+    most_width_m: tuple[float, float] = (2.0, 2.5)
+    """Shorter edge [m]."""
+    filling_m: tuple[float, float] = (0.12, 0.25)
+    """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
+    num_points: tuple[float, float] = (10.0, 4.0)
+    """Number of points: a handful is too few to tell."""
+    num_over: tuple[float, float] = (0.0, 4.0)
+    """Number of points above the height of cars: poles, walls and trees go on."""
+    margin_m: float = 0.3
+    """How far beside the rectangle points count as above it [m]."""
+
+
+def plausibility(
+    rectangles: Float64, num_points: Int64, bottom_m: Float64, top_m: Float64, tall: Float64, params: CarShapeParams
+) -> Float64:
+    """Score clusters in [0, 1], as the product of all that is known about cars.
+
+    Takes rectangles (M, 6) as `fit_rectangles` gives them, counts and heights (M,) of the points in them, and the
+    points `tall` (N, 3) [m] above the height of cars.
+    """
+    extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
+    score: Float64 = fading(bottom_m, *params.bottom_m) * fading(top_m, *params.top_m)
+    score *= fading(extent[:, 1], *params.least_extent_m) * fading(extent[:, 1], *params.most_length_m)
+    score *= fading(extent[:, 0], *params.most_width_m)
+    score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
+    likely = np.flatnonzero(score > 0)
+    score[likely] *= fading(_points_over(rectangles[likely], tall, params.margin_m), *params.num_over)
+    return score
+
+
+def _points_over(rectangles: Float64, xyz: Float64, margin_m: float) -> Int64:
+    """Count the points (N, 3) over each rectangle (M, 6), widened by a margin."""
+    cos, sin = np.cos(rectangles[:, :1]), np.sin(rectangles[:, :1])
+    along = cos * xyz[None, :, 0] + sin * xyz[None, :, 1]
+    across = cos * xyz[None, :, 1] - sin * xyz[None, :, 0]
+    low, high = rectangles[:, [1, 3], None] - margin_m, rectangles[:, [2, 4], None] + margin_m
+    inside = (along > low[:, 0]) & (along < high[:, 0]) & (across > low[:, 1]) & (across < high[:, 1])
+    count: Int64 = np.count_nonzero(inside, axis=1).astype(np.int64)
+    return count

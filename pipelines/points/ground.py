@@ -1,0 +1,131 @@
+"""Height of the ground under each point, without knowing how high the sensors sit or how they are tilted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from fbench.replay.arrays import Bool, Float64
+
+
+@dataclass(frozen=True)
+class GroundParams:
+    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope."""
+
+    cell_m: float = 2.0
+    """Edge of the cells [m] whose lowest points stand for the ground."""
+    outliers: float = 0.05
+    """Share of a cell's points that may lie below the ground."""
+    range_m: float = 60.0
+    """Farthest points [m] that take part."""
+    max_tilt: float = 0.16
+    """Steepest plane [m/m], by tilt of the sensors or of the road."""
+    max_slope: float = 0.06
+    """Steepest deviation from the plane [m/m]."""
+    tolerance_m: float = 0.2
+    """Height [m] below which a point belongs to the ground."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """z = slope_x x + slope_y y + height_m, in body coordinates."""
+
+    slope_x: float
+    slope_y: float
+    height_m: float
+
+    def z_m(self, xyz: Float64) -> Float64:
+        """Height (N,) [m] of the plane at points (N, 2 or 3)."""
+        z: Float64 = self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
+        return z
+
+
+def lowest_points(xyz: Float64, params: GroundParams) -> Float64:
+    """Return the lowest point (M, 3) of each cell, cells in lexicographic order.
+
+    Points (N, 3) are in lexicographic order, which decides between equally low ones. In cells with many points the
+    lowest `outliers` of them are passed over: reflections from below the road.
+    """
+    near = xyz[np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m]
+    if not len(near):
+        return near
+    cells = np.floor(near[:, :2] / params.cell_m).astype(np.int64)
+    number = cells[:, 0] * (1 << 32) + cells[:, 1]
+    order = np.lexsort((near[:, 2], number))
+    first = np.flatnonzero(np.diff(number[order], prepend=number[order[0]] - 1))
+    size = np.diff(np.append(first, len(near)))
+    lowest: Float64 = near[order[first + (params.outliers * size).astype(np.int64)]]
+    return lowest
+
+
+def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
+    """Fit a plane through most of the points (M, 3); `None` where they are too few.
+
+    All tilts of a coarse grid are tried: the best is the one whose most frequent height holds most points, the
+    flattest on ties. Least squares on the points near it, with a shrinking band, then refine it.
+    """
+    if len(lowest) < 3:
+        return None
+    steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
+    tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
+    fits = [_most_frequent_height(lowest, a, b) for a, b in tilts]
+    best = max(range(len(fits)), key=lambda i: fits[i][0])
+    plane = Plane(float(tilts[best][0]), float(tilts[best][1]), fits[best][1])
+    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
+        plane = _refined(plane, lowest, band_m)
+    return plane
+
+
+def _most_frequent_height(lowest: Float64, slope_x: float, slope_y: float, band_m: float = 0.8) -> tuple[int, float]:
+    """Return how many points lie within the best band of heights, and its middle [m]."""
+    z = np.sort(lowest[:, 2] - slope_x * lowest[:, 0] - slope_y * lowest[:, 1])
+    count = np.searchsorted(z, z + band_m, side="right") - np.arange(len(z))
+    at = int(np.argmax(count))
+    return int(count[at]), float(z[at] + band_m / 2)
+
+
+def _refined(plane: Plane, lowest: Float64, band_m: float) -> Plane:
+    residual = lowest[:, 2] - plane.z_m(lowest)
+    inside = np.abs(residual) < band_m
+    near = lowest[inside]
+    if len(near) < 3:
+        return plane
+    middle = near.mean(axis=0)
+    x, y, z = (near - middle).T
+    xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
+    xz, yz = (x * z).sum(), (y * z).sum()
+    determinant = xx * yy - xy * xy
+    if determinant < 1e-3 * (xx + yy) ** 2:  # on a line: keep the tilt
+        return Plane(plane.slope_x, plane.slope_y, plane.height_m + float(np.median(residual[inside])))
+    a, b = float((xz * yy - yz * xy) / determinant), float((yz * xx - xz * xy) / determinant)
+    return Plane(a, b, float(middle[2] - a * middle[0] - b * middle[1]))
+
+
+def height_above_ground(xyz: Float64, lowest: Float64, plane: Plane, params: GroundParams) -> Float64:
+    """Height (N,) [m] of points (N, 3) above the highest surface under `lowest` (M, 3) that keeps to `max_slope`.
+
+    The surface may deviate from the plane; points too far below the plane (mirrored by puddles and glass) are not
+    taken for ground. Beyond `range_m` the plane counts.
+    """
+    over_plane = xyz[:, 2] - plane.z_m(xyz)
+    deviation = lowest[:, 2] - plane.z_m(lowest)
+    ground = np.abs(deviation) < 0.3 + params.max_slope * np.hypot(lowest[:, 0], lowest[:, 1])
+    half = int(np.ceil(params.range_m / params.cell_m))
+    grid = np.full((2 * half, 2 * half), np.inf)
+    at = np.floor(lowest[ground, :2] / params.cell_m).astype(np.int64) + half
+    grid[at[:, 0], at[:, 1]] = deviation[ground]
+    offset = np.arange(-3, 4) * params.cell_m
+    cone = params.max_slope * np.hypot(offset[:, None], offset[None, :])
+    surface = ndimage.grey_erosion(grid, structure=-cone, mode="constant", cval=np.inf)
+    surface = np.where(np.isfinite(surface), surface, 0.0)
+    inside = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
+    cell = np.floor(xyz[inside, :2] / params.cell_m).astype(np.int64) + half
+    result = over_plane.copy()
+    result[inside] -= surface[cell[:, 0], cell[:, 1]]
+    return result
+
+
+def above_ground(height_m: Float64, low_m: float, high_m: float) -> Bool:
+    """Tell which heights (N,) [m] lie between the ground and the roof of a truck."""
+    between: Bool = (height_m > low_m) & (height_m < high_m)
+    return between

@@ -1,0 +1,112 @@
+"""LiDAR detection: ground removed, the rest clustered, clusters judged by how much they look like vehicles."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
+from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
+from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.vehicle import VehicleSize, complete
+from fbench.replay.arrays import Float64, Int64
+from fbench.replay.boxes import Boxes3D
+
+_HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
+_NEAR_M = 0.05
+
+
+@dataclass(frozen=True)
+class LidarClusterParams:
+    """DBSCAN on what stands on the ground, seen from above."""
+
+    eps_m: float = 0.6
+    """Radius [m]."""
+    min_points: int = 4
+    """Points within the radius that make a core point, itself included."""
+    max_height_m: float = 2.5
+    """Points higher above the ground [m], such as trees over a street, are left out."""
+
+
+@dataclass(frozen=True)
+class LidarParams:
+    """Parameters of detection by LiDAR."""
+
+    min_range_m: float = 2.5
+    """Points nearer to the LiDAR [m] lie on the own vehicle."""
+    ground: GroundParams = field(default_factory=GroundParams)
+    """How the ground is found."""
+    cluster: LidarClusterParams = field(default_factory=LidarClusterParams)
+    """How points are grouped."""
+    size: VehicleSize = field(default_factory=VehicleSize)
+    """What partly seen vehicles are completed to."""
+    shape: CarShapeParams = field(default_factory=CarShapeParams)
+    """What a cluster must look like."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """What stands on the ground and what hangs over it."""
+
+    plane: Plane | None
+    """The ground; `None` where too few points tell, and then there are no obstacles."""
+    xyz: Float64
+    """(N, 3) [m] in body coordinates."""
+    height_m: Float64
+    """(N,) above ground [m]."""
+    tall: Float64
+    """(M, 3) [m] points above the height of cars."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarView:
+    """What the LiDAR sees: points that stand on the ground, their clusters, one box for each."""
+
+    plane: Plane | None
+    """The ground; `None` where too few points tell."""
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first."""
+    cluster: Int64
+    """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
+    boxes: Boxes3D
+    """One for each cluster, with a score in [0, 1]: how much it looks like a passenger car."""
+
+
+def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
+    """Take the ground away from points (N, 3) in body coordinates."""
+    lowest = lowest_points(xyz, params.ground)
+    plane = fit_plane(lowest, params.ground)
+    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.ground.range_m
+    if plane is None:
+        near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
+    else:
+        height = height_above_ground(xyz, lowest, plane, params.ground)
+    top = params.cluster.max_height_m
+    standing = near & (height > params.ground.tolerance_m) & (height < top)
+    return Obstacles(plane, xyz[standing], height[standing], xyz[near & (height >= top) & (height < 2.5 * top)])
+
+
+def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
+    """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
+    cluster = dbscan(found.xyz[:, :2], params.cluster.eps_m, params.cluster.min_points)
+    by_cluster = np.argsort(cluster, kind="stable")
+    xyz, cluster = found.xyz[by_cluster], cluster[by_cluster]
+    member = cluster >= 0
+    if found.plane is None or not member.any():
+        return LidarView(found.plane, xyz, cluster, Boxes3D.empty())
+    grouped = Obstacles(found.plane, xyz[member], found.height_m[by_cluster][member], found.tall)
+    return LidarView(found.plane, xyz, cluster, _boxes(grouped, found.plane, cluster[member], viewpoint, params))
+
+
+def _boxes(found: Obstacles, plane: Plane, cluster: Int64, viewpoint: Float64, params: LidarParams) -> Boxes3D:
+    """Judge clusters, whose points are sorted by `cluster` (N,)."""
+    first = np.append(np.flatnonzero(np.diff(cluster, prepend=-1)), len(cluster))
+    rectangles = fit_rectangles(np.ascontiguousarray(found.xyz[:, :2]), first, _HEADINGS_RAD, _NEAR_M)
+    footprint = complete(rectangles, viewpoint, params.size)
+    top = np.maximum.reduceat(found.height_m, first[:-1])
+    bottom = np.minimum.reduceat(found.height_m, first[:-1])
+    score = plausibility(rectangles, np.diff(first), bottom, top, found.tall, params.shape)
+    height = np.maximum(top, params.size.height_m)
+    center = np.column_stack([footprint.center_m, plane.z_m(footprint.center_m) + height / 2])
+    size = np.column_stack([footprint.size_lw_m, height])
+    return Boxes3D(center, size, footprint.yaw_rad, score=score)

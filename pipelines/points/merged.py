@@ -1,0 +1,94 @@
+"""The points of all sensors of one kind, merged in body coordinates."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.replay.arrays import Bool, Float64
+from fbench.replay.data import Frame, Kind, LogInfo, PointCloud, Pose, RadarScan, Rig
+from fbench.replay.errors import LogError
+from fbench.replay.geometry.transforms import transform
+
+
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """Radar points; rows in lexicographic order of their coordinates."""
+
+    xyz: Float64
+    """(N, 3) [m] in body coordinates."""
+    direction: Float64
+    """(N, 3) unit vectors from the sensor to the points, in body axes."""
+    radial_velocity_mps: Float64
+    """(N,) [m/s] as measured, positive when receding; NaN where the sensor gives none."""
+    magnitude_db: Float64
+    """(N,) radar cross section or uncalibrated magnitude; 0 where the sensor gives none."""
+
+    def __getitem__(self, rows: Bool) -> "Echoes":
+        """Select rows by mask."""
+        return Echoes(self.xyz[rows], self.direction[rows], self.radial_velocity_mps[rows], self.magnitude_db[rows])
+
+
+def lidar_points(rig: Rig, frame: Frame, min_range_m: float) -> Float64 | None:
+    """Points (N, 3) [m] of all LiDARs in body coordinates, in lexicographic order; `None` where no LiDAR delivered.
+
+    Points nearer to their sensor than `min_range_m` lie on the vehicle itself and are left out.
+    """
+    clouds = [m for m in _in_order(frame) if isinstance(m, PointCloud)]
+    if not clouds:
+        return None
+    parts = []
+    for cloud in clouds:
+        far = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz) >= min_range_m**2
+        parts.append(transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[far]))
+    merged = np.concatenate(parts)
+    return merged[np.lexsort(merged.T[::-1])]
+
+
+def lidar_position(rig: Rig) -> Float64:
+    """Where the LiDARs look from, (2,) [m] in body coordinates: the middle between them."""
+    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors("lidar")]
+    return np.asarray(np.mean(places, axis=0), np.float64)
+
+
+def radar_scans(rig: Rig, frame: Frame) -> list[Echoes] | None:
+    """Echoes of each radar; `None` where no radar delivered."""
+    scans = [m for m in _in_order(frame) if isinstance(m, RadarScan)]
+    return [_echoes(rig, scan) for scan in scans] or None
+
+
+def world_T_body(frame: Frame) -> Float64 | None:
+    """Pose (4, 4) of the body in the world; `None` where the log has none for this frame."""
+    poses = [m.world_T_body for m in _in_order(frame) if isinstance(m, Pose)]
+    return poses[0] if poses else None
+
+
+def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
+    """Refuse a rig that has no sensor of these kinds.
+
+    Raises:
+        LogError: naming pipeline, log and the sensors that are there.
+    """
+    if rig.sensors(*kinds):
+        return
+    words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
+    wanted = " or ".join(words[kind] for kind in kinds)
+    present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
+    raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}")
+
+
+def _in_order(frame: Frame) -> Iterator[object]:
+    return (frame.messages[name] for name in sorted(frame.messages))
+
+
+def _echoes(rig: Rig, scan: RadarScan) -> Echoes:
+    body_T_sensor = rig.body_T_sensor(scan.sensor)
+    xyz = transform(body_T_sensor, scan.xyz)
+    ray = xyz - body_T_sensor[:3, 3]
+    length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
+    direction = ray / np.where(length > 0, length, 1.0)[:, None]
+    velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
+    magnitude = np.zeros(len(xyz)) if scan.rcs_dbsm is None else scan.rcs_dbsm
+    columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
+    order = np.lexsort((*columns[::-1], *xyz.T[::-1]))
+    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order])

@@ -1,0 +1,146 @@
+"""Radar detection: moving echoes clustered by place and velocity."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.doppler import DopplerParams, range_rates
+from fbench.pipelines.points.merged import Echoes
+from fbench.pipelines.points.vehicle import VehicleSize
+from fbench.replay.arrays import Float64, Int64
+from fbench.replay.boxes import Boxes3D
+
+_ECHO_HEIGHT_M = 0.3
+"""Where most echoes of a vehicle come from [m above ground]: bumpers, wheels and the gap under the floor."""
+
+
+@dataclass(frozen=True)
+class RadarClusterParams:
+    """DBSCAN on moving echoes, over x, y and velocity."""
+
+    eps_m: float = 2.0
+    """Radius [m]."""
+    min_points: int = 5
+    """Echoes within the radius that make a core point, itself included."""
+    seconds: float = 1.0
+    """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
+
+
+@dataclass(frozen=True)
+class RadarParams:
+    """Parameters of detection by radar."""
+
+    max_range_m: float = 60.0
+    """Farthest echoes [m] that are used."""
+    min_magnitude_db: float = -math.inf
+    """Weaker echoes [dB or dBsm, as the sensor gives it] are left out."""
+    min_speed_mps: float = 0.3
+    """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
+    doppler: DopplerParams = field(default_factory=DopplerParams)
+    """How the ego motion is taken out of the velocities."""
+    cluster: RadarClusterParams = field(default_factory=RadarClusterParams)
+    """How echoes are grouped."""
+    size: VehicleSize = field(default_factory=VehicleSize)
+    """What clusters are completed to."""
+    full_score_echoes: float = 20.0
+    """A cluster of n echoes scores 1 - exp(-n / this)."""
+
+
+@dataclass(frozen=True, eq=False)
+class RadarView:
+    """What the radars see."""
+
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, all echoes within range."""
+    cluster: Int64
+    """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
+    boxes: Boxes3D
+    """One for each cluster, with score and velocity along the line of sight."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """Echoes of all radars with the radars' own motion taken out."""
+
+    xyz: Float64
+    """(N, 3) [m] in body coordinates."""
+    direction: Float64
+    """(N, 3) unit vectors from the radar to the points, in body axes."""
+    range_rate_mps: Float64
+    """(N,) radial velocity over ground [m/s], positive when receding; NaN where the sensor gives none."""
+    period_mps: float
+    """Velocities alias with this period [m/s]; 0: unambiguous."""
+
+
+def compensate(scans: Sequence[Echoes], params: RadarParams) -> Compensated:
+    """Merge the echoes of one or several radars within range, and take the ego motion out of their velocities."""
+    rates, periods = zip(*(range_rates(scan, params.doppler) for scan in scans), strict=True)
+    xyz, rate = np.concatenate([scan.xyz for scan in scans]), np.concatenate(rates)
+    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.max_range_m
+    near &= np.concatenate([scan.magnitude_db for scan in scans]) >= params.min_magnitude_db
+    direction = np.concatenate([scan.direction for scan in scans])
+    return Compensated(xyz[near], direction[near], rate[near], max(periods))
+
+
+def detect(echoes: Compensated, params: RadarParams) -> RadarView:
+    """Find what moves."""
+    cluster = _clusters(echoes, params)
+    return RadarView(echoes.xyz, cluster, _boxes(echoes, cluster, params.size, params.full_score_echoes))
+
+
+def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
+    """Number the clusters (N,) of echoes that move, or whose movement isn't known."""
+    moving = ~(np.abs(echoes.range_rate_mps) < params.min_speed_mps)
+    rate = _unbroken(np.nan_to_num(echoes.range_rate_mps[moving]), echoes.period_mps)
+    features = np.column_stack([echoes.xyz[moving, :2], rate * params.cluster.seconds])
+    result = np.full(len(echoes.xyz), -1)
+    result[moving] = dbscan(features, params.cluster.eps_m, params.cluster.min_points)
+    return result
+
+
+def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:
+    """Shift ambiguous velocities to [0, period), so that the seam lies at standstill, where nothing that moves is."""
+    return rate_mps if period_mps <= 0 else np.asarray(np.mod(rate_mps, period_mps), np.float64)
+
+
+def _boxes(echoes: Compensated, cluster: Int64, size: VehicleSize, full_score_echoes: float) -> Boxes3D:
+    rows = [np.flatnonzero(cluster == number) for number in range(int(cluster.max(initial=-1)) + 1)]
+    if not rows:
+        return Boxes3D.empty()
+    center, bearing, length = (np.array(part) for part in zip(*(_place(echoes, r, size) for r in rows), strict=True))
+    rate = _median_rate([echoes.range_rate_mps[r] for r in rows], echoes.period_mps)
+    velocity = np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate])
+    others = np.full((len(rows), 2), (size.width_m, size.height_m))
+    score = 1 - np.exp(-np.array([len(r) for r in rows]) / full_score_echoes)
+    # A radar sees no heading: most traffic is parallel to the own way, and what is longer than a car was seen along it.
+    yaw = np.where(length > size.length_m, bearing, 0.0)
+    return Boxes3D(center, np.column_stack([length, others]), yaw, velocity_mps=velocity, score=score)
+
+
+def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64, float, float]:
+    """Centre (3,) [m], direction from the radar [rad] and length [m] of one cluster.
+
+    The cluster's near end is the near side of the vehicle, which reaches from there along the line of sight at
+    least as far as a car does on average over its headings, (length + width) / 4 to its middle. The tenths of the
+    echoes that are nearest and farthest are left out.
+    """
+    xyz = echoes.xyz[rows]
+    ray = np.median(echoes.direction[rows], axis=0)
+    bearing = float(np.arctan2(ray[1], ray[0]))
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    along = np.sort(xyz[:, 0] * cos + xyz[:, 1] * sin)
+    across = np.median(xyz[:, 1] * cos - xyz[:, 0] * sin)
+    near, far = along[len(along) // 10], along[-1 - len(along) // 10]
+    middle = near + max((size.length_m + size.width_m) / 4, (far - near) / 2)
+    center = np.array([middle * cos - across * sin, middle * sin + across * cos, np.median(xyz[:, 2])])
+    center[2] += size.height_m / 2 - _ECHO_HEIGHT_M
+    return center, bearing, max(size.length_m, float(far - near))
+
+
+def _median_rate(rates_mps: list[Float64], period_mps: float) -> Float64:
+    """Median radial velocity [m/s] of each cluster; ambiguous ones are taken to be the slower of the two."""
+    rate = np.array([np.median(_unbroken(r, period_mps)) for r in rates_mps])
+    return np.where(rate > period_mps / 2, rate - period_mps, rate) if period_mps > 0 else rate

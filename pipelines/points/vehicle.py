@@ -1,0 +1,70 @@
+"""Whole vehicles from the sides of them that a sensor sees."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Float64
+
+
+@dataclass(frozen=True)
+class VehicleSize:
+    """Size of a typical car, to which partly seen vehicles are completed."""
+
+    length_m: float = 4.2
+    """Length [m]."""
+    width_m: float = 1.8
+    """Width [m]."""
+    height_m: float = 1.6
+    """Height [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """Rectangles on the ground in body coordinates."""
+
+    center_m: Float64
+    """(N, 2) [m]."""
+    size_lw_m: Float64
+    """(N, 2) length and width [m]."""
+    yaw_rad: Float64
+    """(N,) heading [rad] in [-pi/2, pi/2): front and back look the same."""
+
+
+def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Footprints:
+    """Complete visible rectangles (N, 5 or more) to vehicles that lie behind their visible edges.
+
+    Rows hold heading [rad], low and high along the heading, low and high across it [m]. Where one edge is longer
+    than a car is wide it is the vehicle's side, else the longer edge is its front or back. The corner that the
+    sensor at `viewpoint` (2,) sees stays where it is; along an axis in which the sensor is beside the rectangle, its
+    middle does.
+    """
+    heading = rectangles[:, 0]
+    low, high = rectangles[:, [1, 3]], rectangles[:, [2, 4]]
+    axes = np.stack([_unit(heading), _unit(heading + np.pi / 2)], axis=1)
+    eye = axes[:, :, 0] * viewpoint[0] + axes[:, :, 1] * viewpoint[1]
+    extent = high - low
+    along_first = extent[:, 0] > extent[:, 1]
+    along_first = np.where(extent.max(axis=1) > 1.25 * size.width_m, along_first, ~along_first)
+    typical = np.where(along_first[:, None], [size.length_m, size.width_m], [size.width_m, size.length_m])
+    full = np.maximum(extent, typical)
+    middle = np.where(eye < low, low + full / 2, np.where(eye > high, high - full / 2, (low + high) / 2))
+    center = middle[:, :1] * axes[:, 0] + middle[:, 1:] * axes[:, 1]
+    yaw = half_turn(heading + np.where(along_first, 0.0, np.pi / 2))
+    return Footprints(center, np.where(along_first[:, None], full, full[:, ::-1]), yaw)
+
+
+def half_turn(angle_rad: Float64) -> Float64:
+    """Wrap headings [rad] to [-pi/2, pi/2)."""
+    wrapped: Float64 = (angle_rad + np.pi / 2) % np.pi - np.pi / 2
+    return wrapped
+
+
+def fading(value: Array, good: float, bad: float) -> Float64:
+    """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
+    share: Float64 = np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
+    return share
+
+
+def _unit(angle_rad: Float64) -> Float64:
+    return np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
