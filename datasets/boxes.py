@@ -18,8 +18,8 @@ _JITTER_NS, _LATE_NS = 2_000_000, 60_000_000
 _RANGE_M, _NOISE_M = 80.0, 0.01
 _ALTITUDES_RAD = np.radians(np.concatenate([np.linspace(-25, -9, 8), np.linspace(-8, 3.5, 24)]))
 _RADAR_RAYS, _RADAR_CLUTTER, _RADAR_NOISE_M, _RADAR_NOISE_MPS, _RADAR_LOSS = 1800, 8, 0.1, 0.1, 0.03
-_RCS_DBSM = {"car": 10.0, "truck": 20.0, "wall": 5.0, "pole": 0.0}
-_REFLECTIVITY = {"car": 0.6, "truck": 0.7, "wall": 0.4, "pole": 0.3}
+_RCS_DBSM = {"car": 10.0, "van": 12.0, "truck": 20.0, "wall": 5.0, "pole": 0.0}
+_REFLECTIVITY = {"car": 0.6, "van": 0.6, "truck": 0.7, "wall": 0.4, "pole": 0.3}
 _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 _RIG = Rig(
     {

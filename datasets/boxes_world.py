@@ -26,10 +26,10 @@ class Body:
     size_lwh_m: tuple[float, float, float]
 
 
-_CAR, _TRUCK = (4.5, 1.8, 1.5), (10.0, 2.5, 3.2)
+_CAR, _VAN, _TRUCK = (4.5, 1.8, 1.5), (5.2, 2.0, 2.2), (10.0, 2.5, 3.2)
 BODIES = (
     Body(1, "car", 22, 0, 0, EGO_SPEED_MPS, _CAR),
-    Body(2, "truck", 34, -3.6, 0, 6.5, _TRUCK),
+    Body(2, "van", 34, -3.6, 0, 6.5, _VAN),
     Body(3, "car", 75, 3.6, np.pi, 9, _CAR),
     Body(4, "truck", 190, 3.6, np.pi, 9, _TRUCK),
     Body(5, "car", 100, -25, np.pi / 2, 7, _CAR),

@@ -65,21 +65,19 @@ class Late3D:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
         clock, faults = StageClock(), list[Fault]()
         cameras = self._cameras(frame, clock, faults)
+        blind = self._rig.sensors("camera") if self._detector is None else ()
         seen = Seen(self._rig, cameras, self._lidar_view(frame, clock), self._radar_view(frame, clock))
         with clock.stage("fuse"):
             detections = fuse(seen, self._params.fusion)
         with clock.stage("track"):
             tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
-        return Output(detections, tracks, clock.stage_ns, tuple(faults))
+        return Output(detections, tracks, clock.stage_ns, tuple(faults), dict.fromkeys(blind, "no weights"))
 
     def _cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
         found: dict[str, CameraDetections] = {}
         for name in self._rig.sensors("camera"):
             image = frame.messages.get(name)
-            if not isinstance(image, Image):
-                continue
-            if self._detector is None:
-                faults.append(Fault("CFG002", f"{name}: no weights"))
+            if self._detector is None or not isinstance(image, Image):
                 continue
             with clock.stage("decode"):
                 pixels = decode(image)

@@ -30,7 +30,6 @@ FAULTS: dict[str, FaultKind] = {
     "TIM001": FaultKind("degrade", "reference message out of order, no frame"),
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
     "TIM007": FaultKind("degrade", "gap, new segment"),
-    "CFG002": FaultKind("degrade", "optional sensor missing"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
 }

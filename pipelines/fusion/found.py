@@ -37,6 +37,21 @@ def distance_m(a: Found, b: Found) -> float:
     return float(np.hypot(a.center_m[0] - b.center_m[0], a.center_m[1] - b.center_m[1]))
 
 
+def one_object(a: Found, b: Found, merge_m: float) -> bool:
+    """Tell whether two boxes show one object: centres nearer than `merge_m`, or the centre of one inside the other.
+
+    The latter matters for long vehicles, of which radar shows only the near end.
+    """
+    return distance_m(a, b) < merge_m or _holds(a, b) or _holds(b, a)
+
+
+def _holds(box: Found, other: Found) -> bool:
+    east, north = (other.center_m - box.center_m)[:2]
+    cos, sin = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
+    along, across = abs(east * cos + north * sin), abs(north * cos - east * sin)
+    return bool(along <= box.size_lwh_m[0] / 2 and across <= box.size_lwh_m[1] / 2)
+
+
 def joined_score(*scores: float) -> float:
     """Probability that at least one of several independent witnesses is right."""
     return float(1 - np.prod([1 - score for score in scores]))

@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.fusion.evidence import Evidence, Points, by_lidar, by_moving, by_standing
-from fbench.pipelines.fusion.found import Found, distance_m, joined_score, row, to_boxes
+from fbench.pipelines.fusion.found import Found, joined_score, one_object, row, to_boxes
 from fbench.pipelines.fusion.lift import Sighting, sightings
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.fusion.place import place
@@ -55,7 +55,7 @@ def fuse(seen: Seen, params: FusionParams) -> Boxes3D:
         lidar_free = _taken(lidar, lidar_free, lidar_used)
         radar_free = _taken(radar, radar_free, radar_used)
     for other in _without_camera(seen, lidar_used, radar_used, params):
-        if all(distance_m(other, known) >= params.merge_m for known in objects):
+        if not any(one_object(other, known, params.merge_m) for known in objects):
             objects.append(other)
     return to_boxes([found for found in objects if found.score >= params.min_score])
 
@@ -102,7 +102,7 @@ def _without_camera(seen: Seen, lidar_used: list[int], radar_used: list[int], pa
     ]
     merged: list[Found] = []
     for found in sorted(from_lidar + from_radar, key=lambda f: (-f.score, *f.center_m.tolist())):
-        near = [i for i, known in enumerate(merged) if distance_m(found, known) < params.merge_m]
+        near = [i for i, known in enumerate(merged) if one_object(found, known, params.merge_m)]
         if not near:
             merged.append(found)
         elif merged[near[0]].sources != found.sources:

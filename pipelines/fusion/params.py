@@ -12,7 +12,7 @@ class FusionParams:
 
     camera_weight: float = 0.6
     """How far the camera alone is believed [0 to 1], where LiDAR or radar deliver."""
-    lidar_weight: float = 0.5
+    lidar_weight: float = 0.9
     """How far the LiDAR alone is believed [0 to 1]."""
     radar_weight: float = 0.93
     """How far the radar alone is believed about moving objects [0 to 1]."""

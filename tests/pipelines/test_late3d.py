@@ -57,7 +57,7 @@ def test_without_weights_lidar_and_radar_go_on():
     output = pipeline.step(frame(0, image(), cloud(), scan()))
     assert output.detections.sources.tolist() == [6]
     assert output.detections.label.tolist() == ["car"]
-    assert output.faults == (Fault("CFG002", "cam: no weights"),)
+    assert output.missing == {"cam": "no weights"}
 
 
 def test_a_corrupt_image_counts_as_missing(pipeline: Late3D):

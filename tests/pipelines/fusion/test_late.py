@@ -8,7 +8,7 @@ from fbench.pipelines.fusion.params import FusionParams
 
 from .views import car, lidar_view, outline, radar_view, seen, standing_view
 
-PARAMS = FusionParams()
+PARAMS = FusionParams(lidar_weight=0.5)
 
 
 def test_three_sensors_make_one_object():

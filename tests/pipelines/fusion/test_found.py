@@ -1,0 +1,31 @@
+"""Putting objects together."""
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.fusion.found import Found, joined_score, one_object
+
+
+def found(x, y, length=4.0, yaw=0.0):
+    size = np.array([length, 2.0, 1.5])
+    return Found(np.array([x, y, 0.8]), size, yaw, np.full(3, np.nan), "car", 0.5, 2)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "one"),
+    [
+        (found(10, 0), found(12.9, 0), True),
+        (found(10, 0), found(13.1, 0), False),
+        (found(10, 0, length=12), found(5, 0.5), True),  # the near end of a bus
+        (found(5, 0.5), found(10, 0, length=12), True),
+        (found(10, 0, length=12), found(6, 3.1), False),  # beside it
+        (found(10, 0, length=12, yaw=np.pi / 2), found(10, 5), True),
+    ],
+)
+def test_one_object(a, b, one):
+    assert one_object(a, b, merge_m=3.0) is one
+
+
+def test_joined_score():
+    assert joined_score(0.5, 0.5) == 0.75
+    assert joined_score() == 0.0
