@@ -42,7 +42,7 @@ def ours(path: Path) -> int:
 
 
 def library(path: Path) -> int:
-    kinds: dict[str, type[CompressedImage] | type[CloudProto]] = {
+    kinds: dict[str, type[CompressedImage | CloudProto]] = {
         "foxglove.CompressedImage": CompressedImage,
         "foxglove.PointCloud": CloudProto,
     }
