@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-ELSEWHERE = ("git clone", "cd fbench", "make demo", "make test", "make bench", "pip install")
+ELSEWHERE = ("git clone", "cd fbench", "make demo", "make test", "make bench", "pip install", "source ")
 """What other tests, or CI itself, run."""
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -39,7 +39,8 @@ def workplace(tmp_path):
     """An empty folder with what the pages assume: the small log, and recordings and weights where there are any."""
     from fbench.datasets.boxes import write_boxes_log
 
-    write_boxes_log(tmp_path / "boxes.mcap", seconds=1.0)
+    (tmp_path / "runs" / "demo").mkdir(parents=True)
+    write_boxes_log(tmp_path / "runs" / "demo" / "boxes.mcap", seconds=1.0)
     shared = ROOT.parent / "shared"
     for name, target in (
         ("astyx", "data/astyx"),
