@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.items import Items, canonical, make_items, usable
+from fbench.metrics.items import Items, canonical, make_items
 from fbench.replay.arrays import Bool, Float64
-from fbench.replay.boxes import Boxes3D
+from fbench.replay.boxes import Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.errors import MetricError
 from fbench.replay.geometry.boxes import distance_bev
-from fbench.replay.geometry.camera import in_image, project_body
+from fbench.replay.geometry.camera import in_image, is_pinhole, project_body
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.store import Run
 
@@ -30,13 +30,18 @@ class GroundSpace:
     @property
     def matching(self) -> str:
         """How boxes match and which of them count."""
-        view = ", in view" if self.options.in_view and self.rig.cameras else ""
+        view = ", in view" if self.options.in_view and self._cameras else ""
         return f"bev {self.options.distance_m:g} m, within {self.options.range_m:g} m{view}"
 
     @property
     def threshold(self) -> float:
         """Similarity from which on boxes match."""
         return -self.options.distance_m
+
+    @property
+    def _cameras(self) -> tuple[str, ...]:
+        """Cameras whose view is known: those without lens distortion."""
+        return tuple(name for name, camera in sorted(self.rig.cameras.items()) if is_pinhole(camera))
 
     def truth(self, run: Run, index: int) -> Boxes | None:
         """Truth of frame `index`."""
@@ -61,12 +66,12 @@ class GroundSpace:
     def _items(self, boxes: Boxes) -> Items:
         if not isinstance(boxes, Boxes3D):
             raise MetricError("2D boxes can't be scored in 3D")
-        finite, scored = usable(boxes)
-        centers = np.where(finite[:, None], boxes.center_m, 0.0)
+        sane, scored = finite(boxes)
+        centers = np.where(sane[:, None], boxes.center_m, 0.0)
         inside = within(centers, self.options.range_m)
-        if self.options.in_view and self.rig.cameras:
-            inside &= np.any([in_view(self.rig, name, centers) for name in sorted(self.rig.cameras)], axis=0)
-        return make_items(boxes, centers[:, :2], finite & scored, inside)
+        if self.options.in_view and self._cameras:
+            inside &= np.any([in_view(self.rig, name, centers) for name in self._cameras], axis=0)
+        return make_items(boxes, centers[:, :2], sane & scored, inside)
 
 
 def within(centers: Float64, range_m: float) -> Bool:

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.metrics.ground import in_view, within
-from fbench.metrics.items import Items, canonical, make_items, usable
+from fbench.metrics.items import Items, canonical, make_items
 from fbench.replay.arrays import Bool, Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxes import Boxes2D, Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.geometry.boxes import iou_2d
-from fbench.replay.geometry.camera import project_boxes
+from fbench.replay.geometry.camera import is_pinhole, project_boxes
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.store import Run
 
@@ -27,6 +27,8 @@ class ImageSpace:
     """Whether truth is 3D truth, projected."""
     ranged: bool
     """Whether the distance of truth is known; where it isn't, boxes of any distance count."""
+    projects: bool
+    """Whether truth or estimates are 3D and must be projected."""
     unit: str = "iou"
     shared_excuse: bool = True
     """One truth box that needn't be found excuses all estimates in it."""
@@ -38,12 +40,17 @@ class ImageSpace:
         rig = run.manifest.rig
         named = {str(name) for truth in recorded for name in np.unique(truth.camera)}
         ranged = any(t.distance_m is not None and bool(np.isfinite(t.distance_m).any()) for t in recorded)
-        return cls(rig, options, tuple(sorted(named or rig.cameras)), not recorded, ranged or not recorded)
+        derived = not recorded
+        projects = derived or isinstance(run.detections.boxes, Boxes3D)
+        return cls(rig, options, tuple(sorted(named or rig.cameras)), derived, ranged or derived, projects)
 
     @property
     def reason(self) -> str | None:
         """Why nothing can be scored here."""
-        return None if self.cameras else "no cameras"
+        if not self.cameras:
+            return "no cameras"
+        bent = [name for name in self.cameras if name in self.rig.cameras and not is_pinhole(self.rig.cameras[name])]
+        return f"lens distortion of '{bent[0]}' isn't modelled" if self.projects and bent else None
 
     @property
     def matching(self) -> str:
@@ -93,20 +100,20 @@ class ImageSpace:
 
     def _recorded(self, camera: str, boxes: Boxes2D) -> Items:
         boxes = boxes[boxes.camera == camera]
-        finite, scored = usable(boxes)
+        sane, scored = finite(boxes)
         inside = np.ones(len(boxes), bool)
         if self.ranged and boxes.distance_m is not None:
             inside = ~(boxes.distance_m > self.options.range_m)
-        return make_items(boxes, boxes.xyxy_px, finite & scored, inside)
+        return make_items(boxes, boxes.xyxy_px, sane & scored, inside)
 
     def _projected(self, camera: str, boxes: Boxes3D) -> Items:
-        finite, scored = usable(boxes)
+        sane, scored = finite(boxes)
         rectangles, seen = np.zeros((len(boxes), 4)), np.zeros(len(boxes), bool)
-        rectangles[finite], seen[finite] = project_boxes(self.rig, camera, boxes[finite])
-        inside = self._inside(camera, np.where(finite[:, None], boxes.center_m, 0.0))
+        rectangles[sane], seen[sane] = project_boxes(self.rig, camera, boxes[sane])
+        inside = self._inside(camera, np.where(sane[:, None], boxes.center_m, 0.0))
         # A box that isn't finite can't be projected; it counts once, in the first image.
-        rows = seen | (~finite & (camera == self.cameras[0]))
-        return make_items(boxes, rectangles, finite & scored, inside)[rows]
+        rows = seen | (~sane & (camera == self.cameras[0]))
+        return make_items(boxes, rectangles, sane & scored, inside)[rows]
 
     def _inside(self, camera: str, centers: Float64) -> Bool:
         inside = within(centers, self.options.range_m) if self.ranged else np.ones(len(centers), bool)

@@ -5,11 +5,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
-from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxes import Boxes2D
 from fbench.replay.data import Boxes
-
-_LIMIT = 1e9
-"""Coordinates beyond this [m or px] count as not finite: their squares lose all meaning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +50,9 @@ def make_items(boxes: Boxes, place: Float64, valid: Bool, inside: Bool) -> Items
     )
 
 
-def usable(boxes: Boxes) -> tuple[Bool, Bool]:
-    """Tell of which boxes (N,) the geometry is finite, and of which the score is finite or absent."""
-    geometry = np.column_stack(_geometry(boxes))
-    finite: Bool = np.all(np.abs(np.nan_to_num(geometry, nan=np.inf)) < _LIMIT, axis=1)
-    scored: Bool = np.ones(len(boxes), bool) if boxes.score is None else np.isfinite(boxes.score)
-    return finite, scored
-
-
 def canonical(boxes: Boxes) -> Boxes:
     """Sort boxes by their content, so that the order in which a pipeline gives them never decides a match."""
     keys: list[Array] = [boxes.camera] if isinstance(boxes, Boxes2D) else []
-    keys += [*np.column_stack(_geometry(boxes)).T]
+    keys += [*boxes.geometry.T]
     keys += [k for k in (boxes.score, boxes.label, boxes.track_id) if k is not None]
     return boxes[np.lexsort(keys[::-1])]
-
-
-def _geometry(boxes: Boxes) -> list[Float64]:
-    if isinstance(boxes, Boxes3D):
-        angles = [a for a in (boxes.yaw_rad, boxes.roll_rad, boxes.pitch_rad) if a is not None]
-        return [boxes.center_m, boxes.size_lwh_m, *angles]
-    return [boxes.xyxy_px]

@@ -95,7 +95,7 @@ class View:
         return (_problem(self.space, scene, group) for scene in self.scenes)
 
     def _scenes(self) -> Iterator[Scene]:
-        for i, record in enumerate(self.run.frames):
+        for i, record in enumerate(self.run.frames if self.space.reason is None else ()):
             truth = self.space.truth(self.run, i)
             if truth is None:
                 continue

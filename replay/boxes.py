@@ -8,6 +8,9 @@ import numpy as np
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Shape, Text, freeze_fields
 from fbench.replay.errors import DataError
 
+MAX_MAGNITUDE = 1e9
+"""Coordinates, sizes and angles from here on count as not finite: no box of a vehicle's world has them."""
+
 
 class _Rows:
     """Selecting rows of a struct of arrays."""
@@ -82,6 +85,12 @@ class Boxes3D(_Rows):
     def __len__(self) -> int:
         return len(self.center_m)
 
+    @property
+    def geometry(self) -> Float64:
+        """(N, 7 to 9) centre, size, and the angles that are there."""
+        angles = [a for a in (self.yaw_rad, self.roll_rad, self.pitch_rad) if a is not None]
+        return np.column_stack([self.center_m, self.size_lwh_m, *angles])
+
     @classmethod
     def empty(cls) -> "Boxes3D":
         """Return no boxes."""
@@ -130,10 +139,22 @@ class Boxes2D(_Rows):
     def __len__(self) -> int:
         return len(self.xyxy_px)
 
+    @property
+    def geometry(self) -> Float64:
+        """(N, 4) left, top, right, bottom [px]."""
+        return self.xyxy_px
+
     @classmethod
     def empty(cls) -> "Boxes2D":
         """Return no boxes."""
         return cls(np.zeros(0, "U1"), np.zeros((0, 4)))
+
+
+def finite(boxes: Boxes2D | Boxes3D) -> tuple[Bool, Bool]:
+    """Tell of which boxes (N,) the geometry is finite, and of which the score is finite or absent."""
+    magnitude = np.abs(np.nan_to_num(boxes.geometry, nan=np.inf))
+    scored: Bool = np.ones(len(boxes), bool) if boxes.score is None else np.isfinite(boxes.score)
+    return np.all(magnitude < MAX_MAGNITUDE, axis=1), scored
 
 
 B = TypeVar("B", "Boxes2D", "Boxes3D")

@@ -50,7 +50,7 @@ class Image:
     """When it was recorded, that is arrived."""
     data: bytes
     encoding: str
-    """`jpeg`, `png`, `webp`, or a raw layout: `rgb8`, `bgr8`, `mono8`, rows without padding."""
+    """`jpeg`, `png`, or a raw layout: `rgb8`, `bgr8`, `mono8`, rows without padding."""
     size_wh: tuple[int, int]
     """Width and height [px]."""
     frame_number: int | None = None

@@ -30,6 +30,7 @@ FAULTS: dict[str, FaultKind] = {
     "TIM001": FaultKind("degrade", "reference message out of order, no frame"),
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
     "TIM007": FaultKind("degrade", "gap, new segment"),
+    "GT006": FaultKind("degrade", "truth that belongs to no frame"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
 }

@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal
 
-from fbench.replay.errors import ConfigError
+from fbench.replay.errors import ConfigError, FbenchError
 from fbench.replay.names import did_you_mean
 from fbench.replay.protocols import Pipeline
 from fbench.replay.settings import apply_settings, describe
@@ -63,7 +63,7 @@ def _from_file(name: str) -> Any:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # a plug-in's file may raise anything
+    except (Exception, SystemExit) as error:  # a plug-in's file may raise anything
         raise ConfigError(f"{path}: can't be imported: {type(error).__name__}: {error}") from error
     classes = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
     if class_name not in classes:
@@ -81,14 +81,16 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
     absent = [method for method in ("start", "reset", "step") if not callable(getattr(cls, method, None))]
     if absent:
         raise ConfigError(f"pipeline '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")
-    params = default_params(cls)
-    if params is None:
-        if settings:
+    try:
+        params = default_params(cls)
+        if params is None and settings:
             raise ConfigError(f"pipeline '{name}' takes no parameters, so --set {settings[0]} can't be applied")
-        pipeline: Pipeline = cls()
-        return pipeline, {}
-    params = apply_settings(params, settings)
-    pipeline = cls(params)
+        params = apply_settings(params, settings)
+        pipeline: Pipeline = cls() if params is None else cls(params)
+    except FbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        raise ConfigError(f"pipeline '{name}' can't be made: {type(error).__name__}: {error}") from error
     return pipeline, describe(params)
 
 

@@ -1,6 +1,6 @@
 """What plug-ins implement. Built-ins come in by the same door: the entry-point groups `fbench.*`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -20,6 +20,11 @@ class Reader(Protocol):
     @property
     def rig(self) -> Rig:
         """Sensors and their calibration."""
+        ...
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages of each sensor and stream of poses, by name."""
         ...
 
     @property

@@ -4,28 +4,28 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fbench.replay.boxes import Boxes2D
+from fbench.replay.boxes import finite
 from fbench.replay.clean import clean
 from fbench.replay.clock import Clock, VirtualClock
 from fbench.replay.data import Boxes, Frame, Message, Output, Truth
 from fbench.replay.digest import START, Digest, digest, link
-from fbench.replay.errors import LogError, RunError
+from fbench.replay.errors import FbenchError, LogError, RunError
 from fbench.replay.faults import FaultLog
 from fbench.replay.host import package_versions
+from fbench.replay.labelling import Labelling
 from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entries
 from fbench.replay.media import MediaKeeper
+from fbench.replay.outputs import OutputCheck
 from fbench.replay.protocols import Pipeline, Reader
 from fbench.replay.store import FrameRecord, RunWriter
 from fbench.replay.sync import NOT_THERE, FrameBuffer, SyncCounts, SyncParams, choose_reference
 
 MAX_FAILURES_IN_A_ROW = 10
 """A pipeline that fails on so many frames in a row is given up."""
-TRUTH_TOLERANCE_NS = 10_000_000
-"""Truth without a frame number belongs to the nearest frame not farther away than this."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,23 @@ class Plan:
     progress: Callable[[int], None] = lambda num_frames: None
 
 
-def replay(reader: Reader, plan: Plan, folder: Path, faults: FaultLog, overwrite: bool = False) -> Path:
+def replay(
+    reader: Reader,
+    plan: Plan,
+    folder: Path,
+    faults: FaultLog,
+    overwrite: bool = False,
+    complete: Callable[[Path], None] = lambda folder: None,
+) -> Path:
     """Replay a log into a pipeline and write the run folder; returns its path.
+
+    Args:
+        reader: The log.
+        plan: What to run and how.
+        folder: Where the run goes.
+        faults: Where faults are counted, those of the reader too.
+        overwrite: Replace a run that is there.
+        complete: Adds to the folder, scores for instance, before it gets its name.
 
     Raises:
         ConfigError: where the folder exists or can't be written.
@@ -54,13 +69,21 @@ def replay(reader: Reader, plan: Plan, folder: Path, faults: FaultLog, overwrite
     """
     with RunWriter(folder, overwrite) as writer:
         loop = _Loop(reader, plan, faults, writer)
-        plan.pipeline.start(reader.rig, reader.info)
+        loop.start()
         for frame in loop.frames(reader):
             loop.step(frame)
             plan.progress(frame.index + 1)
         loop.require_results()
         loop.finish(reader)
-        return writer.finish(loop.manifest())
+        return writer.finish(loop.manifest(), complete)
+
+
+class _Skipped(NamedTuple):
+    """A message that was unusable."""
+
+    sensor: str
+    stamp_ns: int
+    frame_number: int | None
 
 
 class _Loop:
@@ -69,12 +92,27 @@ class _Loop:
     def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
         self._rig, self._info = reader.rig, reader.info
         self._plan, self._faults, self._writer = plan, faults, writer
-        self.reference = choose_reference(self._rig, self._info, plan.sync)
+        self.reference = choose_reference(self._rig, self._info, reader.num_messages, plan.sync)
         expected = (*self._rig.sensors("camera", "lidar", "radar"), *reader.poses)
         self._buffer = FrameBuffer(expected, self.reference, plan.sync)
         self._media = MediaKeeper(self._rig, plan.num_media)
+        self._check = OutputCheck(self._rig)
         self._log_digest = Digest()
         self._chain, self._segment, self._failures = START, 0, 0
+        self._skipped: list[_Skipped] = []
+
+    def start(self) -> None:
+        """Start the pipeline.
+
+        Raises:
+            RunError: where it fails for a reason of its own.
+        """
+        try:
+            self._plan.pipeline.start(self._rig, self._info)
+        except FbenchError:
+            raise
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything
+            raise RunError(f"pipeline '{self._plan.name}' can't start: {_why(error)}") from error
 
     def frames(self, reader: Reader) -> Iterator[Frame]:
         """Read the log and yield its frames."""
@@ -87,6 +125,8 @@ class _Loop:
             usable = clean(message, self._faults)
             if usable is not None:
                 yield from self._buffer.add(usable)
+            else:
+                self._skipped.append(_Skipped(message.sensor, message.stamp_ns, message.frame_number))
         yield from self._buffer.flush()
 
     def _opened(self, message: Message) -> Iterator[Frame]:
@@ -94,13 +134,9 @@ class _Loop:
         yield from self._buffer.open_frame(message)
         for why in self._buffer.breaks[num_breaks:]:
             self._faults.add("TIM007" if why.startswith("gap") else "TIM005", why)
-            self._plan.clock.restart()
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
-        if frame.segment != self._segment:
-            self._segment = frame.segment
-            self._plan.pipeline.reset(self._buffer.breaks[frame.segment - 1])
         start = time.perf_counter_ns()
         output, failed = self._guarded(frame)
         total_ns = time.perf_counter_ns() - start
@@ -110,16 +146,15 @@ class _Loop:
     def _guarded(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
         try:
-            output = self._plan.pipeline.step(frame)
-            if not isinstance(output, Output):
-                raise TypeError(f"step() gave {type(output).__name__}, not Output")
-        except Exception as error:  # a plug-in may raise anything, and the other frames still count
+            if frame.segment != self._segment:
+                self._segment = frame.segment
+                self._plan.pipeline.reset(self._buffer.breaks[frame.segment - 1])
+            output = self._check(self._plan.pipeline.step(frame))
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
             self._failures += 1
-            why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no message'}"
-            if self._failures >= MAX_FAILURES_IN_A_ROW:
-                raise RunError(
-                    f"pipeline '{self._plan.name}' failed on {self._failures} frames in a row: {why}"
-                ) from error
+            why, times = _why(error), self._failures
+            if times >= MAX_FAILURES_IN_A_ROW:
+                raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
             self._faults.add("PRD002", f"frame {frame.index}: {why}")
             return None, why
         self._failures = 0
@@ -133,23 +168,18 @@ class _Loop:
         content = [frame.index, frame.stamp_ns, frame.segment, missing, failed, results]
         frame_digest = digest(content)
         self._chain = link(self._chain, frame_digest)
-        if results is not None:
-            self._count_invalid(frame, *results)
-            self._writer.add_boxes("detections", frame.index, results[0])
-            self._writer.add_boxes("tracks", frame.index, results[1])
+        for name, boxes in zip(("detections", "tracks"), results or (), strict=False):
+            self._count_invalid(f"frame {frame.index}: {name}", boxes)
+            self._writer.add_boxes(name, frame.index, boxes)
         number, stamp = frame.frame_number, frame.stamp_ns
         record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
         stages = {} if output is None else output.stage_ns
         self._writer.add_frame(record, {**stages, "total": total_ns})
 
-    def _count_invalid(self, frame: Frame, detections: Boxes, tracks: Boxes) -> None:
-        for what, boxes in (("detections", detections), ("tracks", tracks)):
-            outline = boxes.xyxy_px if isinstance(boxes, Boxes2D) else np.hstack([boxes.center_m, boxes.size_lwh_m])
-            bad = ~np.isfinite(outline).all(axis=1)
-            if boxes.score is not None:
-                bad |= ~np.isfinite(boxes.score)
-            if bad.any():
-                self._faults.add("PRD001", f"frame {frame.index}: {what}", int(bad.sum()))
+    def _count_invalid(self, where: str, boxes: Boxes) -> None:
+        sane, scored = finite(boxes)
+        if num := int(np.count_nonzero(~(sane & scored))):
+            self._faults.add("PRD001", where, num)
 
     def require_results(self) -> None:
         """Refuse to write a run of nothing.
@@ -160,21 +190,44 @@ class _Loop:
         """
         records = self._writer.records
         if not records:
-            raise LogError(f"log '{self._info.name}' gives no frames: no message of '{self.reference}'")
+            hint = "choose another with --reference"
+            raise LogError(f"log '{self._info.name}' gives no frames: no message of '{self.reference}', {hint}")
         if all(record.failed is not None for record in records):
             raise RunError(f"pipeline '{self._plan.name}' failed on all {len(records)} frames: {records[0].failed}")
 
     def finish(self, reader: Reader) -> None:
         """Attach truth, explain what was missing, and write what isn't a table."""
-        for index, truth in _matched(self._digested(reader.truths()), self._writer):
-            self._writer.label_frame(index, truth)
+        for index, truth in Labelling(self._writer.records).matched(self._digested(reader.truths())):
+            if index is None:
+                self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
+            else:
+                self._writer.label_frame(index, truth)
         counts = self._buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.reference, counts.disordered)
-        self._writer.explain_missing(lambda record: _explained(record, counts))
+        self._writer.explain_missing(lambda record: self._explained(record, counts))
         self._writer.write_media(self._media.frames)
         faults = {"lost": self._faults.lost, "unused_messages": counts.unused, "rows": self._faults.rows()}
         self._writer.write_json("faults.json", faults)
+
+    def _explained(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
+        skipped = {m.sensor for m in self._skipped if self._near(m, record)}
+
+        def why(sensor: str, reason: str) -> str:
+            late = counts.late_ms.get((record.index, sensor))
+            if late is not None:
+                return f"late by {late:.1f} ms"
+            if not reason.startswith(NOT_THERE):
+                return reason
+            return "skipped, mostly non-finite points" if sensor in skipped else "never came"
+
+        return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
+
+    def _near(self, message: _Skipped, record: FrameRecord) -> bool:
+        if message.frame_number is not None and record.frame_number is not None:
+            return message.frame_number == record.frame_number
+        return abs(message.stamp_ns - record.stamp_ns) <= self._plan.sync.tolerance_ns
 
     def _digested(self, truths: Iterator[Truth]) -> Iterator[Truth]:
         for truth in truths:
@@ -211,38 +264,6 @@ class _Loop:
         )
 
 
-def _explained(record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-    """Say of each sensor that wasn't there in time whether it came too late or never."""
-
-    def why(sensor: str, reason: str) -> str:
-        late = counts.late_ms.get((record.index, sensor))
-        if late is not None:
-            return f"late by {late:.1f} ms"
-        return "never came" if reason.startswith(NOT_THERE) else reason
-
-    return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
-
-
-def _matched(truths: Iterator[Truth], writer: RunWriter) -> Iterator[tuple[int, Truth]]:
-    """Find the frame of each truth: by frame number where both have one, else by nearest stamp; one truth a frame."""
-    records = writer.records
-    by_number = {r.frame_number: r.index for r in reversed(records) if r.frame_number is not None}
-    stamps = np.array([r.stamp_ns for r in records], np.int64)
-    order = np.argsort(stamps, kind="stable")
-    taken: dict[int, bool] = {}
-    for truth in truths:
-        index = (
-            by_number.get(truth.frame_number)
-            if truth.frame_number is not None
-            else _nearest(stamps, order, truth.stamp_ns)
-        )
-        if index is not None and not taken.setdefault(index, False):
-            taken[index] = True
-            yield index, truth
-
-
-def _nearest(stamps: Any, order: Any, stamp_ns: int) -> int | None:
-    at = int(np.searchsorted(stamps[order], stamp_ns))
-    near = [int(i) for i in order[max(0, at - 1) : at + 1]]
-    best = min(near, key=lambda i: (abs(int(stamps[i]) - stamp_ns), i), default=None)
-    return best if best is not None and abs(int(stamps[best]) - stamp_ns) <= TRUTH_TOLERANCE_NS else None
+def _why(error: BaseException) -> str:
+    """One line about an exception."""
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no message'}"

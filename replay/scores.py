@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from fbench.replay.errors import ConfigError, MetricError, RunError
+from fbench.replay.files import replace_text
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def ratio(
 def save_scores(path: Path, scores: Sequence[Score]) -> None:
     """Write scores as JSON; equal scores give equal bytes."""
     rows = [{("class" if k == "class_" else k): v for k, v in asdict(score).items()} for score in scores]
-    path.write_text(json.dumps(rows, indent=1, allow_nan=False) + "\n")
+    replace_text(path, json.dumps(rows, indent=1, allow_nan=False) + "\n")
 
 
 def load_scores(path: Path) -> list[Score]:

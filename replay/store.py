@@ -20,6 +20,8 @@ from fbench.replay.media import MediaFrame, read_media, write_media
 from fbench.replay.scores import Score, load_scores
 from fbench.replay.tables import BoxTable, BoxWriter, read_boxes, read_table, write_table
 
+B = TypeVar("B", Boxes2D, Boxes3D)
+
 
 @dataclass(frozen=True)
 class FrameRecord:
@@ -45,13 +47,11 @@ class RunWriter:
     """Writes one run folder; nothing appears under its name before `finish`."""
 
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
-        if folder.exists() and not overwrite:
-            raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
-        if folder.exists() and not (folder / "manifest.json").is_file():
-            raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it")
-        self.folder = folder
-        self.partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
         try:
+            if folder.exists():
+                _require_replaceable(folder, overwrite)
+            self.folder = folder.resolve()
+            self.partial = self.folder.with_name(f".{self.folder.name}.partial-{os.getpid()}")
             self.partial.mkdir(parents=True)
         except OSError as error:
             raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
@@ -107,8 +107,8 @@ class RunWriter:
         """Keep images and points of chosen frames."""
         write_media(self.partial / "media.parquet", frames)
 
-    def finish(self, manifest: Manifest) -> Path:
-        """Complete the folder, give it its name, and return it."""
+    def finish(self, manifest: Manifest, complete: Callable[[Path], None] = lambda folder: None) -> Path:
+        """Write the rest, let `complete` add to the folder, give it its name, and return it."""
         for writer in self._writers.values():
             writer.close()
         self._writers = {}
@@ -121,10 +121,28 @@ class RunWriter:
         }
         write_table(self.partial / "timings.parquet", columns)
         save_manifest(self.partial / "manifest.json", manifest)
-        if self.folder.exists():
-            shutil.rmtree(self.folder)
-        self.partial.rename(self.folder)
+        complete(self.partial)
+        _swap(self.partial, self.folder)
         return self.folder
+
+
+def _require_replaceable(folder: Path, overwrite: bool) -> None:
+    """Refuse to replace a folder, unless that is wanted and it holds a run."""
+    if not overwrite:
+        raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+    try:
+        load_manifest(folder / "manifest.json")
+    except RunError:
+        raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
+
+
+def _swap(new: Path, folder: Path) -> None:
+    """Put `new` in the place of `folder`; at no moment is there half of either."""
+    old = new.with_name(f"{new.name}.old")
+    if folder.exists():
+        folder.rename(old)
+    new.rename(folder)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
@@ -185,11 +203,19 @@ class Run:
 
     def truth3d(self, index: int) -> Boxes3D | None:
         """3D truth of frame `index`; `None` where it isn't labelled."""
-        return _at(self._truth3d, self.frames[index], "3d", Boxes3D)
+        return self._at("truth.parquet", self._truth3d, index, "3d", Boxes3D)
 
     def truth2d(self, index: int) -> Boxes2D | None:
         """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
-        return _at(self._truth2d, self.frames[index], "2d", Boxes2D)
+        return self._at("truth_2d.parquet", self._truth2d, index, "2d", Boxes2D)
+
+    def _at(self, name: str, table: BoxTable | None, index: int, space: str, kind: type[B]) -> B | None:
+        if space not in self.frames[index].truth_spaces.split():
+            return None
+        boxes = None if table is None else table.at(index)
+        if not isinstance(boxes, kind):
+            raise RunError(f"{self.folder / name}: can't be read (frames have truth, but it isn't there)")
+        return boxes
 
     @cached_property
     def timings(self) -> dict[str, list[int]]:
@@ -217,15 +243,3 @@ class Run:
             return json.loads(path.read_text())
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: can't be read ({error})") from error
-
-
-B = TypeVar("B", Boxes2D, Boxes3D)
-
-
-def _at(table: BoxTable | None, record: FrameRecord, space: str, kind: type[B]) -> B | None:
-    if table is None or space not in record.truth_spaces.split():
-        return None
-    boxes = table.at(record.index)
-    if not isinstance(boxes, kind):
-        raise RunError(f"frame {record.index}: truth isn't {kind.__name__}")
-    return boxes

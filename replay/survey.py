@@ -42,21 +42,19 @@ class Survey:
 
 def survey(reader: Reader, params: SyncParams) -> Survey:
     """Read a log once and count; only stamps are kept."""
-    reference = choose_reference(reader.rig, reader.info, params)
+    reference = choose_reference(reader.rig, reader.info, reader.num_messages, params)
     buffer = FrameBuffer((), reference, params)
     stamps: dict[str, list[int]] = {}
     kinds: dict[str, str] = {}
-    num_frames = 0
     for message in reader.messages():
         stamps.setdefault(message.sensor, []).append(message.stamp_ns)
         kinds.setdefault(message.sensor, _kind(reader.rig, message))
         if message.sensor == reference:
-            num_frames += 1
             for _ in buffer.open_frame(message):
                 pass
     streams = tuple(_stream(name, kinds[name], stamps[name]) for name in sorted(stamps))
     num_truths = sum(1 for _ in reader.truths())
-    return Survey(reader.info, reader.rig, reference, streams, num_truths, num_frames, tuple(buffer.breaks))
+    return Survey(reader.info, reader.rig, reference, streams, num_truths, buffer.num_frames, tuple(buffer.breaks))
 
 
 def _kind(rig: Rig, message: Message) -> str:

@@ -5,13 +5,15 @@ one, else by nearest stamp within a tolerance. A frame is released whole when ev
 or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronisation).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from fbench.replay.data import Frame, Kind, LogInfo, Message, Rig
 from fbench.replay.errors import ConfigError, LogError
 
 NOT_THERE = "not there within"
+_REMEMBERED = 16
 _PREFERENCE: tuple[Kind, ...] = ("lidar", "camera", "radar")
 
 
@@ -25,29 +27,33 @@ class SyncParams:
     """How long a frame waits [ns], in log time: with frame numbers from its first arrival on; without them it is
     known only from the arrival of its reference message on."""
     tolerance_ns: int = 50_000_000
-    """How far a stamp may be from the instant [ns]; never more than 0.6 mean periods of the sensor or the reference."""
+    """How far a stamp may be from the instant [ns]; never more than half a mean period of it or the reference."""
     max_gap_ns: int = 2_000_000_000
     """A longer pause between two instants begins a new segment [ns]."""
     max_jump_ns: int = 1_000_000_000
     """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
 
 
-def choose_reference(rig: Rig, info: LogInfo, params: SyncParams) -> str:
-    """Return the name of the reference sensor.
+def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
+    """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
+
+    The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
+    get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide.
 
     Raises:
         ConfigError: where the sensor that was asked for isn't in the log.
-        LogError: where the log has no sensor at all.
+        LogError: where the log has no message of any sensor with calibration.
     """
     wanted = params.reference or info.metadata.get("reference")
     if wanted is not None:
         if wanted not in rig.mounts:
             raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
         return wanted
-    for kind in _PREFERENCE:
-        if names := rig.sensors(kind):
-            return names[0]
-    raise LogError(f"log '{info.name}' has no sensor with calibration, so there are no frames")
+    heard = {name: num for name in rig.sensors(*_PREFERENCE) if (num := num_messages.get(name, 0))}
+    if not heard:
+        raise LogError(f"log '{info.name}' has no messages of a sensor with calibration, so there are no frames")
+    slow = [name for name, num in heard.items() if num <= 1.1 * min(heard.values())]
+    return min(slow, key=lambda name: (_PREFERENCE.index(rig.mounts[name].kind), name))
 
 
 @dataclass
@@ -68,6 +74,16 @@ class _Open:
         return min((m.log_ns for m in self.messages.values()), default=self.opened_ns)
 
 
+class _Released(NamedTuple):
+    """What is remembered of a frame, to recognise messages that come too late for it."""
+
+    frame: int
+    stamp_ns: int
+    number: int | None
+    deadline_ns: int
+    absent: frozenset[str]
+
+
 class _Periods:
     """Mean time between the messages of each sensor."""
 
@@ -79,9 +95,9 @@ class _Periods:
         self._seen[sensor] = (first, stamp_ns, num + 1)
 
     def limit_ns(self, sensor: str, otherwise_ns: int) -> int:
-        """Farther than 0.6 mean periods away another message of the sensor is surely nearer."""
+        """Farther than half a mean period away another message of the sensor is nearer."""
         first, last, num = self._seen.get(sensor, (0, 0, 0))
-        return min(otherwise_ns, (last - first) * 6 // (10 * (num - 1))) if num > 1 and last > first else otherwise_ns
+        return min(otherwise_ns, (last - first) // (2 * (num - 1))) if num > 1 and last > first else otherwise_ns
 
 
 @dataclass(frozen=True)
@@ -103,7 +119,7 @@ class FrameBuffer:
         self._expected, self._reference, self._params = tuple(sorted(expected)), reference, params
         self._open: list[_Open] = []
         self._pending: list[Message] = []
-        self._released: list[tuple[int, int, int | None, int]] = []
+        self._released: list[_Released] = []
         self._num_frames, self._segment = 0, 0
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
@@ -128,7 +144,7 @@ class FrameBuffer:
         if step is not None and (why := self._border(step)):
             yield from self._release_all()
             self.breaks.append(f"{why} before frame {self._num_frames}")
-            self._segment, self._periods = self._segment + 1, _Periods()
+            self._segment, self._periods, self._released = self._segment + 1, _Periods(), []
         elif step is not None and step <= 0:
             self._disordered += 1
             return
@@ -159,6 +175,11 @@ class FrameBuffer:
         for message in self._pending:
             self._unused[message.sensor] += 1
         self._pending = []
+
+    @property
+    def num_frames(self) -> int:
+        """Frames opened so far."""
+        return self._num_frames
 
     @property
     def counts(self) -> SyncCounts:
@@ -228,21 +249,22 @@ class FrameBuffer:
                 self._unused[message.sensor] += 1
 
     def _is_late(self, message: Message) -> bool:
-        """Tell whether the message belongs to a frame that was released without it, and note by how much."""
-        for index, stamp_ns, number, deadline_ns in reversed(self._released):
-            if self._distance_ns(message, stamp_ns, number) is not None:
-                key = (index, message.sensor)
-                if key in self._late_ms or message.log_ns <= deadline_ns:
-                    self._unused[message.sensor] += 1
+        """Tell whether the message belongs to a released frame; where that lacks it, note by how much it is late."""
+        for frame in reversed(self._released):
+            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
+                key = (frame.frame, message.sensor)
+                if message.sensor in frame.absent and key not in self._late_ms:
+                    self._late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
                 else:
-                    self._late_ms[key] = (message.log_ns - deadline_ns) / 1e6
+                    self._unused[message.sensor] += 1
                 return True
         return False
 
     def _release(self, frame: _Open) -> Frame:
         absent = [name for name in self._expected if name not in frame.messages]
         wait_ms = self._params.timeout_ns / 1e6
-        self._released = [*self._released[-15:], (frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame))]
+        released = _Released(frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame), frozenset(absent))
+        self._released = [*self._released[1 - _REMEMBERED :], released]
         return Frame(
             frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
             dict.fromkeys(absent, f"{NOT_THERE} {wait_ms:g} ms"), frame.number,

@@ -52,14 +52,16 @@ class BoxWriter:
         self._present: dict[str, None] = {}
 
     def add(self, frame: int, boxes: Boxes) -> None:
-        """Append the boxes of frame `frame`."""
+        """Append the boxes of frame `frame`; frames without boxes cost nothing."""
         arrays = boxes.arrays()
         self._present.update(dict.fromkeys(arrays))
+        if not len(boxes):
+            return
         columns = [pa.array(np.full(len(boxes), frame), pa.int64())]
         columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
         self._pending.append(pa.RecordBatch.from_arrays(columns, schema=self._schema))
         self._num_rows += len(boxes)
-        if self._num_rows >= _ROWS_PER_GROUP:
+        if self._num_rows >= _ROWS_PER_GROUP or len(self._pending) >= _ROWS_PER_GROUP // 8:
             self._flush()
 
     def close(self) -> None:

@@ -1,29 +1,32 @@
 """The commands of `fbench`, and how their errors become one line and an exit code."""
 
 import os
+import signal
 import sys
 from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import compare, demo, log, plugins, replay, report, score
-from fbench.replay.errors import FbenchError
+from fbench.replay.cli import compare, demo, examples, log, plugins, replay, report, score
+from fbench.replay.errors import EXIT_DATA, EXIT_USAGE, FbenchError
 
 app = typer.Typer(
     name="fbench",
     help="Replay recorded sensor logs into perception pipelines, and measure them.",
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
     rich_markup_mode="rich",
 )
-app.command("demo")(demo.demo)
-app.command("replay")(replay.replay)
-app.command("score")(score.score)
-app.command("report")(report.report)
-app.command("compare")(compare.compare)
-app.command("plugins")(plugins.plugins)
+app.command("demo", epilog=examples.DEMO)(demo.demo)
+app.command("replay", epilog=examples.REPLAY)(replay.replay)
+app.command("score", epilog=examples.SCORE)(score.score)
+app.command("report", epilog=examples.REPORT)(report.report)
+app.command("compare", epilog=examples.COMPARE)(compare.compare)
+app.command("plugins", epilog=examples.PLUGINS)(plugins.plugins)
 app.add_typer(log.app, name="log")
+
+# Typer shows the class of all usage errors only as the parent of another.
+_UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
 @app.callback()
@@ -35,12 +38,33 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks
 def main() -> None:
     """Run the command line; foreseen errors become one line on stderr and an exit code."""
     # One BLAS thread, so that sums never depend on the number of cores; must be set before numpy is imported.
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    # So that a cancelled job cleans up behind itself.
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    arguments = sys.argv[1:]
+    debug = "--debug" in arguments
     try:
-        app()
-    except FbenchError as error:
-        if "--debug" in sys.argv[1:2]:
+        sys.exit(app([a for a in arguments if a != "--debug"] or ["--help"], standalone_mode=False))
+    except typer.Abort:
+        sys.exit(128 + signal.SIGINT)
+    except (FbenchError, OSError, _UsageError) as error:
+        if debug:
             raise
-        sys.stderr.write(f"fbench: {error}\n")
-        sys.exit(error.exit_code)
+        if line := _line(error):  # empty where help was shown instead
+            sys.stderr.write(f"fbench: {line}\n")
+        sys.exit(_code(error))
+
+
+def _line(error: Exception) -> str:
+    """One line about an error, whatever is in its text."""
+    if isinstance(error, OSError):
+        text = f"{error.filename or 'output'}: {error.strerror or error}"
+    else:
+        text = error.format_message() if isinstance(error, _UsageError) else str(error)
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+def _code(error: Exception) -> int:
+    if isinstance(error, FbenchError):
+        return error.exit_code
+    return EXIT_DATA if isinstance(error, OSError) else EXIT_USAGE

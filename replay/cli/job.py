@@ -2,8 +2,11 @@
 
 import json
 import re
+import sys
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,8 +14,9 @@ from fbench.replay.cli.progress import frame_progress
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.cli.show import console, fault_lines, latency_table, null_reasons, score_table
 from fbench.replay.clock import make_clock
-from fbench.replay.errors import ConfigError
-from fbench.replay.faults import FaultLog
+from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.faults import FAULTS, FaultLog
+from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
 from fbench.replay.logs.open import open_log
 from fbench.replay.plugins import load, make_pipeline
@@ -52,23 +56,43 @@ def short_name(pipeline: str) -> str:
 
 def run_job(job: Job) -> Run:
     """Replay, score, and report if asked to; returns the finished run."""
-    clock = make_clock(job.rate)
+    clock = make_clock(job.rate, job.sync.max_gap_ns)
     pipeline, parameters = make_pipeline(job.pipeline, job.settings)
-    faults = FaultLog()
-    reader = open_log(job.log, faults)
-    host = {**describe_host(), "rate": job.rate}
     start = time.monotonic()
-    with frame_progress(f"{job.log.name} → {job.pipeline}") as progress:
-        plan = Plan(
-            pipeline, short_name(job.pipeline), parameters, job.sync, clock, tolerant=job.tolerant, progress=progress
-        )
-        folder = replay(reader, plan, job.folder, faults, job.overwrite)
-    host["wall_s"] = round(time.monotonic() - start, 3)
-    (folder / "host.json").write_text(json.dumps(host, indent=1) + "\n")
-    run = score_folder(folder, job.scoring)
+
+    def complete(folder: Path) -> None:
+        host = {**describe_host(), "rate": job.rate, "wall_s": round(time.monotonic() - start, 3)}
+        replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
+        score_folder(folder, job.scoring)
+
+    faults = FaultLog()
+    name = short_name(job.pipeline)
+    # What a plug-in prints must not get between the lines of --json.
+    with explained(faults), frame_progress(f"{job.log.name} → {name}") as progress, redirect_stdout(sys.stderr):
+        reader = open_log(job.log, faults)
+        plan = Plan(pipeline, name, parameters, job.sync, clock, tolerant=job.tolerant, progress=progress)
+        replay(reader, plan, job.folder, faults, job.overwrite, complete)
+    run = Run(job.folder)
     if job.report:
-        load("reports", "html")().write([run], folder / "report.html")
+        load("reports", "html")().write([run], job.folder / "report.html")
     return run
+
+
+@contextmanager
+def explained(faults: FaultLog) -> Iterator[None]:
+    """Add the first fault that was met before it to the message of a log that can't be used."""
+    try:
+        yield
+    except LogError as error:
+        first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in sorted(faults.places.items())), None)
+        if first is None:
+            raise
+        raise LogError(f"{error}; before that: {first}") from error
+
+
+def to_ns(value: float, unit_ns: float) -> int:
+    """Convert a duration to nanoseconds; infinity becomes longer than any log."""
+    return round(min(value * unit_ns, 1e18))
 
 
 def show_run(run: Run, as_json: bool) -> None:

@@ -5,12 +5,13 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli import examples
 from fbench.replay.cli.options import Json, Log
 
 app = typer.Typer(help="Look into logs and make them.", no_args_is_help=True)
 
 
-@app.command("info")
+@app.command("info", epilog=examples.LOG_INFO)
 def info(log: Log, json: Json = False) -> None:
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.replay.cli.log_info import show_info
@@ -18,7 +19,7 @@ def info(log: Log, json: Json = False) -> None:
     raise typer.Exit(show_info(log, json))
 
 
-@app.command("import")
+@app.command("import", epilog=examples.LOG_IMPORT)
 def import_(
     dataset: Annotated[str, typer.Argument(help="Which importer, such as astyx.")],
     source: Annotated[Path, typer.Argument(metavar="SRC", help="The dataset's folder.")],

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from fbench.replay.cli.job import explained
 from fbench.replay.cli.show import console
 from fbench.replay.data import CameraModel, Mount
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
@@ -18,7 +19,8 @@ from fbench.replay.sync import SyncParams
 def show_info(log: Path, as_json: bool) -> int:
     """Print what a log holds; returns the exit code."""
     faults = FaultLog()
-    result = survey(open_log(log, faults), SyncParams())
+    with explained(faults):
+        result = survey(open_log(log, faults), SyncParams())
     if as_json:
         print(json.dumps(_content(result, faults), indent=1, allow_nan=False))  # noqa: T201
     else:
@@ -69,7 +71,8 @@ def _print(log: Path, result: Survey, faults: FaultLog) -> None:
 
 
 def _duration_s(streams: tuple[Stream, ...]) -> float:
-    return (max(s.last_stamp_ns for s in streams) - min(s.first_stamp_ns for s in streams)) / 1e9
+    first, last = (s.first_stamp_ns for s in streams), (s.last_stamp_ns for s in streams)
+    return (max(last, default=0) - min(first, default=0)) / 1e9
 
 
 def _streams(result: Survey) -> Table:

@@ -7,15 +7,6 @@ import typer
 
 from fbench.replay.cli.options import DistanceM, InView, Iou, Json, Log, Overwrite, RangeM
 
-EPILOG = """[bold]Examples[/bold]
-
-fbench replay log.mcap --pipeline lidar3d
-
-fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report
-
-fbench replay log.mcap -p my_pipeline.py:MyPipeline
-"""
-
 
 def replay(
     log: Log,
@@ -41,14 +32,14 @@ def replay(
     json: Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
-    from fbench.replay.cli.job import Job, run_job, show_run
+    from fbench.replay.cli.job import Job, run_job, show_run, to_ns
     from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError
     from fbench.replay.scores import ScoreOptions
     from fbench.replay.sync import SyncParams
 
     if on_fault not in ("strict", "tolerant"):
         raise ConfigError(f"--on-fault {on_fault}: expected 'strict' or 'tolerant'")
-    sync = SyncParams(reference, round(timeout_ms * 1e6), round(tolerance_ms * 1e6), round(max_gap_s * 1e9))
+    sync = SyncParams(reference, to_ns(timeout_ms, 1e6), to_ns(tolerance_ms, 1e6), to_ns(max_gap_s, 1e9))
     job = Job(
         log=log,
         pipeline=pipeline,

@@ -21,7 +21,9 @@ def score(
 
     opened = open_run(run)
     if all(frame.truth_stamp_ns is None for frame in opened.frames):
-        raise RunError(f"{run}: the log has no truth, so there is nothing to score")
+        strays = next(row["count"] for row in opened.json("faults.json")["rows"] if row["code"] == "GT006")
+        why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
+        raise RunError(f"{run}: {why}, so there is nothing to score")
     scored = score_folder(opened.folder, ScoreOptions(range_m, in_view, distance_m, iou))
     show_run(scored, json)
     raise typer.Exit(EXIT_OK if scored.manifest.complete else EXIT_LOSSY)

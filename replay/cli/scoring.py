@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+from fbench.replay.files import replace_text
 from fbench.replay.plugins import found, load
 from fbench.replay.scores import ScoreOptions, save_scores
 from fbench.replay.store import Run
@@ -15,7 +16,8 @@ def score_folder(folder: Path, options: ScoreOptions) -> Run:
 
     run = Run(folder)
     metrics = [load("metrics", name)() for name in found("metrics")]
-    save_scores(folder / "scores.json", score_run(run, options, metrics))
+    scores = score_run(run, options, metrics)
     latency = json.dumps(summarise(run.timings), indent=1, allow_nan=False) + "\n"
-    (folder / "latency.json").write_text(latency)
+    save_scores(folder / "scores.json", scores)
+    replace_text(folder / "latency.json", latency)
     return Run(folder)

@@ -13,13 +13,18 @@ NEAR_M = 0.1
 """Points closer than this to the image plane count as behind the camera."""
 
 
+def is_pinhole(camera: CameraModel) -> bool:
+    """Tell whether a camera has no lens distortion, as after rectification."""
+    return not np.any(camera.distortion)
+
+
 def require_pinhole(name: str, camera: CameraModel) -> None:
     """Refuse cameras whose distortion isn't modelled yet.
 
     Raises:
         LogError: naming camera and model.
     """
-    if camera.distortion.size and np.any(camera.distortion):
+    if not is_pinhole(camera):
         raise LogError(
             f"camera '{name}': distortion model '{camera.distortion_model}' isn't supported, rectify the images"
         )

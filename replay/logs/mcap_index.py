@@ -41,6 +41,8 @@ class Index:
     schemas: Mapping[int, Schema]
     metadata: Mapping[str, Metadata] = field(default_factory=dict)
     """Metadata records by name, the first of each."""
+    counts: Mapping[int, int] = field(default_factory=dict)
+    """Messages of each channel."""
     damage: Sequence[str] = ()
     """What was found wrong outside the blocks."""
 
@@ -77,7 +79,8 @@ def read_index(file: BinaryIO, size: int) -> Index:
     blocks = sorted((_block(chunk) for chunk in summary.chunks), key=lambda block: block.offset)
     covered = sorted((c.chunk_start_offset, c.chunk_length + c.message_index_length) for c in summary.chunks)
     metadata, damage = _between(file, [*covered, (start, 0)])
-    return Index(blocks, summary.channels, summary.schemas, metadata, damage)
+    counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
+    return Index(blocks, summary.channels, summary.schemas, metadata, counts, damage)
 
 
 def _summary(file: BinaryIO, size: int) -> tuple[int, _Summary]:

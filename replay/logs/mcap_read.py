@@ -1,6 +1,7 @@
 """Reading MCAP logs as messages, truth and rig."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
@@ -54,6 +55,15 @@ class McapReader:
             LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
         """
         return read_rig(self._file, self._roles, self._header)
+
+    @cached_property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages of each sensor and stream of poses, by name, as the index says."""
+        counts: Counter[str] = Counter()
+        for id_, role in sorted(self._roles.items()):
+            if role.kind in _MESSAGES:
+                counts[role.sensor] += self._file.index.counts.get(id_, 0)
+        return counts
 
     @cached_property
     def poses(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
@@ -95,6 +96,8 @@ def _mount(file: McapFile, tree: TransformTree, name: str, kind: Kind, frame: st
         raise LogError(f"{file.path}: sensor '{name}': {error}") from error
     if pose is None:
         raise LogError(f"{file.path}: sensor '{name}' has no transform to the body (coordinate frame '{frame}' on /tf)")
+    if not (np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all() and np.any(pose[1])):
+        raise LogError(f"{file.path}: sensor '{name}' has no valid pose (position {pose[0]}, rotation {pose[1]})")
     return Mount(kind, *pose)
 
 

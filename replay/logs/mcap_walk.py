@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import BinaryIO
 
@@ -46,7 +47,7 @@ def walk(file: BinaryIO, name: str, size: int, whole: bool, faults: FaultLog) ->
         last = max((block.end_ns for block in walker.blocks), default="none")
         faults.add("LOG002", f"{name}: truncated at byte {walker.at}, last good stamp {last}")
     walker.check_sums(end)
-    return Index(walker.blocks, walker.channels, walker.schemas, walker.metadata)
+    return Index(walker.blocks, walker.channels, walker.schemas, walker.metadata, walker.counts)
 
 
 @dataclass
@@ -74,6 +75,7 @@ class _Walker:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
         self.metadata: dict[str, Metadata] = {}
+        self.counts: Counter[int] = Counter()
         self.at = len(MAGIC)
         self._file, self._name, self._size, self._faults = file, name, size, faults
         self._crc = zlib.crc32(MAGIC)
@@ -156,6 +158,7 @@ class _Walker:
             self._run = _Run(self.at, stop)
         self._run.stop = stop
         self._run.add(channel, log_ns)
+        self.counts[channel] += 1
         self._num_plain += 1
 
     def _flush(self) -> None:
@@ -173,6 +176,7 @@ class _Walker:
             if opcode == Opcode.MESSAGE and stop - start >= MESSAGE.size:
                 channel, _, log_ns, _ = MESSAGE.unpack_from(data, start)
                 run.add(channel, log_ns)
+                self.counts[channel] += 1
             elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
                 self._define_inside(opcode, bytes(data[start:stop]))
         self._num_unverified += chunk.crc == 0

@@ -1,6 +1,7 @@
 """A log in memory and small pipelines, for tests of the loop."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +21,10 @@ class FakeLog:
     labels: list[Truth] = field(default_factory=list)
     rig: Rig = RIG
     info: LogInfo = field(default_factory=lambda: LogInfo("fake", "fake-1", {"place": "here"}))
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        return Counter(m.sensor for m in self.items)
 
     @property
     def poses(self) -> tuple[str, ...]:

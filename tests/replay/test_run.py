@@ -4,7 +4,9 @@ import hashlib
 import json
 import os
 import random
+import re
 import time
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +14,13 @@ import numpy as np
 import pytest
 
 from fbench.replay.clock import PacedClock
-from fbench.replay.data import Boxes3D, Fault, Output, Pose, Truth
+from fbench.replay.data import Boxes2D, Boxes3D, Fault, Output, PointCloud, Pose, Truth
 from fbench.replay.errors import ConfigError, LogError, RunError
 from fbench.replay.faults import FaultLog
 from fbench.replay.run import Plan, replay
 from fbench.replay.store import Run
+from fbench.replay.sync import SyncParams
+from fbench.replay.tables import BoxWriter
 
 from .fakes import MS, UPRIGHT, Echo, FakeLog, box, cloud, drive, scan
 
@@ -75,7 +79,7 @@ def test_log_without_truth_replays(tmp_path):
 
 
 def test_two_runs_are_byte_equal_at_any_rate(tmp_path):
-    paced = PacedClock(50.0)
+    paced = PacedClock(50.0, 2_000 * MS)
     runs = [play(drive(), tmp_path / "a"), play(drive(), tmp_path / "b", clock=paced)]
     assert content(runs[0].folder) == content(runs[1].folder)
     assert len(content(runs[0].folder)) >= 6
@@ -110,7 +114,7 @@ def test_segments_reset_the_pipeline(tmp_path):
 
 def test_missing_sensor_says_late_or_never(tmp_path):
     items = [cloud(0), cloud(100 * MS), cloud(200 * MS), scan(0), replace(scan(100 * MS), log_ns=145 * MS)]
-    run = play(FakeLog(items), tmp_path / "run")
+    run = play(FakeLog(items), tmp_path / "run", sync=SyncParams(reference="lidar"))
     assert [dict(f.missing) for f in run.frames] == [{}, {"radar": "late by 15.0 ms"}, {"radar": "never came"}]
 
 
@@ -170,13 +174,13 @@ class Wrong(Echo):
 
 
 def test_wrong_output_type_is_a_failure(tmp_path):
-    with pytest.raises(RunError, match=r"TypeError: step\(\) gave NoneType, not Output"):
+    with pytest.raises(RunError, match=r"DataError: step\(\) gave NoneType, expected Output"):
         play(drive(3), tmp_path / "run", Wrong())
 
 
 def test_log_without_the_reference_gives_no_frames(tmp_path):
     with pytest.raises(LogError, match="gives no frames: no message of 'lidar'"):
-        play(FakeLog([scan(0)]), tmp_path / "run")
+        play(FakeLog([scan(0)]), tmp_path / "run", sync=SyncParams(reference="lidar"))
 
 
 def test_existing_folder_is_kept(tmp_path):
@@ -240,3 +244,135 @@ class Blind(Echo):
 def test_sensor_that_the_pipeline_cannot_use_is_missing_too(tmp_path):
     run = play(FakeLog([cloud(0)]), tmp_path / "run", Blind())
     assert run.frames[0].missing == {"camera": "no weights", "radar": "never came"}
+
+
+@pytest.mark.parametrize(
+    ("numbers", "labels", "expected"),
+    [
+        ([None] * 3, [Truth(100 * MS, 0, box(1.0), frame_number=9)], [None, 100, None]),
+        ([7, 8, 9], [Truth(0, 0, box(1.0), frame_number=9)], [None, None, 0]),
+        (
+            [7, 8, 7],
+            [Truth(1 * MS, 0, box(1.0), frame_number=7), Truth(199 * MS, 0, box(1.0), frame_number=7)],
+            [1, None, 199],
+        ),
+        ([None] * 3, [Truth(91 * MS, 0, box(1.0)), Truth(100 * MS, 0, box(2.0))], [None, 100, None]),
+        ([None] * 3, [Truth(100 * MS, 0, box(1.0)), Truth(109 * MS, 0, box(2.0))], [None, 100, None]),
+        ([None] * 3, [Truth(89 * MS, 0, box(1.0))], [None, None, None]),
+    ],
+)
+def test_truth_finds_the_right_frame(tmp_path, numbers, labels, expected):
+    items = [replace(cloud(100 * MS * i), frame_number=n) for i, n in enumerate(numbers)]
+    faults = FaultLog()
+    run = play(FakeLog(items, labels), tmp_path / "run", faults=faults)
+    found = [None if f.truth_stamp_ns is None else f.truth_stamp_ns // MS for f in run.frames]
+    assert found == expected
+    assert faults.counts["GT006"] == len(labels) - sum(e is not None for e in expected)
+
+
+def out(**changes):
+    """A step that gives an odd output."""
+
+    class Odd(Echo):
+        def step(self, frame):
+            return replace(super().step(frame), **changes)
+
+    return Odd()
+
+
+class Raises(Echo):
+    """A pipeline that breaks in one of its methods."""
+
+    def __init__(self, method, error):
+        super().__init__()
+        self.method, self.error = method, error
+
+    def start(self, rig, log_info):
+        if self.method == "start":
+            raise self.error
+        super().start(rig, log_info)
+
+    def step(self, frame):
+        if self.method == "step":
+            raise self.error
+        return super().step(frame)
+
+
+LABELLED = replace(box(1.0), label=np.array(["Car"]))
+NO_CAMERA = Boxes2D(np.array(["cam"]), np.ones((1, 4)))
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "message"),
+    [
+        (out(detections=None, tracks=None), "expected Boxes2D or Boxes3D, got NoneType"),
+        (out(stage_ns={"a": None}), "Output.stage_ns: expected names and times"),
+        (out(missing={"lidar": 3}), "Output.missing: expected texts"),
+        (out(faults=(Fault("XYZ", "here"),)), "isn't a fault of the table"),
+        (out(detections=LABELLED), "Output.detections.label: 'Car' isn't known; did you mean 'car'"),
+        (out(detections=NO_CAMERA, tracks=NO_CAMERA), "Output.detections.camera: 'cam' isn't known"),
+        (Raises("start", ZeroDivisionError("oh")), "can't start: ZeroDivisionError: oh"),
+        (Raises("step", SystemExit(0)), "failed on all 3 frames: SystemExit: 0"),
+    ],
+)
+def test_pipelines_that_break_their_contract(tmp_path, pipeline, message):
+    with pytest.raises(RunError, match=re.escape(message)):
+        play(drive(3), tmp_path / "run", pipeline)
+    assert list(tmp_path.iterdir()) == []
+
+
+class Mixed(Echo):
+    def step(self, frame):
+        output = super().step(frame)
+        return output if frame.index else Output(Boxes2D.empty(), Boxes2D.empty(), {})
+
+
+def test_boxes_are_of_one_kind_throughout(tmp_path):
+    run = play(drive(5), tmp_path / "run", Mixed())
+    assert run.frames[0].failed is None
+    assert "expected Boxes2D as in other frames" in run.frames[1].failed
+
+
+def test_failing_score_leaves_nothing_behind(tmp_path):
+    def complete(folder):
+        assert (folder / "manifest.json").is_file()
+        raise RunError("no")
+
+    with pytest.raises(RunError, match="no"):
+        replay(drive(2), Plan(Echo(), "echo"), tmp_path / "run", FaultLog(), complete=complete)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_foreign_manifest_is_not_a_run(tmp_path):
+    web = tmp_path / "web"
+    web.mkdir()
+    (web / "manifest.json").write_text('{"name": "my site"}')
+    with pytest.raises(ConfigError, match="isn't a run folder"):
+        replay(drive(2), Plan(Echo(), "echo"), web, FaultLog(), overwrite=True)
+    assert (web / "manifest.json").is_file()
+
+
+def test_frames_without_boxes_take_no_memory(tmp_path):
+    writer = BoxWriter(tmp_path / "t.parquet", Boxes3D)
+    writer.add(0, Boxes3D.empty())
+    tracemalloc.start()
+    for i in range(5000):
+        writer.add(i, Boxes3D.empty())
+    used, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    writer.close()
+    assert used < 100_000
+
+
+def test_lost_truth_table_is_not_taken_for_no_truth(tmp_path):
+    run = play(drive(), tmp_path / "run")
+    (run.folder / "truth.parquet").unlink()
+    with pytest.raises(RunError, match=r"truth.parquet: can't be read \(frames have truth, but it isn't there\)"):
+        Run(run.folder).truth3d(0)
+
+
+def test_cloud_that_was_skipped_is_said_to_be(tmp_path):
+    broken = PointCloud("lidar", 0, 0, np.full((3, 3), np.nan, np.float32))
+    run = play(FakeLog([broken, cloud(100 * MS), scan(0), scan(100 * MS)]), tmp_path / "run")
+    assert run.frames[0].missing == {"lidar": "skipped, mostly non-finite points"}
+    assert run.frames[1].missing == {}

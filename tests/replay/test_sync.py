@@ -126,6 +126,38 @@ def test_unexpected_sensors_are_left_out():
     assert list(frames[0].messages) == ["camera"]
 
 
+def test_extra_messages_of_a_frame_are_unused_not_late():
+    radar = [message("radar", 100 * i + 2 * k, 100 * i + 40 + k) for i in range(3) for k in range(3)]
+    lidar = [message("lidar", 100 * i, 100 * i + 20) for i in range(3)]
+    frames, buffer = play([*lidar, *radar], ("lidar", "radar"), "lidar")
+    assert all(len(f.messages) == 2 for f in frames)
+    assert buffer.counts.late_ms == {}
+    assert buffer.counts.unused["radar"] == 6
+
+
+def test_frames_of_another_segment_take_no_messages():
+    stamps = [0, 100, 200, 300, -1000, -900, -800]
+    log = [
+        message(s, t, 100 * i + (5 if s == "lidar" else 0)) for i, t in enumerate(stamps) for s in ("radar", "lidar")
+    ]
+    again = [
+        message(s, t, 700 + 100 * i + (5 if s == "lidar" else 0))
+        for i, t in enumerate([-700, 0, 100, 200])
+        for s in ("radar", "lidar")
+    ]
+    frames, _ = play([*log, *again], ("lidar", "radar"), "lidar")
+    assert len(frames) == 11
+    assert all(not f.missing for f in frames)
+
+
+def test_half_way_between_two_instants_the_nearer_one_wins():
+    lidar = [message("lidar", 50 * i, 50 * i + 1) for i in range(20)]
+    radar = [message("radar", 50 * i + 27, 50 * i + 28) for i in range(20)]
+    frames, _ = play([*lidar, *radar], ("lidar", "radar"), "lidar")
+    steps = {f.messages["radar"].stamp_ns - f.stamp_ns for f in frames[3:] if "radar" in f.messages}
+    assert steps == {-23 * MS}
+
+
 arrivals = st.lists(st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.integers(0, 200)), max_size=60)
 
 
@@ -147,17 +179,34 @@ def rig(**kinds):
     return Rig({name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in kinds.items()}, {})
 
 
-def test_reference_is_chosen_by_option_metadata_and_kind():
+def choose(sensors, num_messages, wanted=None, **metadata):
+    return choose_reference(sensors, LogInfo("log", "id", metadata), num_messages, SyncParams(reference=wanted))
+
+
+def test_reference_is_chosen_by_option_then_by_the_log():
     full = rig(cam="camera", top="lidar", front="radar")
-    info = LogInfo("log", "id", {"reference": "front"})
-    assert choose_reference(full, info, SyncParams(reference="cam")) == "cam"
-    assert choose_reference(full, info, SyncParams()) == "front"
-    assert choose_reference(full, LogInfo("log", "id"), SyncParams()) == "top"
-    assert choose_reference(rig(cam="camera", front="radar"), LogInfo("log", "id"), SyncParams()) == "cam"
+    counts = {"cam": 10, "top": 10, "front": 20}
+    assert choose(full, counts, "cam", reference="front") == "cam"
+    assert choose(full, counts, reference="front") == "front"
+
+
+@pytest.mark.parametrize(
+    ("counts", "chosen"),
+    [
+        ({"cam": 100, "top": 100, "front": 200}, "top"),  # LiDAR first on ties
+        ({"cam": 98, "top": 100, "front": 200}, "top"),  # the camera lost two
+        ({"cam": 50, "top": 100, "front": 200}, "cam"),
+        ({"cam": 100, "front": 100}, "cam"),  # the LiDAR is silent
+        ({"cam": 0, "top": 0, "front": 7}, "front"),
+    ],
+)
+def test_reference_is_the_slowest_that_says_something(counts, chosen):
+    assert choose(rig(cam="camera", top="lidar", front="radar"), counts) == chosen
 
 
 def test_unknown_reference_is_a_usage_error():
     with pytest.raises(ConfigError, match=r"reference sensor 'x' isn't in the log; it has: cam"):
-        choose_reference(rig(cam="camera"), LogInfo("log", "id"), SyncParams(reference="x"))
-    with pytest.raises(LogError, match="has no sensor with calibration"):
-        choose_reference(rig(), LogInfo("log", "id"), SyncParams())
+        choose(rig(cam="camera"), {"cam": 1}, "x")
+    for counts in ({}, {"cam": 0}):
+        with pytest.raises(LogError, match="has no messages of a sensor with calibration"):
+            choose(rig(cam="camera"), counts)

@@ -1,6 +1,11 @@
 """`fbench replay` and its friends, as a user calls them."""
 
+import errno
 import hashlib
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -250,9 +255,89 @@ def test_folders_that_are_no_runs(fbench, tmp_path):
     fails(fbench("compare", tmp_path, tmp_path), 3, "not a run folder")
 
 
-def test_usage_errors_exit_2(fbench, log):
-    assert fbench("replay", log).code == 2
-    assert fbench("frobnicate").code == 2
+def test_usage_errors_are_one_line(fbench, log):
+    fails(fbench("replay", log), 2, "--pipeline")
+    fails(fbench("frobnicate"), 2, "frobnicate")
+    fails(fbench("replay", log, "-p", "lidar3d", "--iou", "2"), 2, "--iou")
+    fails(fbench("replay", log, "-p", "lidar3d", "--frames"), 2, "--frames")
+
+
+def test_help_shows_examples(fbench):
+    commands = ("demo", "replay", "score", "report", "compare", "plugins", "log info", "log import")
+    for command in commands:
+        result = fbench(*command.split(), "--help")
+        assert result.code == 0
+        assert "Examples" in result.out, command
+        assert f"fbench {command}" in result.out
+    assert "replay" in fbench().out
+
+
+def test_infinite_durations_are_no_limit(fbench, log, still):
+    limits = ("--timeout-ms", "inf", "--tolerance-ms", "inf", "--max-gap-s", "inf")
+    assert fbench("replay", log, "-p", still(), *limits).code == 0
+
+
+def test_pipelines_that_exit_or_print(fbench, log, still, tmp_path):
+    file = tmp_path / "bad.py"
+    file.write_text("import sys\nsys.exit(0)\n")
+    fails(fbench("replay", log, "-p", f"{file}:Bad"), 2, "bad.py: can't be imported: SystemExit")
+    path = Path(still().rpartition(":")[0])
+    path.write_text(
+        path.read_text().replace("def reset", "def reset").replace("self.x = 0.0", "self.x = 0.0; print('hello')")
+    )
+    result = fbench("replay", log, "-p", f"{path}:Still", "--json")
+    assert result.json()["scores"][0]["value"] == 1.0
+    assert "hello" in result.err
+
+
+def test_disk_that_is_full(fbench, log, still, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "runs/x")
+
+    monkeypatch.setattr("fbench.replay.store.save_manifest", full)
+    fails(fbench("replay", log, "-p", still()), 3, "runs/x: No space left on device")
+    assert list(Path("runs").iterdir()) == []
+
+
+def test_termination_leaves_nothing_behind(log, still, tmp_path):
+    command = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+    arguments = ["replay", str(log), "-p", still(), "-o", str(tmp_path / "runs" / "run"), "--rate", "0.01"]
+    process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE)
+    while not list(tmp_path.glob("runs/.run.partial-*")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert b"Traceback" not in err
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_camera_with_distortion_is_left_out_of_the_score(fbench, tmp_path, still):
+    straight = rig()
+    bent = replace(straight.cameras["camera"], distortion_model="plumb_bob", distortion=np.full(5, 0.1))
+    log = write_log(tmp_path / "bent.mcap", [*messages(), *truths()], Rig(straight.mounts, {"camera": bent}))
+    result = fbench("replay", log, "-p", still(), "--json")
+    assert result.code == 0
+    scores = result.json()["scores"]
+    assert scores[0]["value"] == 1.0
+    assert {s["reason"] for s in scores if s["matching"].startswith("iou")} == {
+        "lens distortion of 'camera' isn't modelled"
+    }
+
+
+def test_truth_that_belongs_to_no_frame_is_counted(fbench, tmp_path, still):
+    late = [replace(t, stamp_ns=t.stamp_ns + 11_000_000) for t in truths()]
+    log = write_log(tmp_path / "off.mcap", [*messages(), *late])
+    result = fbench("replay", log, "-p", still())
+    assert result.code == 0
+    assert "GT006 truth that belongs to no frame: 6" in result.out
+    fails(fbench("score", "runs/off-still-Still"), 3, "none of its 6 truths belongs to a frame")
+
+
+def test_log_of_ros_messages_says_what_it_holds(fbench, shared):
+    log = shared / "data" / "mcap" / "kitti_raw_12frames_ros2.mcap"
+    for command in (("replay", log, "-p", "lidar3d"), ("log", "info", log)):
+        fails(fbench(*command), 3, "sensor_msgs/msg", "unknown schema")
 
 
 def test_corrupt_image_is_a_fault_of_its_frame(fbench, tmp_path, shared):

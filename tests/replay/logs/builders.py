@@ -149,10 +149,11 @@ images = st.builds(
     size_wh=sizes_wh,
 )  # fmt: skip
 mounts = st.builds(
-    Mount, kind=st.sampled_from(["camera", "lidar", "radar"]), translation_m=array("f8", (3,)),
-    rotation_xyzw=array("f8", (4,)),
+    Mount, kind=st.sampled_from(["camera", "lidar", "radar"]), translation_m=array("f8", (3,)).map(np.nan_to_num),
+    rotation_xyzw=array("f8", (4,)).map(np.nan_to_num).filter(np.any),
 )  # fmt: skip
 cameras = st.builds(
-    CameraModel, K=array("f8", (3, 3)).filter(np.any), size_wh=sizes_wh, distortion_model=texts,
-    distortion=st.integers(0, 8).flatmap(lambda n: array("f8", (n,))),
+    CameraModel, K=array("f8", (3, 3)).map(np.nan_to_num).filter(lambda K: K[0, 0] > 0 and K[1, 1] > 0),
+    size_wh=st.tuples(st.integers(1, 2**32 - 1), st.integers(1, 2**32 - 1)), distortion_model=texts,
+    distortion=st.integers(0, 8).flatmap(lambda n: array("f8", (n,)).map(np.nan_to_num)),
 )  # fmt: skip

@@ -1,0 +1,16 @@
+"""Examples shown by `--help`; those that tests run are in the docs."""
+
+_HEAD = "[bold]Examples[/bold]\n\n"
+
+DEMO = f"{_HEAD}fbench demo\n\nfbench demo --out /tmp/demo"
+REPLAY = (
+    f"{_HEAD}fbench replay log.mcap --pipeline lidar3d\n\n"
+    "fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report\n\n"
+    "fbench replay log.mcap -p my_pipeline.py:MyPipeline"
+)
+SCORE = f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around"
+REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
+COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
+PLUGINS = f"{_HEAD}fbench plugins\n\nfbench plugins pipelines late3d"
+LOG_INFO = f"{_HEAD}fbench log info log.mcap\n\nfbench log info log.mcap --json"
+LOG_IMPORT = f"{_HEAD}fbench log import astyx path/to/astyx -o astyx.mcap"

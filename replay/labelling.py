@@ -1,0 +1,67 @@
+"""Which truth belongs to which frame."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from fbench.replay.arrays import Int64
+from fbench.replay.data import Truth
+from fbench.replay.store import FrameRecord
+
+TOLERANCE_NS = 10_000_000
+"""Truth without a frame number belongs to the nearest frame not farther away than this."""
+
+
+class Labelling:
+    """Finds the frame of each truth: by frame number where both have one, else by nearest stamp.
+
+    Numbers may start again in another segment: of several frames of one number the one with the nearest stamp is meant.
+    """
+
+    def __init__(self, records: Sequence[FrameRecord]) -> None:
+        self._stamps = np.array([r.stamp_ns for r in records], np.int64)
+        self._order = np.argsort(self._stamps, kind="stable")
+        self._sorted = self._stamps[self._order]
+        self._by_number: dict[int, list[int]] = {}
+        for record in records:
+            if record.frame_number is not None:
+                self._by_number.setdefault(record.frame_number, []).append(record.index)
+
+    def frame_of(self, truth: Truth) -> int | None:
+        """Index of the frame, or `None` where there is none."""
+        if truth.frame_number is not None and self._by_number:
+            return self._nearest(np.array(self._by_number.get(truth.frame_number, []), np.int64), truth.stamp_ns)
+        at = int(np.searchsorted(self._sorted, truth.stamp_ns))
+        best = self._nearest(self._order[max(0, at - 1) : at + 1], truth.stamp_ns)
+        return best if best is not None and self.distance_ns(best, truth) <= TOLERANCE_NS else None
+
+    def distance_ns(self, index: int, truth: Truth) -> int:
+        """How far the stamps of a frame and a truth are apart."""
+        return abs(int(self._stamps[index]) - truth.stamp_ns)
+
+    def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
+        """Yield every truth with its frame; of several truths of one frame the nearest gets it, others get `None`.
+
+        Truths come by stamp, so those of one frame follow each other and only one needs to be kept.
+        """
+        kept: tuple[int, Truth] | None = None
+        done: dict[int, None] = {}
+        for truth in truths:
+            index = self.frame_of(truth)
+            if index is None or index in done:
+                yield None, truth
+            elif kept is not None and kept[0] == index:
+                nearer, farther = sorted((kept, (index, truth)), key=lambda pair: self.distance_ns(*pair))
+                yield None, farther[1]
+                kept = nearer
+            else:
+                if kept is not None:
+                    done[kept[0]] = None
+                    yield kept
+                kept = (index, truth)
+        if kept is not None:
+            yield kept
+
+    def _nearest(self, candidates: Int64, stamp_ns: int) -> int | None:
+        rows = [int(i) for i in candidates]
+        return min(rows, key=lambda i: (abs(int(self._stamps[i]) - stamp_ns), i), default=None)
