@@ -114,4 +114,5 @@ def _described(value: object) -> object:
         }
     if isinstance(value, tuple):
         return [_described(item) for item in value]
-    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+    plain = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
+    return value if plain else str(value)

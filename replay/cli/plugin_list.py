@@ -2,10 +2,12 @@
 
 from typing import get_args
 
+from rich.markup import escape
 from rich.table import Table
 
 from fbench.replay.cli.show import console
 from fbench.replay.errors import ConfigError
+from fbench.replay.field_docs import parameter_docs
 from fbench.replay.names import did_you_mean
 from fbench.replay.plugins import Group, default_params, found, load
 from fbench.replay.settings import describe
@@ -30,10 +32,11 @@ def show_parameters(group: str, name: str) -> None:
         raise ConfigError(f"only pipelines have parameters, not {group}")
     params = default_params(load("pipelines", name))
     table = Table(box=None, pad_edge=False)
-    for column in ("parameter", "default"):
-        table.add_column(column)
+    for column in ("parameter", "default", "meaning"):
+        table.add_column(column, no_wrap=column != "meaning")
+    docs = parameter_docs(params)
     for path, value in ({} if params is None else describe(params)).items():
-        table.add_row(path, "none" if value is None else str(value))
+        table.add_row(path, "none" if value is None else str(value), escape(docs.get(path, "")))
     console().print(table)
 
 

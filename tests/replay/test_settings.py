@@ -58,6 +58,11 @@ def test_bad_settings(setting, message):
     assert "\n" not in str(error.value)
 
 
+def test_description_is_ready_for_json():
+    described = describe(apply_settings(Params(), ["cluster.eps_m=-inf"]))
+    assert described["cluster.eps_m"] == "-inf"
+
+
 def test_description_names_files_by_content(tmp_path):
     weights = tmp_path / "secret" / "net.onnx"
     weights.parent.mkdir()

@@ -1,0 +1,33 @@
+from dataclasses import dataclass, field
+
+from fbench.replay.field_docs import parameter_docs
+
+
+@dataclass(frozen=True)
+class Inner:
+    eps_m: float = 0.6
+    """Radius [m]."""
+    plain: int = 1
+
+
+@dataclass(frozen=True)
+class Outer:
+    inner: Inner = field(default_factory=Inner)
+    """How."""
+    on: bool = True
+    """Whether
+    at all."""
+
+
+def test_texts_under_fields_are_found_by_dotted_name():
+    assert parameter_docs(Outer()) == {"inner.eps_m": "Radius [m].", "inner.plain": "", "on": "Whether at all."}
+    assert parameter_docs(None) == {}
+
+
+def test_every_parameter_of_the_builtin_pipelines_is_documented():
+    from fbench.replay.plugins import default_params, found, load
+
+    for name in found("pipelines"):
+        docs = parameter_docs(default_params(load("pipelines", name)))
+        assert docs
+        assert [path for path, text in docs.items() if not text] == []
