@@ -177,7 +177,7 @@ def _missing_lines(files: Files, findings: _Findings) -> Iterator[str]:
     numbers = [number for number, _ in findings.frames]
     folders = [*(name for name in KINDS if name != LIDAR), CALIBRATION, TRUTH]
     counts = {folder: sum(number not in files[folder] for number in numbers) for folder in folders}
-    yield "missing files: " + ", ".join(f"{folder} {count}" for folder, count in counts.items())
+    yield "missing files: " + (", ".join(f"{folder} {count}" for folder, count in counts.items() if count) or "none")
     if findings.timeless:
         yield f"left out, without LiDAR points and so without time: {_listed(findings.timeless)}"
 

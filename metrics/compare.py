@@ -67,8 +67,11 @@ def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> C
     primary = _primary(base)
     if not any(key in after for key in primary):
         raise MetricError(
-            f"nothing to compare: base has {_name(base)}, head has {_name(head)}; score both with the same options"
+            f"nothing to compare: base has {_name(base)}, head has {_name(head)}; "
+            "score both with the same options, and compare 3D with 3D, 2D with 2D"
         )
+    if all(before[key].value is None for key in primary):
+        raise MetricError(f"nothing to compare: base has no value of f1 or mota ({before[primary[0]].reason})")
     keys = [*before, *(key for key in after if key not in before)]
     rows = tuple(_row(key, before.get(key), after.get(key), key in primary, tolerance) for key in keys)
     return Comparison(rows, tolerance)
@@ -85,17 +88,18 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
             f"runs of different logs can't be compared: base is {_log(base)}, head is {_log(head)}; "
             "replay both on one log"
         )
-    notes = [f"{what} differ: {a} and {b}" for what, a, b in _settings(base, head) if a != b]
+    notes = [f"{what}: {a} -> {b}" for what, a, b in _settings(base, head) if a != b]
     partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
     return (*notes, *partial)
 
 
 def _settings(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+    before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
+    names = [*before, *(name for name in after if name not in before)] if base.pipeline == head.pipeline else []
     return [
-        ("pipelines", base.pipeline, head.pipeline),
-        ("parameters", base.parameters, head.parameters),
-        ("frame settings", base.frames, head.frames),
-        ("numbers of frames", base.num_frames, head.num_frames),
+        ("pipeline", base.pipeline, head.pipeline),
+        ("frames", base.num_frames, head.num_frames),
+        *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
     ]
 
 

@@ -1,11 +1,11 @@
-"""What must never reach a pipeline: points that aren't finite."""
+"""What must never reach a pipeline: points that aren't finite, images that don't fit their calibration."""
 
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from fbench.replay.data import Message, PointCloud, RadarScan
+from fbench.replay.data import Image, Message, PointCloud, RadarScan, Rig
 from fbench.replay.faults import FaultLog
 
 C = TypeVar("C", PointCloud, RadarScan)
@@ -14,16 +14,39 @@ MAX_LOST_SHARE = 0.5
 """A cloud with a larger share of non-finite points is skipped whole."""
 
 
-def clean(message: Message, faults: FaultLog) -> Message | None:
-    """Drop points with a non-finite coordinate, and clouds that consist mostly of them; count both."""
+class Skipped(NamedTuple):
+    """A message that can't be used."""
+
+    sensor: str
+    stamp_ns: int
+    frame_number: int | None
+    reason: str
+
+
+def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
+    """Drop points with a non-finite coordinate, clouds that consist mostly of them, and images of another size than
+    their camera's; count all of these.
+    """
     if isinstance(message, PointCloud):
         return _clean_cloud(message, faults)
     if isinstance(message, RadarScan):
         return _clean_cloud(message, faults)
+    if isinstance(message, Image):
+        return _clean_image(message, rig, faults)
     return message
 
 
-def _clean_cloud(cloud: C, faults: FaultLog) -> C | None:
+def _clean_image(image: Image, rig: Rig, faults: FaultLog) -> Image | Skipped:
+    camera = rig.cameras.get(image.sensor)
+    if camera is None or camera.size_wh == image.size_wh:
+        return image
+    (width, height), (w, h) = image.size_wh, camera.size_wh
+    reason = f"{width}x{height}, but calibrated for {w}x{h}"
+    faults.add("LIM003", f"{image.sensor} at {image.stamp_ns} ns: {reason}")
+    return Skipped(image.sensor, image.stamp_ns, image.frame_number, reason)
+
+
+def _clean_cloud(cloud: C, faults: FaultLog) -> C | Skipped:
     where = f"{cloud.sensor} at {cloud.stamp_ns} ns"
     num = len(cloud.xyz)
     if num == 0:
@@ -35,7 +58,7 @@ def _clean_cloud(cloud: C, faults: FaultLog) -> C | None:
         return cloud
     if lost > MAX_LOST_SHARE * num:
         faults.add("DAT001", f"{where}: {lost} of {num} points")
-        return None
+        return Skipped(cloud.sensor, cloud.stamp_ns, cloud.frame_number, "mostly non-finite points")
     faults.add("DAT004", f"{where}: {lost} of {num} points")
     values = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
     points: dict[str, Any] = {name: v[good] for name, v in values.items() if isinstance(v, np.ndarray)}

@@ -27,6 +27,7 @@ FAULTS: dict[str, FaultKind] = {
     "DAT001": FaultKind("count", "cloud with mostly non-finite points skipped"),
     "DAT002": FaultKind("degrade", "empty point cloud"),
     "DAT004": FaultKind("degrade", "non-finite points dropped"),
+    "LIM003": FaultKind("count", "image isn't of the size that its camera is calibrated for"),
     "TIM001": FaultKind("degrade", "reference message out of order, no frame"),
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
     "TIM007": FaultKind("degrade", "gap, new segment"),

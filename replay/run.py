@@ -1,15 +1,16 @@
 """The one loop: log -> frames -> pipeline -> run folder."""
 
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fbench.replay.boxes import finite
-from fbench.replay.clean import clean
+from fbench.replay.clean import Skipped, clean
 from fbench.replay.clock import Clock, VirtualClock
 from fbench.replay.data import Boxes, Frame, Message, Output, Truth
 from fbench.replay.digest import START, Digest, digest, link
@@ -42,6 +43,8 @@ class Plan:
     num_media: int = 8
     """So many frames at least keep images and points for reports, where the log has as many."""
     progress: Callable[[int], None] = lambda num_frames: None
+    failed: Callable[[BaseException], None] = lambda error: None
+    """Told of every exception that counts as a failed frame."""
 
 
 def replay(
@@ -78,14 +81,6 @@ def replay(
         return writer.finish(loop.manifest(), complete)
 
 
-class _Skipped(NamedTuple):
-    """A message that was unusable."""
-
-    sensor: str
-    stamp_ns: int
-    frame_number: int | None
-
-
 class _Loop:
     """The state of one replay."""
 
@@ -99,7 +94,7 @@ class _Loop:
         self._check = OutputCheck(self._rig)
         self._log_digest = Digest()
         self._chain, self._segment, self._failures = START, 0, 0
-        self._skipped: list[_Skipped] = []
+        self._skipped: list[Skipped] = []
 
     def start(self) -> None:
         """Start the pipeline.
@@ -122,11 +117,11 @@ class _Loop:
             if message.sensor == self.reference:
                 yield from self._opened(message)
             self._plan.clock.wait_until(message.log_ns)
-            usable = clean(message, self._faults)
-            if usable is not None:
-                yield from self._buffer.add(usable)
+            usable = clean(message, self._rig, self._faults)
+            if isinstance(usable, Skipped):
+                self._skipped.append(usable)
             else:
-                self._skipped.append(_Skipped(message.sensor, message.stamp_ns, message.frame_number))
+                yield from self._buffer.add(usable)
         yield from self._buffer.flush()
 
     def _opened(self, message: Message) -> Iterator[Frame]:
@@ -152,6 +147,7 @@ class _Loop:
             output = self._check(self._plan.pipeline.step(frame))
         except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
             self._failures += 1
+            self._plan.failed(error)
             why, times = _why(error), self._failures
             if times >= MAX_FAILURES_IN_A_ROW:
                 raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
@@ -212,7 +208,7 @@ class _Loop:
 
     def _explained(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
         """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
-        skipped = {m.sensor for m in self._skipped if self._near(m, record)}
+        skipped = {m.sensor: m.reason for m in self._skipped if self._near(m, record)}
 
         def why(sensor: str, reason: str) -> str:
             late = counts.late_ms.get((record.index, sensor))
@@ -220,11 +216,11 @@ class _Loop:
                 return f"late by {late:.1f} ms"
             if not reason.startswith(NOT_THERE):
                 return reason
-            return "skipped, mostly non-finite points" if sensor in skipped else "never came"
+            return f"skipped: {skipped[sensor]}" if sensor in skipped else "never came"
 
         return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
 
-    def _near(self, message: _Skipped, record: FrameRecord) -> bool:
+    def _near(self, message: Skipped, record: FrameRecord) -> bool:
         if message.frame_number is not None and record.frame_number is not None:
             return message.frame_number == record.frame_number
         return abs(message.stamp_ns - record.stamp_ns) <= self._plan.sync.tolerance_ns
@@ -265,5 +261,7 @@ class _Loop:
 
 
 def _why(error: BaseException) -> str:
-    """One line about an exception."""
-    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else 'no message'}"
+    """One line about an exception, with the place where it was raised."""
+    what = str(error).splitlines()[0] if str(error) else "no message"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"

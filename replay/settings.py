@@ -77,7 +77,9 @@ def _convert(kind: Any, text: str) -> object:
         if Ellipsis not in typing.get_args(kind) and len(parts) != len(kinds):
             raise ValueError(text)
         return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
-    if kind in (int, float, str, Path):
+    if kind is Path:
+        return Path(text).expanduser()
+    if kind in (int, float, str):
         value: object = kind(text)
         if isinstance(value, float) and math.isnan(value):
             raise ValueError(text)
@@ -107,10 +109,12 @@ def describe(params: object) -> dict[str, object]:
 
 
 def _described(value: object) -> object:
+    if isinstance(value, Path) and not value.is_file():
+        raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
         return {
             "file": value.name,
-            "sha256": hashlib.sha256(value.read_bytes()).hexdigest() if value.is_file() else None,
+            "sha256": hashlib.sha256(value.read_bytes()).hexdigest(),
         }
     if isinstance(value, tuple):
         return [_described(item) for item in value]

@@ -21,7 +21,7 @@ from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.geometry.boxes import distance_bev
 from fbench.replay.geometry.rotated import iou_bev
-from fbench.replay.geometry.transforms import inverse, transform, wrap_angle
+from fbench.replay.geometry.transforms import extrapolated, inverse, transform, wrap_angle
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class Tracker3D:
     """Linear Kalman filter with constant velocity per box, state (cx, cy, cz, vx, vy, vz) (thesis, Tracking).
 
     Size and heading are those measured last. With poses the filter runs in world coordinates and velocities are
-    over ground; without, it runs in body coordinates and velocities are relative to the body. The first step after a
-    reset decides; a pose missing later is taken to be the one before.
+    over ground; without, it runs in body coordinates and velocities are relative to the body. Tracks start anew when
+    the first pose comes; a pose missing later is extrapolated from the two before.
     """
 
     def __init__(self, params: Tracker3DParams) -> None:
@@ -73,7 +73,7 @@ class Tracker3D:
     def reset(self) -> None:
         """End all tracks; their ids are not used again."""
         self._tracks: Tracks[Boxes3D] | None = None
-        self._world_T_body: Float64 | None = None
+        self._poses: list[tuple[int, Float64]] = []
         self._stamp_ns = 0
         self._steps = 0
 
@@ -85,7 +85,7 @@ class Tracker3D:
         Raises:
             DataError: where `stamp_ns` isn't later than at the last step since the reset.
         """
-        pose = self._pose(world_T_body)
+        pose = self._pose(stamp_ns, world_T_body)
         detections = _complete(boxes if pose is None else moved(boxes, pose))
         if self._tracks is None:
             tracks = self._begin(detections, stamp_ns)
@@ -95,15 +95,21 @@ class Tracker3D:
         shown = self._shown(tracks, with_label=boxes.label is not None)
         return shown if pose is None else moved(shown, inverse(pose))
 
-    def _pose(self, world_T_body: Float64 | None) -> Float64 | None:
-        if world_T_body is not None and (self._tracks is None or self._world_T_body is not None):
-            self._world_T_body = world_T_body
-        return self._world_T_body
+    def _pose(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
+        if world_T_body is not None:
+            if not self._poses:
+                self._tracks, self._steps = None, 0
+            self._poses = [*self._poses[-1:], (stamp_ns, world_T_body)]
+            return world_T_body
+        if len(self._poses) < 2:
+            return self._poses[0][1] if self._poses else None
+        (before_ns, before), (last_ns, last) = self._poses
+        return extrapolated(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
 
     def _begin(self, detections: Boxes3D, stamp_ns: int) -> Tracks[Boxes3D]:
         p = self._params
         rates = np.zeros((len(detections), 3))
-        if self._world_T_body is not None and detections.velocity_mps is not None:
+        if self._poses and detections.velocity_mps is not None:
             rates = np.nan_to_num(detections.velocity_mps)
         states = kalman.begin(detections.center_m, rates, np.full(3, p.measured_std_m), np.full(3, p.rate_std_mps))
         first_id, self._next_id = self._next_id, self._next_id + len(detections)

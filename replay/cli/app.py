@@ -29,10 +29,21 @@ app.add_typer(log.app, name="log")
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(version("fbench"))
+        raise typer.Exit
+
+
 @app.callback()
-def options(debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False) -> None:
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
+) -> None:
     """Replay recorded sensor logs into perception pipelines, and measure them."""
-    del debug  # read by `main`, before any command runs
+    del debug, version  # commands find the first in their context
 
 
 def main() -> None:
@@ -44,7 +55,9 @@ def main() -> None:
     arguments = sys.argv[1:]
     debug = "--debug" in arguments
     try:
-        sys.exit(app([a for a in arguments if a != "--debug"] or ["--help"], standalone_mode=False))
+        # It may stand anywhere, as people add it to the end of a command that went wrong.
+        others = [a for a in arguments if a != "--debug"] or ["--help"]
+        sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
     except typer.Abort:
         sys.exit(128 + signal.SIGINT)
     except (FbenchError, OSError, _UsageError) as error:

@@ -4,8 +4,9 @@ import json
 import re
 import sys
 import time
+import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +41,8 @@ class Job:
     tolerant: bool = False
     scoring: ScoreOptions = field(default_factory=ScoreOptions)
     report: bool = False
+    debug: bool = False
+    """Show the traceback of the first frame that fails."""
 
     @property
     def folder(self) -> Path:
@@ -70,12 +73,33 @@ def run_job(job: Job) -> Run:
     # What a plug-in prints must not get between the lines of --json.
     with explained(faults), frame_progress(f"{job.log.name} → {name}") as progress, redirect_stdout(sys.stderr):
         reader = open_log(job.log, faults)
-        plan = Plan(pipeline, name, parameters, job.sync, clock, tolerant=job.tolerant, progress=progress)
+        plan = Plan(
+            pipeline,
+            name,
+            parameters,
+            job.sync,
+            clock,
+            job.tolerant,
+            progress=progress,
+            failed=_first_traceback(job.debug),
+        )
         replay(reader, plan, job.folder, faults, job.overwrite, complete)
     run = Run(job.folder)
     if job.report:
         load("reports", "html")().write([run], job.folder / "report.html")
     return run
+
+
+def _first_traceback(debug: bool) -> Callable[[BaseException], None]:
+    """Return what shows the first exception that it is told of, if that is wanted."""
+    left = [True] if debug else []
+
+    def show(error: BaseException) -> None:
+        if left:
+            left.pop()
+            traceback.print_exception(error, file=sys.stderr)
+
+    return show
 
 
 @contextmanager
@@ -122,10 +146,13 @@ def _status(run: Run) -> list[str]:
     lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
     lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
+    unused = run.json("faults.json")["unused_messages"]
+    lines += [f"unused: {num} messages of {sensor}, which frames don't need" for sensor, num in unused.items() if num]
     lines += [f"fault: {line}" for line in fault_lines(run)]
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
-    return [*lines, f"run: {run.folder}"]
+    report = run.folder / "report.html"
+    return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
 
 
 def _kind(reason: str) -> str:

@@ -9,6 +9,7 @@ from fbench.replay.cli.options import DistanceM, InView, Iou, Json, Log, Overwri
 
 
 def replay(
+    context: typer.Context,
     log: Log,
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="A name (see fbench plugins) or FILE.py:CLASS.")],
     settings: Annotated[
@@ -51,6 +52,7 @@ def replay(
         tolerant=on_fault == "tolerant",
         scoring=ScoreOptions(range_m, in_view, distance_m, iou),
         report=report,
+        debug=bool(context.find_root().params["debug"]),
     )
     run = run_job(job)
     show_run(run, json)

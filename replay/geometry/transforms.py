@@ -49,6 +49,15 @@ def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:
     return float(yaw), float(pitch), float(roll)
 
 
+def extrapolated(world_T_a: Float64, world_T_b: Float64, share: float) -> Float64:
+    """Continue the motion from pose `a` to pose `b` (4, 4) by `share` of it, at constant speed and turn rate."""
+    a_T_b = inverse(world_T_a) @ world_T_b
+    step = np.eye(4)
+    step[:3, :3] = Rotation.from_rotvec(Rotation.from_matrix(a_T_b[:3, :3]).as_rotvec() * share).as_matrix()
+    step[:3, 3] = a_T_b[:3, 3] * share
+    return np.asarray(world_T_b @ step, np.float64)
+
+
 def wrap_angle(angle_rad: Float64) -> Float64:
     """Wrap angles [rad] to [-pi, pi)."""
     wrapped: Float64 = (angle_rad + np.pi) % (2 * np.pi) - np.pi

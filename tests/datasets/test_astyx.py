@@ -122,7 +122,7 @@ def test_summary_says_what_was_found(astyx_folder: Path) -> None:
     assert list(Astyx().convert(astyx_folder, astyx_folder.parent / "x.mcap")) == [
         "frames: 3 in 1 stretch (parted by gaps of over 2 s), spaced by 0.10 to 0.10 s",
         "stretch: frames 7 to 10 (3), 0.2 s",
-        "missing files: camera_front 1, radar_6455 1, calibration 0, groundtruth_obj3d 1",
+        "missing files: camera_front 1, radar_6455 1, groundtruth_obj3d 1",
         "left out, without LiDAR points and so without time: frames 12",
         "boxes: 4 (Car 1, Person 1, Towed Object 1, Tram 1), without track ids",
         "unlabelled frames: 1",

@@ -57,7 +57,7 @@ def test_summary(recording: Recording) -> None:
         "stretch: frames 133 to 142 (10), 1.5 s",
         "stretch: frames 155 to 167 (13), 2.3 s",
         "stretch: frames 309 to 320 (12), 4.0 s",
-        "missing files: camera_front 0, radar_6455 0, calibration 0, groundtruth_obj3d 0",
+        "missing files: none",
         "boxes: 173 (Car 160, Bus 9, Truck 4), without track ids",
     ]
 

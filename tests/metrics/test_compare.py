@@ -115,4 +115,4 @@ class TestRequireComparable:
 
     def test_what_else_differs_is_noted(self) -> None:
         notes = require_comparable(make_manifest(), make_manifest(pipeline="late3d", complete=False))
-        assert notes == ("pipelines differ: lidar3d and late3d", "head is incomplete")
+        assert notes == ("pipeline: lidar3d -> late3d", "head is incomplete")

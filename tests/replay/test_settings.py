@@ -58,6 +58,14 @@ def test_bad_settings(setting, message):
     assert "\n" not in str(error.value)
 
 
+def test_files_of_parameters_must_exist(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert apply_settings(Params(), ["weights=~/net.onnx"]).weights == tmp_path / "net.onnx"
+    for path in (tmp_path / "absent.onnx", tmp_path):
+        with pytest.raises(ConfigError, match="no such file"):
+            describe(Params(weights=path))
+
+
 def test_description_is_ready_for_json():
     described = describe(apply_settings(Params(), ["cluster.eps_m=-inf"]))
     assert described["cluster.eps_m"] == "-inf"

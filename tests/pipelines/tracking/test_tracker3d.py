@@ -99,12 +99,15 @@ def test_velocity_comes_back_in_body_axes(tracker: Tracker3D) -> None:
     np.testing.assert_allclose(shown.velocity_mps, [[10, 0, 0]], atol=0.2)  # type: ignore[arg-type]
 
 
-def test_a_pose_that_goes_missing_is_taken_to_be_the_one_before(tracker: Tracker3D) -> None:
-    for i in range(3):
-        tracker.step(cars((10.0, 0.0)), (i + 1) * 100 * MS, pose(500.0, 0.0, 0.0))
-    shown = tracker.step(cars((10.0, 0.0)), 400 * MS, None)
-    assert ids(shown) == [1]
-    np.testing.assert_allclose(shown.center_m, [[10, 0, 0.8]])
+@pytest.mark.parametrize("missing", [(0,), (4, 5, 6), (0, 1, 2, 5)])
+def test_poses_may_be_missing(tracker: Tracker3D, missing: tuple[int, ...]) -> None:
+    for i in range(12):
+        world_T_body = pose(2.0 * i, 0.0, 0.02 * i)
+        seen = moved(cars((60.0, 5.0)), inverse(world_T_body))
+        shown = tracker.step(seen, (i + 1) * 100 * MS, None if i in missing else world_T_body)
+        if i not in missing and i > 8:
+            assert len(ids(shown)) == 1
+            np.testing.assert_allclose(shown.velocity_mps, np.zeros((1, 3)), atol=0.5)
 
 
 def test_a_measured_velocity_starts_the_track(tracker: Tracker3D) -> None:

@@ -290,6 +290,50 @@ def test_pipelines_that_exit_or_print(fbench, log, still, tmp_path):
     assert "hello" in result.err
 
 
+def test_failing_pipelines_can_be_debugged(fbench, log, still, monkeypatch):
+    path = Path(still().rpartition(":")[0])
+    path.write_text(
+        path.read_text().replace("xyz = frame", 'if frame.index == 2: raise ValueError("odd")\n        xyz = frame')
+    )
+    result = fbench("replay", log, "-p", f"{path}:Still")
+    assert result.code == 4
+    assert "frame 2: ValueError: odd (still.py:" in result.out
+    assert fbench("--version").out.strip() == "0.1.0"
+
+
+def test_debug_shows_the_traceback_of_the_first_failure(log, still, tmp_path):
+    path = Path(still().rpartition(":")[0])
+    path.write_text(
+        path.read_text().replace("xyz = frame", 'if frame.index > 2: raise ValueError("odd")\n        xyz = frame')
+    )
+    command = [
+        sys.executable,
+        "-c",
+        "from fbench.replay.cli import main; main()",
+        "replay",
+        str(log),
+        "-p",
+        f"{path}:Still",
+    ]
+    result = subprocess.run([*command, "--debug"], cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 4
+    assert result.stderr.count("Traceback") == 1
+    assert "still.py" in result.stderr
+
+
+def test_compare_of_runs_without_truth_is_no_pass(fbench, tmp_path, still):
+    log = write_log(tmp_path / "blind.mcap", messages())
+    fbench("replay", log, "-p", still(), "-o", "run")
+    fails(fbench("compare", "run", "run"), 3, "no value of f1 or mota (no truth)")
+
+
+def test_compare_names_the_parameter_that_differs(fbench, log):
+    fbench("replay", log, "-p", "lidar3d", "-o", "a")
+    fbench("replay", log, "-p", "lidar3d", "-o", "b", "--set", "lidar.cluster.eps_m=0.7")
+    notes = [line for line in fbench("compare", "a", "b").out.splitlines() if line.startswith("note")]
+    assert notes == ["note: lidar.cluster.eps_m: 0.6 -> 0.7"]
+
+
 def test_disk_that_is_full(fbench, log, still, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device", "runs/x")
