@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.camera.look import look
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
 from fbench.replay.boxes import Boxes2D, concatenate
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig, Source
 from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.images import decode
 
 
 @dataclass(frozen=True)
@@ -50,30 +50,18 @@ class Camera2D:
 
     def step(self, frame: Frame) -> Output:
         """Detect in every camera's image and track; a camera without a usable image gives no detections."""
-        clock, faults, parts = StageClock(), [], [no_detections()]
+        clock, faults, parts = StageClock(), list[Fault](), [no_detections()]
         for camera in self._cameras:
             image = frame.messages.get(camera)
             if not isinstance(image, Image):
                 continue
-            found = self._detect(image, clock)
-            if found is None:
-                faults.append(Fault("DEC002", f"{camera} at stamp {image.stamp_ns}"))
-            else:
+            found = look(self._detector, image, clock, faults)
+            if found is not None:
                 parts.append(camera_boxes(camera, found))
         detections = concatenate(parts)
         with clock.stage("track"):
             tracks = self._tracker.step(detections, frame.stamp_ns)
         return Output(detections, tracks, clock.stage_ns, tuple(faults))
-
-    def _detect(self, image: Image, clock: StageClock) -> CameraDetections | None:
-        with clock.stage("decode"):
-            pixels = decode(image)
-        if pixels is None:
-            return None
-        with clock.stage("preprocess"):
-            prepared = self._detector.prepare(pixels)
-        with clock.stage("detect.camera"):
-            return self._detector.infer(prepared)
 
 
 def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:

@@ -5,19 +5,28 @@ Only files that hold kernels import this one, because it imports numba.
 
 import hashlib
 import os
+import pickle
 import platform
 import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import llvmlite.binding
 import numba
 import numpy as np
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+# What reading a damaged pickle raises (pickle's documentation names the first five), and the linker on damaged code.
+_DAMAGED = (
+    pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError,
+    KeyError, MemoryError, OSError, RuntimeError, TypeError, ValueError,
+)  # fmt: skip
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
@@ -26,7 +35,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     The machine code is kept in a folder of the user's cache named by `kernel_digest`, so that a change to any file
     beside the kernel, to a version or to the CPU starts an empty cache; numba itself only looks at the one file that
     defines the function. A kernel may therefore call kernels of its own folder only. Where the cache can't be
-    written, every process compiles anew.
+    written, every process compiles anew; what is damaged there is replaced.
     """
     folder = cache_folder(Path(function.__code__.co_filename).parent)
     if folder is None:
@@ -40,8 +49,34 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compiled(function: Callable[P, R], cache: bool) -> Callable[P, R]:
-    compiled: Callable[P, R] = numba.njit(cache=cache, fastmath=False, parallel=False, nogil=True)(function)
+    compiled: Callable[P, R] = numba.njit(fastmath=False, parallel=False, nogil=True)(function)
+    if cache and isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
+        compiled._cache = _ForgivingCache(function)  # type: ignore[attr-defined]  # as its `enable_caching` does
     return compiled
+
+
+class _ForgivingCache(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """A cache that at worst doesn't help: files cut short by a crash or a full disk cost a compilation, no run."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except _DAMAGED:
+            self._start_anew()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)
+        except _DAMAGED:
+            self._start_anew()
+
+    def _start_anew(self) -> None:
+        """Empty the index, so that the damaged files are overwritten by what is compiled next."""
+        try:
+            self.flush()
+        except OSError:  # full or read-only
+            self.disable()
 
 
 def kernel_digest(sources: Path) -> str:

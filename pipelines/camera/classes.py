@@ -9,6 +9,9 @@ from fbench.replay.arrays import Bool, Int64, Text
 from fbench.replay.data import LABELS
 from fbench.replay.errors import ModelError
 
+MAX_CLASS = 1_000_000
+"""Largest class id that is believed."""
+
 ClassLabels = Mapping[int, str]
 
 COCO_80: ClassLabels = {0: "pedestrian", 1: "bicycle", 2: "car", 3: "motorcycle", 5: "bus", 7: "truck"}
@@ -49,6 +52,8 @@ def parse_names(text: str) -> dict[int, str]:
         raise ModelError("metadata entry 'names' isn't a dict or list of class names")
     if not all(isinstance(k, int) and isinstance(v, str) for k, v in items.items()):
         raise ModelError("metadata entry 'names' isn't a dict or list of class names")
+    if not all(0 <= k <= MAX_CLASS for k in items):
+        raise ModelError(f"metadata entry 'names': class ids must be between 0 and {MAX_CLASS}")
     return items
 
 

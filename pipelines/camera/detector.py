@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbench.pipelines.camera import onnx_file
-from fbench.pipelines.camera.candidates import Candidates
-from fbench.pipelines.camera.layouts import Size
+from fbench.pipelines.camera.layouts import SIDE_PX, Size
 from fbench.pipelines.camera.merging import Window, merge, to_image, windows
-from fbench.pipelines.camera.recognise import recognise
+from fbench.pipelines.camera.model import Batch, Model
 from fbench.pipelines.checks import require_between
-from fbench.replay.arrays import Array, Float64, Text, freeze_fields
-from fbench.replay.errors import ConfigError, ModelError
+from fbench.replay.arrays import Float64, Text, freeze_fields
+from fbench.replay.errors import ConfigError
 from fbench.replay.images import Pixels
 
 
@@ -46,7 +44,7 @@ class CameraParams:
         require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
         require_between("camera.threads", self.threads, 1)
         for side in self.input_wh or ():
-            require_between("camera.input_wh", side, 32)
+            require_between("camera.input_wh", side, *SIDE_PX)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +71,11 @@ class Prepared:
 
     size_wh: Size
     windows: Sequence[Window]
-    batches: Sequence[dict[str, Array]]
+    batches: Sequence[Batch]
 
 
 class CameraDetector:
-    """Runs one ONNX model on the CPU.
+    """Finds road users in images with one ONNX model.
 
     Raises:
         ConfigError: where no weights are named, or the file is missing.
@@ -87,16 +85,8 @@ class CameraDetector:
     def __init__(self, params: CameraParams) -> None:
         if params.weights is None:
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
-        self._params, self._path = params, params.weights
-        try:
-            self._session = onnx_file.load(params.weights, params.threads)
-            self._layout = recognise(onnx_file.header(self._session), params.input_wh)
-        except ModelError as error:
-            raise ModelError(f"{self._path}: {error}") from error
-
-    def detect(self, pixels: Pixels) -> CameraDetections:
-        """Find road users in an image (H, W, 3) BGR."""
-        return self.infer(self.prepare(pixels))
+        self._params = params
+        self._model = Model(params.weights, params.threads, params.input_wh)
 
     def prepare(self, pixels: Pixels) -> Prepared:
         """Cut and scale an image (H, W, 3) BGR."""
@@ -104,9 +94,7 @@ class CameraDetector:
         wide = self._params.tile_aspect if self._params.tiles else math.inf
         parts = windows(size, wide, self._params.tile_overlap)
         images = [pixels[top:bottom, left:right] for left, top, right, bottom in parts]
-        step = self._layout.max_batch or len(images)
-        batches = [self._layout.feeds(images[i : i + step]) for i in range(0, len(images), step)]
-        return Prepared(size, parts, batches)
+        return Prepared(size, parts, self._model.batches(images))
 
     def infer(self, prepared: Prepared) -> CameraDetections:
         """Run the model and merge what it found.
@@ -114,22 +102,9 @@ class CameraDetector:
         Raises:
             ModelError: where the model fails, or its outputs aren't as its header says.
         """
-        found: list[Candidates] = []
-        at = 0
-        for feeds in prepared.batches:
-            num = len(next(iter(feeds.values())))
-            found += self._run(feeds, prepared.windows[at : at + num])
-            at += num
+        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, self._params.min_score)]
         parts = [
             to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
         ]
         merged = merge(parts, self._params.nms_iou, self._params.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label)
-
-    def _run(self, feeds: dict[str, Array], parts: Sequence[Window]) -> list[Candidates]:
-        sizes = [(right - left, bottom - top) for left, top, right, bottom in parts]
-        try:
-            outputs = self._session.run(None, feeds)
-            return self._layout.read(outputs, sizes, self._params.min_score)
-        except (*onnx_file.ORT_ERRORS, IndexError, TypeError) as error:
-            raise ModelError(f"{self._path}: the model failed ({onnx_file.first_line(error)})") from error

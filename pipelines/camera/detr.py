@@ -26,7 +26,7 @@ class Detr:
     """Where labels, boxes and scores stand among the outputs."""
     input_wh: Size
     labels: ClassLabels
-    max_batch: int | None
+    batch: int | None
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Squash each image into the input, whatever its aspect ratio."""

@@ -7,11 +7,15 @@ from typing import Protocol
 import numpy as np
 
 from fbench.pipelines.camera.candidates import Candidates
-from fbench.pipelines.camera.classes import ClassLabels, translate
-from fbench.replay.arrays import Array
+from fbench.pipelines.camera.classes import MAX_CLASS, ClassLabels, translate
+from fbench.replay.arrays import Array, Bool
 from fbench.replay.images import Pixels
 
 Size = tuple[int, int]
+
+SIDE_PX = (32, 8192)
+"""Shortest and longest side of an input that is believed."""
+_MAX_PX = 1e12
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,13 @@ class Layout(Protocol):
     """One family of models."""
 
     @property
-    def max_batch(self) -> int | None:
-        """How many images fit into one call; `None`: any number."""
+    def batch(self) -> int | None:
+        """How many images each call takes; `None`: the header leaves it free."""
+        ...
+
+    @property
+    def input_wh(self) -> Size | None:
+        """Width and height of the input [px]; `None`: any."""
         ...
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
@@ -53,10 +62,17 @@ class Layout(Protocol):
 
 def select(xyxy: Array, score: Array, class_id: Array, labels: ClassLabels, min_score: float) -> Candidates:
     """Keep finite boxes (N, 4) with a known class (N,) and enough score (N,)."""
-    text, known = translate(np.asarray(class_id, np.int64), labels)
+    ids = np.nan_to_num(class_id, nan=-1.0)
+    text, known = translate(np.where(np.abs(ids) <= MAX_CLASS, ids, -1).astype(np.int64), labels)
     boxes, scores = np.asarray(xyxy, np.float64), np.asarray(score, np.float64)
-    keep = known & (scores >= min_score) & np.isfinite(boxes).all(axis=1)
+    keep = known & (scores >= min_score) & np.isfinite(scores) & usable(boxes)
     return Candidates(boxes[keep], scores[keep], text[keep])
+
+
+def usable(rows: Array) -> Bool:
+    """Tell which rows (N, M) hold numbers with which the arithmetic of boxes neither overflows nor gives NaN."""
+    magnitude = np.abs(np.nan_to_num(rows, nan=np.inf))
+    return np.asarray((magnitude < _MAX_PX).all(axis=1), np.bool_)
 
 
 def corners_of(cxcywh: Array) -> Array:

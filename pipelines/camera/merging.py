@@ -13,6 +13,9 @@ from fbench.replay.geometry.boxes import iou_2d
 Window = tuple[int, int, int, int]
 """Left, top, right, bottom [px] of a part of an image; right and bottom are outside."""
 
+MAX_WINDOWS = 8
+"""A longer image is cut into windows that are wider instead, so that a strip can't fill the memory."""
+
 MAX_BOXES = 1000
 """Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory."""
 
@@ -20,15 +23,17 @@ MAX_BOXES = 1000
 def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
     """The whole image, and, where its longer side exceeds `aspect` times the shorter one, windows of that aspect.
 
-    Windows lie along the longer side, evenly spread; neighbours overlap by at least the share `overlap`.
+    Windows lie along the longer side, evenly spread; neighbours overlap by at least the share `overlap`. They are
+    longer than `aspect` says where more than `MAX_WINDOWS` were needed otherwise.
     """
     width, height = size_wh
     short, length = min(size_wh), max(size_wh)
     whole = [(0, 0, width, height)]
-    side = round(min(length, short * aspect))
+    longest = math.ceil(length / (1 + (MAX_WINDOWS - 1) * (1 - overlap)))
+    side = round(min(length, max(short * aspect, longest)))
     if side == length:
         return whole
-    num = 1 + math.ceil((length - side) / (side * (1 - overlap)))
+    num = min(MAX_WINDOWS, 1 + math.ceil((length - side) / (side * (1 - overlap))))
     starts = [round((length - side) * i / (num - 1)) for i in range(num)]
     if width > height:
         return whole + [(at, 0, at + side, short) for at in starts]

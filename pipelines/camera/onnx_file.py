@@ -38,7 +38,10 @@ def load(path: Path, threads: int) -> Any:
     if refers_to_files(data):
         raise ModelError("the model keeps weights in other files, export it as one file")
     try:
-        return onnxruntime.InferenceSession(data, _options(threads), providers=["CPUExecutionProvider"])
+        # Its fallback prints, and tries the same provider again.
+        return onnxruntime.InferenceSession(
+            data, _options(threads), providers=["CPUExecutionProvider"], enable_fallback=0
+        )
     except ORT_ERRORS as error:
         raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
 

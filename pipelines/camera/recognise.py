@@ -1,10 +1,11 @@
 """Tells from a model's header to which family it belongs."""
 
+import math
 from collections.abc import Mapping
 
 from fbench.pipelines.camera.classes import COCO_80, COCO_91, ClassLabels, labels_by_name, parse_names
 from fbench.pipelines.camera.detr import Detr
-from fbench.pipelines.camera.layouts import Layout, ModelHeader, Port, Size
+from fbench.pipelines.camera.layouts import SIDE_PX, Layout, ModelHeader, Port, Size
 from fbench.pipelines.camera.torchvision import Torchvision
 from fbench.pipelines.camera.ultralytics import Ultralytics
 from fbench.pipelines.camera.yolox import YoloX
@@ -12,6 +13,8 @@ from fbench.replay.errors import ModelError
 
 DEFAULT_SIDE_PX = 640
 STRIDES = ((8, 16, 32), (8, 16, 32, 64))
+MAX_CALL_PX = 1 << 26
+"""Pixels of all images of one call: 800 MB as float32."""
 _FLOATS = ("tensor(float)",)
 
 
@@ -22,6 +25,7 @@ def recognise(header: ModelHeader, input_wh: Size | None = None) -> Layout:
         ModelError: where inputs or outputs aren't understood, or `input_wh` contradicts the header.
     """
     image = _image_input(header)
+    _check_size(image, input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX))
     outputs = {port.name.lower(): i for i, port in enumerate(header.outputs)}
     size_input = [port for port in header.inputs if port.name == "orig_target_sizes"]
     order = _order(outputs) or _torchvision_order(header)
@@ -59,6 +63,18 @@ def _size(image: Port, input_wh: Size | None) -> Size | None:
     if input_wh is not None and input_wh != (width, height):
         raise ModelError(f"the model's input is fixed to {width}x{height}, so it can't be {input_wh[0]}x{input_wh[1]}")
     return width, height
+
+
+def _check_size(image: Port, free_wh: Size) -> None:
+    """Refuse headers whose input would fill the memory, or hold nothing."""
+    batch = (image.shape[:-3] or (1,))[0]
+    height, width = image.shape[-2:]
+    sides = [free_wh[0] if width is None else width, free_wh[1] if height is None else height]
+    low, high = SIDE_PX
+    if not all(low <= side <= high for side in sides):
+        raise ModelError(f"expected an input of {low} to {high} px a side, its header says {_ports((image,))}")
+    if batch is not None and not 1 <= batch * math.prod(sides) <= MAX_CALL_PX:
+        raise ModelError(f"expected an input of at most {MAX_CALL_PX} px, its header says {_ports((image,))}")
 
 
 def _labels(metadata: Mapping[str, str], default: ClassLabels) -> ClassLabels:

@@ -22,7 +22,7 @@ class Torchvision:
     output_order: tuple[int, int, int]
     """Where labels, boxes and scores stand among the outputs."""
     labels: ClassLabels
-    max_batch: int | None = 1
+    batch: int = 1
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Feed one image, squashed only where the model's input has a fixed size."""

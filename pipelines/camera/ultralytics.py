@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.pipelines.camera.candidates import Candidates
 from fbench.pipelines.camera.classes import ClassLabels
-from fbench.pipelines.camera.layouts import Size, corners_of, select
+from fbench.pipelines.camera.layouts import Size, corners_of, select, usable
 from fbench.pipelines.camera.placing import letterbox, place, planes
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.images import Pixels
@@ -26,7 +26,7 @@ class Ultralytics:
     input_wh: Size
     head: Head
     labels: ClassLabels
-    max_batch: int | None
+    batch: int | None
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Letterbox each image to the middle of the input."""
@@ -46,6 +46,7 @@ class Ultralytics:
         return results
 
     def _boxes(self, rows: Float64, min_score: float) -> Candidates:
+        rows = rows[usable(rows)]
         if self.head == "final":
             return select(rows[:, :4], rows[:, 4], np.rint(rows[:, 5]), self.labels, min_score)
         class_scores = rows[:, 5:] * rows[:, 4:5] if self.head == "objectness" else rows[:, 4:]

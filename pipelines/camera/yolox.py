@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.pipelines.camera.candidates import Candidates
 from fbench.pipelines.camera.classes import ClassLabels
-from fbench.pipelines.camera.layouts import Size, corners_of, select
+from fbench.pipelines.camera.layouts import Size, corners_of, select, usable
 from fbench.pipelines.camera.placing import letterbox, place, planes
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.images import Pixels
@@ -21,7 +21,7 @@ class YoloX:
     input_wh: Size
     strides: tuple[int, ...]
     labels: ClassLabels
-    max_batch: int | None
+    batch: int | None
 
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Letterbox each image to the upper left corner of the input."""
@@ -42,7 +42,7 @@ class YoloX:
 
     def _boxes(self, raw: Float64, cells: Float64, min_score: float) -> Candidates:
         decoded = is_decoded(raw, self.input_wh)
-        likely = raw[:, 4] >= min_score
+        likely = usable(raw) & (raw[:, 4] >= min_score)
         raw, cells = raw[likely], cells[likely]
         xyxy = corners_of(raw if decoded else decode_grid(raw[:, :4], cells))
         class_id = np.argmax(raw[:, 5:], axis=1)

@@ -5,7 +5,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from fbench.replay.arrays import Array, Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.boxes import corners
@@ -18,13 +18,16 @@ Outlines: TypeAlias = list[dict[str, dict[str, Any]]]
 def box_rows(boxes: Boxes | None, rig: Rig, cameras: list[str]) -> list[dict[str, Any]]:
     """Return one mapping a box: what it is, `distance` [m], `speed` [m/s] and its outline `seen` in each camera [px].
 
+    What isn't finite, or is beyond all bounds, can't be drawn: such boxes are marked `invalid` and have no geometry.
     3D boxes carry their `corners` (24 numbers, body coordinates) and speed over ground; 2D boxes the range rate,
     positive when receding, and their `place` where they have a distance.
     """
     if boxes is None or not len(boxes):
         return []
-    geometry = _rows_3d(boxes, rig, cameras) if isinstance(boxes, Boxes3D) else _rows_2d(boxes, rig)
-    return [_common(boxes, i) | row for i, row in enumerate(geometry)]
+    drawable, _ = finite(boxes)
+    sound = boxes[drawable]
+    geometry = iter(_rows_3d(sound, rig, cameras) if isinstance(sound, Boxes3D) else _rows_2d(sound, rig))
+    return [_common(boxes, i) | (next(geometry) if drawable[i] else _invalid()) for i in range(len(boxes))]
 
 
 def _common(boxes: Boxes, i: int) -> dict[str, Any]:
@@ -37,6 +40,10 @@ def _common(boxes: Boxes, i: int) -> dict[str, Any]:
         "predicted": bool(_value(boxes.predicted, i)),
         "ignore": bool(_value(boxes.ignore, i)),
     }
+
+
+def _invalid() -> dict[str, Any]:
+    return {"invalid": True, "seen": {}, "distance": None, "speed": None}
 
 
 def _value(array: Array | None, i: int) -> Any:
@@ -90,12 +97,7 @@ def _placed(rig: Rig, name: str, rect: Float64, distance: float | None, rate: fl
 
     It is the point on the ray through the middle of the rectangle that is `distance` away from the body's origin.
     """
-    if (
-        distance is None
-        or not np.isfinite([*rect, distance]).all()
-        or name not in rig.cameras
-        or name not in rig.mounts
-    ):
+    if distance is None or not 0 < distance < MAX_MAGNITUDE or name not in rig.cameras or name not in rig.mounts:
         return {}
     camera, body_T_camera = rig.cameras[name], rig.body_T_sensor(name)
     if np.any(camera.distortion):

@@ -76,7 +76,7 @@ function showCameras(now) {
   const names = [...new Set([...Object.keys(run().cameras), ...Object.keys(now.pictures)])].sort();
   if (!names.includes(state.camera)) state.camera = names.find((name) => known(now.pictures[name])) ?? names[0] ?? null;
   $("cameras").replaceChildren(...(names.length > 1 ? names.map(cameraButton) : []));
-  const flat = [...now.tracks, ...now.detections].some((box) => !isSolid(box));
+  const flat = [...now.tracks, ...now.detections].some((box) => !isSolid(box) && !box.invalid);
   const what = names.length === 1 ? short(names[0], 40) : "";
   $("camera-note").textContent = [what, flat ? "this run’s boxes are 2D: the bird’s-eye view shows those with a distance, on the ray through their middle" : ""].filter(Boolean).join(" · ");
   $("camera").parentElement.hidden = !names.length;

@@ -22,6 +22,7 @@ function objectRow(kind, box, hover, onHover) {
   name.scope = "row";
   name.append(swatch, `${kind}${known(box.id) ? ` #${box.id}` : ""}${box.label ? ` · ${short(box.label, 40)}` : ""}`);
   if (box.predicted) name.append(element("span", " predicted", "quiet"));
+  if (box.invalid) name.append(element("span", " invalid, not drawn", "quiet"));
   if (box.ignore) name.append(element("span", " ignored", "quiet"));
   const speed = known(box.speed) && !isSolid(box) ? `${speedText(box)} radial` : speedText(box) || "–";
   row.append(name, element("td", kind === "truth" ? "–" : sourceNames(box.sources)), element("td", fixed(box.score, 2), "n"),

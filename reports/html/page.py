@@ -11,6 +11,7 @@ from fbench.reports.html.faults import fault_lines
 from fbench.reports.html.latency import latency_panels
 from fbench.reports.html.notices import notices
 from fbench.reports.html.overview import overview, run_labels, title, what_ran
+from fbench.reports.html.radar import velocity_periods
 from fbench.reports.html.records import LatencyTable
 from fbench.reports.html.scene import scenes
 from fbench.reports.html.scoreboard import scoreboard
@@ -34,6 +35,7 @@ def page(runs: Sequence[Run]) -> str:
         latency=latency,
         faults=fault_lines(runs, labels),
         groups=what_ran(runs),
+        velocity_periods=velocity_periods(runs),
         num_kept=sum(len(run.media) for run in runs),
         style=Markup(_resource("style.css")),  # noqa: S704 - part of the package, as are the scripts
         script=Markup("\n".join(_resource(name) for name in _SCRIPTS)),  # noqa: S704

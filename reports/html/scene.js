@@ -194,7 +194,8 @@ class Scene {
   names(layers) {
     const tracks = this.hits.filter((hit) => hit.kind === "track");
     const named = tracks.length || !layers.detections ? tracks : this.hits.filter((hit) => hit.kind === "detection");
-    const near = [...named].sort((a, b) => (a.box.distance || 0) - (b.box.distance || 0));
+    const { width, height } = this.view;
+    const near = named.filter((hit) => hit.x > 0 && hit.x < width && hit.y > 0 && hit.y < height).sort((a, b) => (a.box.distance || 0) - (b.box.distance || 0));
     for (const hit of near) this.labels.put(boxText(hit.box), hit.x, hit.top, hit.rgb);
   }
 }
@@ -240,15 +241,16 @@ function listen(scene) {
   }, { passive: false });
 }
 
-// What the view from above shows at first: x from, x to, y to both sides [m].
+// What the view from above shows at first: x from, x to, y to both sides [m]. Boxes far away don't widen it.
 function extent(frames) {
   let [back, front, side] = [-8, 30, 16];
   for (const frame of frames) {
     for (const box of [...frame.truth, ...frame.tracks, ...frame.detections].filter(place)) {
       const [x, y] = place(box);
-      back = Math.min(back, Math.max(x, -60) - 5);
-      front = Math.max(front, Math.min(x, 80) + 5);
-      side = Math.max(side, Math.min(Math.abs(y), 45) + 4);
+      if (x < -60 || x > 80 || Math.abs(y) > 45) continue;
+      back = Math.min(back, x - 5);
+      front = Math.max(front, x + 5);
+      side = Math.max(side, Math.abs(y) + 4);
     }
   }
   return [back, front, side];

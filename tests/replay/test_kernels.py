@@ -45,6 +45,27 @@ def test_kernels_run_and_leave_machine_code_in_the_folder_of_their_digest(cache:
     assert run(sources) == "42\n"
 
 
+@pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("damage", ["empty", "half", "garbage"])
+def test_damaged_machine_code_is_replaced(cache: Path, sources: Path, kind: str, damage: str):
+    run(sources)
+    (path,) = cache.rglob(kind)
+    whole = path.read_bytes()
+    path.write_bytes({"empty": b"", "half": whole[: len(whole) // 2], "garbage": b"\xffgarbage"}[damage])
+    assert run(sources) == "42\n"
+    assert len(path.read_bytes()) == len(whole)
+    assert run(sources) == "42\n"
+
+
+def test_a_disk_that_fills_while_machine_code_is_saved(cache: Path, sources: Path):
+    # No file may grow beyond a byte: the folder can be made, and nothing can be kept in it.
+    code = "import resource, runpy, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    code += "resource.setrlimit(resource.RLIMIT_FSIZE, (1, 1)); runpy.run_path(sys.argv[1])"
+    done = subprocess.run([sys.executable, "-c", code, sources / "loops.py"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "42\n", "")
+    assert not list(cache.rglob("*.nbc"))
+
+
 def test_a_change_beside_the_kernel_starts_an_empty_cache(cache: Path, sources: Path):
     before = kernels.cache_folder(sources)
     (sources / "other.py").write_text("a = 2\n")

@@ -97,6 +97,7 @@ class Plan:
     latency: Any = field(default_factory=lambda: LATENCY)
     total_ms: float = 75.0
     num_frames: int = 4
+    metadata: Mapping[str, str] = field(default_factory=lambda: {"place": "here"})
     log_digest: str = "aabbccddeeff00112233"
 
 
@@ -151,7 +152,7 @@ def _manifest(plan: Plan) -> Manifest:
     mounts, cameras = rig_entries(RIG)
     return Manifest(
         complete=plan.complete,
-        log=LogEntry(name=plan.log, log_id="id-1", digest=plan.log_digest, metadata={"place": "here"}),
+        log=LogEntry(name=plan.log, log_id="id-1", digest=plan.log_digest, metadata=dict(plan.metadata)),
         pipeline=plan.pipeline,
         parameters=dict(plan.parameters),
         frames=FrameEntry(

@@ -5,15 +5,18 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fbench.replay.boxes import Boxes3D
 from fbench.replay.store import Run
 from fbench.reports.html import HtmlReport
 
-from .conftest import Plan, boxes2d
+from .conftest import Plan, boxes2d, boxes3d
 from .test_safety import hostile_plan
 
 MakeRun = Callable[[Plan], Run]
@@ -109,6 +112,18 @@ def test_controls_work_with_hostile_names(make_run: MakeRun, tmp_path: Path) -> 
     assert "img" not in body.tags
     assert console == ""
     assert asked == []
+
+
+def test_damaged_boxes_are_listed_and_not_drawn(make_run: MakeRun, tmp_path: Path) -> None:
+    def damaged(label: str) -> Boxes3D:
+        return replace(boxes3d(label), center_m=np.array([[np.nan, 0, 0]]))
+
+    out = tmp_path / "report.html"
+    HtmlReport().write([make_run(Plan(make_boxes=damaged))], out)
+    body, console, _ = browse(out, tmp_path)
+    assert "track #7 · car invalid, not drawn" in body.texts["objects"]
+    assert "2D" not in body.texts["camera-note"]
+    assert console == ""
 
 
 @pytest.mark.parametrize("others", [[], [Plan(name="second", pipeline="radar3d")]])

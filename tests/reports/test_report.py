@@ -236,3 +236,15 @@ def test_measured_time_stands_in_one_section(make_run: MakeRun, report: Write) -
 
 def test_size_stays_small_without_media(make_run: MakeRun, report: Write) -> None:
     assert len(report(make_run(Plan())).html) < 120_000
+
+
+def test_ambiguous_radar_velocities_are_said(make_run: MakeRun, report: Write) -> None:
+    key = "radar.velocity_period_mps"
+    runs = [make_run(Plan(name=text, metadata={key: text})) for text in ("10.3936", "5", "10.39360")]
+    assert "Radial velocities alias with a period of 10.39 m/s:" in report(runs[0]).text
+    assert "Radial velocities alias with a period of 10.39 or 5.00 m/s:" in report(*runs).text
+
+
+@pytest.mark.parametrize("text", ["", "x", "nan", "inf", "-1", "0"])
+def test_periods_that_are_no_numbers_are_not_said(make_run: MakeRun, report: Write, text: str) -> None:
+    assert "alias" not in report(make_run(Plan(metadata={"radar.velocity_period_mps": text}))).text

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data import CameraModel, Mount, Rig
 from fbench.replay.media import MediaFrame, Points
 from fbench.replay.store import Run
@@ -94,6 +94,36 @@ def test_boxes_without_optional_fields() -> None:
     assert (row["label"], row["id"], row["score"], row["sources"], row["distance"]) == ("", None, None, 0, None)
     assert box_rows(None, RIG, ["cam"]) == []
     assert box_rows(Boxes3D.empty(), RIG, ["cam"]) == []
+
+
+BAD = (np.nan, np.inf, -np.inf, 1e9, 1e308)
+
+
+@pytest.mark.parametrize("bad", BAD)
+@pytest.mark.parametrize("field", ["center_m", "size_lwh_m", "yaw_rad"])
+def test_damaged_box_3d_is_listed_and_has_no_geometry(bad: float, field: str) -> None:
+    two = concatenate([boxes3d("car"), boxes3d("van")])
+    values = getattr(two, field).copy()
+    values[0, ...] = bad
+    damaged, sound = box_rows(replace(two, **{field: values}), RIG, ["cam"])
+    assert (damaged["label"], damaged["invalid"], damaged["seen"], damaged["distance"]) == ("car", True, {}, None)
+    assert not {"corners", "velocity", "place"} & set(damaged)
+    assert sound == box_rows(boxes3d("van"), RIG, ["cam"])[0]
+    assert "invalid" not in sound
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_damaged_box_2d_is_listed_and_has_no_outline(bad: float) -> None:
+    rect = np.array([[10.0, 20, bad, 60]])
+    (row,) = box_rows(replace(boxes2d(), xyxy_px=rect), RIG, ["cam"])
+    assert (row["invalid"], row["seen"], row["distance"], row["speed"]) == (True, {}, None, None)
+
+
+@pytest.mark.parametrize("distance", [*BAD, 0.0, -5.0])
+def test_box_2d_at_an_impossible_distance_has_no_place(distance: float) -> None:
+    (row,) = box_rows(replace(boxes2d(), distance_m=np.array([distance])), RIG, ["cam"])
+    assert "place" not in row
+    assert row["seen"] == {"cam": {"rect": [10.0, 20.0, 50.0, 60.0], "wire": None}}
 
 
 def test_unknown_velocity_becomes_null(make_run: MakeRun, report: Write) -> None:

@@ -18,6 +18,12 @@ def test_names_that_are_anything_else_are_refused_and_never_run(text: str) -> No
         parse_names(text)
 
 
+@pytest.mark.parametrize("key", [10**30, -1, 1_000_001])
+def test_class_ids_out_of_all_bounds_are_refused(key: int) -> None:
+    with pytest.raises(ModelError, match="class ids must be between 0 and 1000000"):
+        parse_names(f"{{{key}: 'car'}}")
+
+
 def test_names_become_labels_and_others_are_dropped() -> None:
     assert labels_by_name({0: "Person", 1: "kite", 4: "van", 9: "motorbike"}) == {
         0: "pedestrian",

@@ -104,3 +104,30 @@ def test_torchvision_feeds_one_image(input_wh: tuple[int, int] | None, expected:
     outputs = [np.array([[1.0, 2, 30, 40], [0, 0, 9, 9]]), np.array([3, 5]), np.array([0.9, 0.9])]
     (found,) = layout.read(outputs, [SIZE], 0.5)
     assert (found.xyxy.tolist(), found.label.tolist()) == ([expected], ["car"])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30, 3e38])
+@pytest.mark.parametrize("column", range(6))
+def test_damaged_rows_are_dropped_without_warnings(bad: float, column: int) -> None:
+    """Warnings are errors here."""
+    final = np.array([[[40, 20, 60, 30, 0.9, 1.0]] * 2], np.float32)
+    final[0, 0, column] = bad
+    (found,) = Ultralytics("images", (200, 50), "final", COCO_80, 1).read([final], [SIZE], 0.3)
+    assert found.xyxy.tolist() == [[40, 20, 60, 30]]
+    objectness = np.zeros((1, 2, 85), np.float32)
+    objectness[0, :, :8] = [50, 25, 20, 10, 0.5, 0, 0, 0.8]
+    objectness[0, 0, column] = bad
+    (found,) = Ultralytics("images", (200, 50), "objectness", COCO_80, 1).read([objectness], [SIZE], 0.3)
+    assert found.xyxy.tolist() == [[40, 20, 60, 30]]
+    raw = yolox_raw(69, [0.5, 0.25, 0.0, np.log(2.0), 0.9])
+    raw[0, 0, 4], raw[0, 0, 7], raw[0, 0, column] = 0.9, 0.5, bad
+    (found,) = YoloX("images", (64, 64), (8, 16, 32), COCO_80, 1).read([raw], [(64, 64)], 0.3)
+    assert len(found) == 1
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e30])
+def test_class_ids_that_are_no_numbers_are_unknown(bad: float) -> None:
+    layout = Detr("images", "orig_target_sizes", (0, 1, 2), (100, 100), COCO_80, None)
+    outputs = [np.array([[bad, 2]]), np.array([[[1, 2, 30, 40.0]] * 2]), np.array([[0.9, 0.8]])]
+    (found,) = layout.read(outputs, [SIZE], 0.5)
+    assert found.score.tolist() == [0.8]

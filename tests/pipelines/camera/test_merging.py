@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.pipelines.camera.candidates import Candidates
-from fbench.pipelines.camera.merging import merge, to_image, windows
+from fbench.pipelines.camera.merging import MAX_WINDOWS, merge, to_image, windows
 
 
 def candidates(*rows: tuple[list[float], float, str]) -> Candidates:
@@ -23,7 +23,15 @@ def test_wide_and_tall_images_are_cut_along_the_longer_side() -> None:
     assert windows((100, 300), 2.0, 0.1) == [(0, 0, 100, 300), (0, 0, 100, 200), (0, 100, 100, 300)]
 
 
-@given(st.integers(1, 4000), st.integers(1, 1000), st.floats(1.0, 3.0), st.floats(0.0, 0.5))
+def test_a_strip_is_cut_into_eight_longer_windows() -> None:
+    whole, *parts = windows((20000, 1), 2.0, 0.1)
+    assert whole == (0, 0, 20000, 1)
+    assert len(parts) == 8
+    assert parts[0] == (0, 0, 2740, 1)  # 20000 / (1 + 7 * 0.9)
+    assert parts[-1] == (17260, 0, 20000, 1)
+
+
+@given(st.integers(1, 40000), st.integers(1, 1000), st.floats(1.0, 3.0), st.floats(0.0, 0.5))
 def test_windows_cover_the_image_and_overlap(width: int, height: int, aspect: float, overlap: float) -> None:
     parts = windows((width, height), aspect, overlap)[1:]
     for part in parts:
@@ -34,6 +42,7 @@ def test_windows_cover_the_image_and_overlap(width: int, height: int, aspect: fl
         assert parts[0][axis] == 0
         assert parts[-1][axis + 2] == max(width, height)
         side = parts[0][axis + 2]
+        assert len(parts) <= MAX_WINDOWS
         assert all(a[axis + 2] - b[axis] >= overlap * side - 1.5 for a, b in pairwise(parts))
 
 

@@ -24,7 +24,7 @@ def test_detr() -> None:
     assert isinstance(layout, Detr)
     assert layout.input_wh == (416, 416)
     assert layout.output_order == (0, 1, 2)
-    assert layout.max_batch is None
+    assert layout.batch is None
 
 
 def test_yolox_has_one_box_a_cell_and_yolov5_three() -> None:
@@ -95,6 +95,22 @@ def test_torchvision_by_names_or_by_shapes(names: tuple[str, str, str]) -> None:
 def test_what_is_not_understood(header: ModelHeader, match: str) -> None:
     with pytest.raises(ModelError, match=match):
         recognise(header)
+
+
+@pytest.mark.parametrize("side", [0, -1, 31, 8193, 100000])
+def test_inputs_of_absurd_size_are_refused(side: int) -> None:
+    with pytest.raises(ModelError, match=rf"32 to 8192 px a side, its header says images \(1, 3, {side}, {side}\)"):
+        recognise(yolo((1, 84, None), image=(1, 3, side, side)))
+    with pytest.raises(ModelError, match="32 to 8192 px a side"):
+        recognise(yolo((1, 84, None), image=(1, 3, None, side)))
+
+
+@pytest.mark.parametrize("batch", [0, -4, 1000])
+def test_batches_of_absurd_size_are_refused(batch: int) -> None:
+    with pytest.raises(ModelError, match=rf"at most 67108864 px, its header says images \({batch}, 3, 416, 416\)"):
+        recognise(yolo((1, 84, None), image=(batch, 3, 416, 416)))
+    with pytest.raises(ModelError, match="at most 67108864 px"):
+        recognise(yolo((1, 84, None), image=(batch, 3, None, None)))
 
 
 def test_a_fixed_size_cannot_be_changed() -> None:
