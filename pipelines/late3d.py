@@ -1,10 +1,11 @@
 """late3d: cameras, LiDARs and radars detect on their own; their boxes are merged in 3D and tracked."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.camera.look import look
 from fbench.pipelines.fusion.late import Seen, fuse
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.points import lidar, radar
@@ -17,7 +18,7 @@ from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
-from fbench.replay.images import decode
+from fbench.replay.geometry.camera import require_projection
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Late3D:
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig."""
         require("late3d", ("lidar", "radar"), rig, log_info)
+        for name in rig.sensors("camera") if self._detector is not None else ():
+            require_projection(rig, name)
         self._rig = rig
         self._viewpoint = lidar_position(rig) if rig.sensors("lidar") else np.zeros(2)
         self._radar = for_log(self._params.radar, log_info)
@@ -70,7 +73,7 @@ class Late3D:
         with clock.stage("fuse"):
             detections = fuse(seen, self._params.fusion)
         with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
+            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(self._rig, frame))
         return Output(detections, tracks, clock.stage_ns, tuple(faults), dict.fromkeys(blind, "no weights"))
 
     def _cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
@@ -79,15 +82,9 @@ class Late3D:
             image = frame.messages.get(name)
             if self._detector is None or not isinstance(image, Image):
                 continue
-            with clock.stage("decode"):
-                pixels = decode(image)
-            if pixels is None:
-                faults.append(Fault("DEC002", f"{name} at stamp {image.stamp_ns}"))
-                continue
-            with clock.stage("preprocess"):
-                prepared = self._detector.prepare(pixels)
-            with clock.stage("detect.camera"):
-                found[name] = self._detector.infer(prepared)
+            seen = look(self._detector, image, clock, faults)
+            if seen is not None:
+                found[name] = seen
         return found
 
     def _lidar_view(self, frame: Frame, clock: StageClock) -> LidarView:
@@ -100,7 +97,7 @@ class Late3D:
             found = lidar.obstacles(points, params)
             self._plane = found.plane or self._plane
         with clock.stage("detect.lidar"):
-            return lidar.detect(found, self._viewpoint, params)
+            return replace(lidar.detect(found, self._viewpoint, params), plane=self._plane)
 
     def _radar_view(self, frame: Frame, clock: StageClock) -> RadarView:
         with clock.stage("calibrate"):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from fbench.pipelines.checks import require_between
 from fbench.pipelines.points import lidar
 from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.merged import lidar_points, lidar_position, require, world_T_body
@@ -22,6 +23,9 @@ class Lidar3DParams:
     """Clusters that look less like a car than this are dropped."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+
+    def __post_init__(self) -> None:
+        require_between("min_score", self.min_score, 0.0, 1.0)
 
 
 class Lidar3D:
@@ -46,7 +50,7 @@ class Lidar3D:
         clock = StageClock()
         detections = self._detect(frame, clock)
         with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
+            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(self._rig, frame))
         return Output(detections, tracks, clock.stage_ns)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Boxes3D:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 
+from fbench.pipelines.checks import require_between
 from fbench.pipelines.points import radar
 from fbench.pipelines.points.doppler import DopplerParams, logged_period
 from fbench.pipelines.points.merged import radar_scans, require, world_T_body
@@ -23,6 +24,9 @@ class Radar3DParams:
     """Clusters with a lower score are dropped."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+
+    def __post_init__(self) -> None:
+        require_between("min_score", self.min_score, 0.0, 1.0)
 
 
 class Radar3D:
@@ -49,7 +53,7 @@ class Radar3D:
         clock = StageClock()
         detections = self._detect(frame, clock)
         with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(frame))
+            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(self._rig, frame))
         return Output(detections, tracks, clock.stage_ns)
 
     def _detect(self, frame: Frame, clock: StageClock) -> Boxes3D:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from fbench.pipelines.checks import require_between
+
 
 @dataclass(frozen=True)
 class FusionParams:
@@ -38,3 +40,19 @@ class FusionParams:
     """Echoes this far beside a camera's box [px] may belong to it: radar is poor at angles."""
     merge_m: float = 3.0
     """Objects of different sensors with centres nearer than this [m] are one."""
+
+    def __post_init__(self) -> None:
+        require_between("fusion.camera_weight", self.camera_weight, 0.0, 1.0)
+        require_between("fusion.lidar_weight", self.lidar_weight, 0.0, 1.0)
+        require_between("fusion.radar_weight", self.radar_weight, 0.0, 1.0)
+        require_between("fusion.standing_weight", self.standing_weight, 0.0, 1.0)
+        require_between("fusion.unseen_factor", self.unseen_factor, 0.0, 1.0)
+        require_between("fusion.min_score", self.min_score, 0.0, 1.0)
+        require_between("fusion.gate", self.gate, 0.1, 100.0)
+        require_between("fusion.tilt_std_rad", self.tilt_std_rad, 1e-06, 1.0)
+        require_between("fusion.min_range_std", self.min_range_std, 0.001, 10.0)
+        require_between("fusion.lidar_std_m", self.lidar_std_m, 0.01, 100.0)
+        require_between("fusion.radar_std_m", self.radar_std_m, 0.01, 100.0)
+        require_between("fusion.standing_std_m", self.standing_std_m, 0.01, 100.0)
+        require_between("fusion.bearing_margin_px", self.bearing_margin_px, 0.0, 10000.0)
+        require_between("fusion.merge_m", self.merge_m, 0.0, 100.0)

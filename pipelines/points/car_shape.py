@@ -4,8 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.checks import require_between
+from fbench.pipelines.points.over_kernel import count_inside
 from fbench.pipelines.points.vehicle import fading
 from fbench.replay.arrays import Float64, Int64
+from fbench.replay.errors import ConfigError
+
+_RISING = ("bottom_m", "top_m", "most_length_m", "most_width_m", "filling_m", "num_over")
+_FALLING = ("least_extent_m", "num_points")
+_LEAST_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -31,6 +38,18 @@ class CarShapeParams:
     margin_m: float = 0.3
     """How far beside the rectangle points count as above it [m]."""
 
+    def __post_init__(self) -> None:
+        require_between("lidar.shape.margin_m", self.margin_m, 0, 100)
+        for name in (*_RISING, *_FALLING):
+            for value in getattr(self, name):
+                require_between(f"lidar.shape.{name}", value, 0)
+        for name, sign, word in (*((n, 1, "above") for n in _RISING), *((n, -1, "below") for n in _FALLING)):
+            fine, impossible = getattr(self, name)
+            if not sign * (impossible - fine) >= _LEAST_STEP:
+                raise ConfigError(
+                    f"lidar.shape.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
+                )
+
 
 def plausibility(
     rectangles: Float64, num_points: Int64, bottom_m: Float64, top_m: Float64, tall: Float64, params: CarShapeParams
@@ -51,11 +70,15 @@ def plausibility(
 
 
 def _points_over(rectangles: Float64, xyz: Float64, margin_m: float) -> Int64:
-    """Count the points (N, 3) over each rectangle (M, 6), widened by a margin."""
-    cos, sin = np.cos(rectangles[:, :1]), np.sin(rectangles[:, :1])
-    along = cos * xyz[None, :, 0] + sin * xyz[None, :, 1]
-    across = cos * xyz[None, :, 1] - sin * xyz[None, :, 0]
-    low, high = rectangles[:, [1, 3], None] - margin_m, rectangles[:, [2, 4], None] + margin_m
-    inside = (along > low[:, 0]) & (along < high[:, 0]) & (across > low[:, 1]) & (across < high[:, 1])
-    count: Int64 = np.count_nonzero(inside, axis=1).astype(np.int64)
-    return count
+    """Count the points (N, 3) over each rectangle (M, 6), widened by a margin.
+
+    Looks only at the points between the least and greatest x of a rectangle.
+    """
+    points = xyz[np.argsort(xyz[:, 0], kind="stable"), :2]
+    wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
+    cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
+    x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
+    # A hair more than needed, so that rounding leaves no point out.
+    begin = np.searchsorted(points[:, 0], x.min(axis=1) - 1e-6)
+    end = np.searchsorted(points[:, 0], x.max(axis=1) + 1e-6)
+    return count_inside(wide, np.ascontiguousarray(points), begin, end)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.checks import require_between
 from fbench.pipelines.points.doppler_kernel import agreement
 from fbench.pipelines.points.merged import Echoes
 from fbench.replay.arrays import Float64
@@ -19,7 +20,7 @@ class DopplerParams:
     """How the radar's own motion is found in its echoes."""
 
     period_mps: float | None = None
-    """Velocities alias with this period [m/s]; 0: unambiguous; none: found from the grid of the velocities."""
+    """Velocities alias with this period [m/s]; 0: unambiguous; none: as the log's metadata say, else unambiguous."""
     max_reverse_mps: float = 5.0
     """Fastest backwards [m/s]."""
     max_forward_mps: float = 45.0
@@ -30,6 +31,14 @@ class DopplerParams:
     """Echoes whose velocity differs by less [m/s] from that of stationary ones count as stationary in the fit."""
     min_echoes: int = 10
     """With fewer echoes the radar counts as standing."""
+
+    def __post_init__(self) -> None:
+        require_between("radar.doppler.period_mps", self.period_mps or 0.0, 0.0, 1e3)
+        for name in ("max_reverse_mps", "max_sideways_mps"):
+            require_between(f"radar.doppler.{name}", getattr(self, name), 0.0, 200.0)
+        require_between("radar.doppler.max_forward_mps", self.max_forward_mps, 0.4, 200.0)
+        require_between("radar.doppler.band_mps", self.band_mps, 0.01, 100.0)
+        require_between("radar.doppler.min_echoes", self.min_echoes, 3, 1e6)
 
 
 def logged_period(log_info: LogInfo) -> float | None:
@@ -43,26 +52,6 @@ def logged_period(log_info: LogInfo) -> float | None:
         return None if text is None else float(text)
     except ValueError as error:
         raise LogError(f"log '{log_info.name}': metadata {PERIOD_KEY}: expected a number, got '{text}'") from error
-
-
-def velocity_period(radial_velocity_mps: Float64) -> float:
-    """Period [m/s] with which radial velocities (N,) alias; 0 where they aren't on a grid, that is unambiguous.
-
-    A radar that finds velocities by a Fourier transform reports multiples of one step, in 2^n bins that span the
-    period. Noise fills nearly all of them, so the smallest such span that holds all values is taken.
-    """
-    values = np.unique(radial_velocity_mps)
-    if len(values) < 16:
-        return 0.0
-    span, steps = values[-1] - values[0], np.diff(values)
-    step = float(steps.min())
-    bins = round(span / step)
-    if bins < 16 or bins > 4096:
-        return 0.0
-    step = float(span / bins)
-    if np.abs(steps / step - np.round(steps / step)).max() > 0.05:
-        return 0.0
-    return step * float(2 ** int(np.ceil(np.log2(bins + 1))))
 
 
 def wrapped(velocity_mps: Float64, period_mps: float) -> Float64:
@@ -115,7 +104,7 @@ def range_rates(echoes: Echoes, params: DopplerParams) -> tuple[Float64, float]:
     NaN where the radar measures no velocities.
     """
     measured = echoes[np.isfinite(echoes.radial_velocity_mps)]
-    period = velocity_period(measured.radial_velocity_mps) if params.period_mps is None else params.period_mps
+    period = params.period_mps or 0.0
     velocity = np.zeros(2)
     if len(measured.xyz) >= params.min_echoes:
         velocity = sensor_velocity(measured, period, params)

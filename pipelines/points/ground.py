@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fbench.replay.arrays import Bool, Float64
+from fbench.pipelines.checks import require_between
+from fbench.replay.arrays import Float64
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,14 @@ class GroundParams:
     """Steepest deviation from the plane [m/m]."""
     tolerance_m: float = 0.2
     """Height [m] below which a point belongs to the ground."""
+
+    def __post_init__(self) -> None:
+        require_between("lidar.ground.cell_m", self.cell_m, 0.5, 100.0)
+        require_between("lidar.ground.outliers", self.outliers, 0.0, 0.5)
+        require_between("lidar.ground.range_m", self.range_m, 1.0, 500.0)
+        require_between("lidar.ground.max_tilt", self.max_tilt, 0.0, 1.0)
+        require_between("lidar.ground.max_slope", self.max_slope, 0.0, 1.0)
+        require_between("lidar.ground.tolerance_m", self.tolerance_m, 0.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,8 @@ def height_above_ground(xyz: Float64, lowest: Float64, plane: Plane, params: Gro
     deviation = lowest[:, 2] - plane.z_m(lowest)
     ground = np.abs(deviation) < 0.3 + params.max_slope * np.hypot(lowest[:, 0], lowest[:, 1])
     half = int(np.ceil(params.range_m / params.cell_m))
-    grid = np.full((2 * half, 2 * half), np.inf)
+    # One cell more than needed: a quotient may be rounded up.
+    grid = np.full((2 * half + 1, 2 * half + 1), np.inf)
     at = np.floor(lowest[ground, :2] / params.cell_m).astype(np.int64) + half
     grid[at[:, 0], at[:, 1]] = deviation[ground]
     offset = np.arange(-3, 4) * params.cell_m
@@ -123,9 +133,3 @@ def height_above_ground(xyz: Float64, lowest: Float64, plane: Plane, params: Gro
     result = over_plane.copy()
     result[inside] -= surface[cell[:, 0], cell[:, 1]]
     return result
-
-
-def above_ground(height_m: Float64, low_m: float, high_m: float) -> Bool:
-    """Tell which heights (N,) [m] lie between the ground and the roof of a truck."""
-    between: Bool = (height_m > low_m) & (height_m < high_m)
-    return between

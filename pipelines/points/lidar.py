@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.checks import require_between
 from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
@@ -27,6 +28,11 @@ class LidarClusterParams:
     max_height_m: float = 2.5
     """Points higher above the ground [m], such as trees over a street, are left out."""
 
+    def __post_init__(self) -> None:
+        require_between("lidar.cluster.eps_m", self.eps_m, 0.01, 100.0)
+        require_between("lidar.cluster.min_points", self.min_points, 1, 1e6)
+        require_between("lidar.cluster.max_height_m", self.max_height_m, 0.1, 100.0)
+
 
 @dataclass(frozen=True)
 class LidarParams:
@@ -42,6 +48,9 @@ class LidarParams:
     """What partly seen vehicles are completed to."""
     shape: CarShapeParams = field(default_factory=CarShapeParams)
     """What a cluster must look like."""
+
+    def __post_init__(self) -> None:
+        require_between("lidar.min_range_m", self.min_range_m, 0.0, 1000.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ class Echoes:
     radial_velocity_mps: Float64
     """(N,) [m/s] as measured, positive when receding; NaN where the sensor gives none."""
     magnitude_db: Float64
-    """(N,) radar cross section or uncalibrated magnitude; 0 where the sensor gives none."""
+    """(N,) radar cross section or uncalibrated magnitude; NaN where the sensor gives none."""
 
     def __getitem__(self, rows: Bool) -> "Echoes":
         """Select rows by mask."""
@@ -57,10 +57,16 @@ def radar_scans(rig: Rig, frame: Frame) -> list[Echoes] | None:
     return [_echoes(rig, scan) for scan in scans] or None
 
 
-def world_T_body(frame: Frame) -> Float64 | None:
-    """Pose (4, 4) of the body in the world; `None` where the log has none for this frame."""
-    poses = [m.world_T_body for m in _in_order(frame) if isinstance(m, Pose)]
-    return poses[0] if poses else None
+def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
+    """Pose (4, 4) of the body in the world; `None` where the log has none for this frame.
+
+    Of several sources the first by name counts, also in frames that lack it: sources differ in their origin.
+    """
+    poses = sorted(name for name, m in frame.messages.items() if isinstance(m, Pose))
+    if not poses or any(name < poses[0] for name in frame.missing if name not in rig.mounts):
+        return None
+    pose = frame.messages[poses[0]]
+    return pose.world_T_body if isinstance(pose, Pose) else None
 
 
 def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
@@ -88,7 +94,8 @@ def _echoes(rig: Rig, scan: RadarScan) -> Echoes:
     length = np.sqrt(ray[:, 0] ** 2 + ray[:, 1] ** 2 + ray[:, 2] ** 2)
     direction = ray / np.where(length > 0, length, 1.0)[:, None]
     velocity = np.full(len(xyz), np.nan) if scan.radial_velocity_mps is None else scan.radial_velocity_mps
-    magnitude = np.zeros(len(xyz)) if scan.rcs_dbsm is None else scan.rcs_dbsm
+    magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm
+    velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = np.lexsort((*columns[::-1], *xyz.T[::-1]))
     return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.checks import require_between
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.doppler import DopplerParams, range_rates
 from fbench.pipelines.points.merged import Echoes
@@ -28,6 +29,11 @@ class RadarClusterParams:
     seconds: float = 1.0
     """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
 
+    def __post_init__(self) -> None:
+        require_between("radar.cluster.eps_m", self.eps_m, 0.01, 100.0)
+        require_between("radar.cluster.min_points", self.min_points, 1, 1e6)
+        require_between("radar.cluster.seconds", self.seconds, 0.0, 100.0)
+
 
 @dataclass(frozen=True)
 class RadarParams:
@@ -47,6 +53,11 @@ class RadarParams:
     """What clusters are completed to."""
     full_score_echoes: float = 20.0
     """A cluster of n echoes scores 1 - exp(-n / this)."""
+
+    def __post_init__(self) -> None:
+        require_between("radar.max_range_m", self.max_range_m, 1.0, 1000.0)
+        require_between("radar.min_speed_mps", self.min_speed_mps, 0.0, 100.0)
+        require_between("radar.full_score_echoes", self.full_score_echoes, 0.1, 1e6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +91,8 @@ def compensate(scans: Sequence[Echoes], params: RadarParams) -> Compensated:
     rates, periods = zip(*(range_rates(scan, params.doppler) for scan in scans), strict=True)
     xyz, rate = np.concatenate([scan.xyz for scan in scans]), np.concatenate(rates)
     near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.max_range_m
-    near &= np.concatenate([scan.magnitude_db for scan in scans]) >= params.min_magnitude_db
+    # Unknown magnitudes are NaN, and no reason to drop an echo.
+    near &= ~(np.concatenate([scan.magnitude_db for scan in scans]) < params.min_magnitude_db)
     direction = np.concatenate([scan.direction for scan in scans])
     return Compensated(xyz[near], direction[near], rate[near], max(periods))
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.checks import require_between
 from fbench.replay.arrays import Array, Float64
 
 
@@ -17,6 +18,11 @@ class VehicleSize:
     """Width [m]."""
     height_m: float = 1.6
     """Height [m]."""
+
+    def __post_init__(self) -> None:
+        require_between("size.length_m", self.length_m, 0.1, 50.0)
+        require_between("size.width_m", self.width_m, 0.1, 50.0)
+        require_between("size.height_m", self.height_m, 0.1, 50.0)
 
 
 @dataclass(frozen=True, eq=False)

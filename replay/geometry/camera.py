@@ -30,6 +30,17 @@ def require_pinhole(name: str, camera: CameraModel) -> None:
         )
 
 
+def require_projection(rig: Rig, name: str) -> None:
+    """Refuse a camera into which points can't be projected.
+
+    Raises:
+        LogError: where the rig has no intrinsics of it, or its distortion isn't modelled.
+    """
+    if name not in rig.cameras:
+        raise LogError(f"camera '{name}' has no intrinsics")
+    require_pinhole(name, rig.cameras[name])
+
+
 def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
     """Project points (N, 3) in camera coordinates [m]; returns pixels (N, 2) and depths (N,) [m].
 

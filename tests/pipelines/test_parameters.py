@@ -6,6 +6,16 @@ from fbench.pipelines.camera.detector import CameraParams
 from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.pipelines.tracking.tracker3d import Tracker3DParams
 from fbench.replay.errors import ConfigError
+from fbench.replay.plugins import default_params, load
+from fbench.replay.settings import apply_settings, describe
+
+UNLIMITED = ("radar.min_magnitude_db",)
+"""Minus infinity lets everything through."""
+
+
+def _numbers(name: str) -> list[str]:
+    described = describe(default_params(load("pipelines", name)))
+    return [path for path, value in described.items() if isinstance(value, int | float) and not isinstance(value, bool)]
 
 
 @pytest.mark.parametrize(
@@ -16,7 +26,7 @@ from fbench.replay.errors import ConfigError
         (lambda: CameraParams(tile_aspect=0.5), r"camera\.tile_aspect: expected at least 1, got 0\.5"),
         (lambda: CameraParams(tile_aspect=float("nan")), r"camera\.tile_aspect: expected at least 1, got nan"),
         (lambda: CameraParams(threads=0), r"camera\.threads: expected at least 1, got 0"),
-        (lambda: CameraParams(input_wh=(0, 640)), r"camera\.input_wh: expected at least 32, got 0"),
+        (lambda: CameraParams(input_wh=(0, 640)), r"camera\.input_wh: expected between 32 and 8192, got 0"),
         (lambda: Tracker2DParams(min_iou=-0.1), r"tracking\.min_iou: expected between 0 and 1, got -0\.1"),
         (lambda: Tracker2DParams(measured_std=0.0), r"tracking\.measured_std: expected at least 1e-06, got 0"),
         (lambda: Tracker3DParams(gate_m=0.0), r"tracking\.gate_m: expected at least 1e-06, got 0"),
@@ -26,3 +36,30 @@ from fbench.replay.errors import ConfigError
 def test_values_that_make_no_sense(make: Callable[[], object], match: str) -> None:
     with pytest.raises(ConfigError, match=match):
         make()
+
+
+NAMES = ("camera2d", "lidar3d", "radar3d", "late3d")
+NUMBERS = [(name, path) for name in NAMES for path in _numbers(name)]
+
+
+@pytest.mark.parametrize(("name", "path"), NUMBERS)
+def test_every_number_has_limits(name: str, path: str) -> None:
+    """Infinity is refused everywhere but where it means no limit."""
+    params = default_params(load("pipelines", name))
+    for text in ("inf", "-inf", "1e30"):
+        if path in UNLIMITED:
+            continue
+        with pytest.raises(ConfigError):
+            apply_settings(params, [f"{path}={text}"])
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["lidar.cluster.eps_m=0", "lidar.ground.cell_m=0.005", "lidar.ground.outliers=1.0", "lidar.cluster.min_points=0",
+     "radar.doppler.band_mps=0", "radar.doppler.max_forward_mps=-9", "radar.doppler.period_mps=-3",
+     "fusion.camera_weight=9",
+     "radar.full_score_echoes=-1", "lidar.size.width_m=-4", "lidar.shape.top_m=2,2", "tracking.rate_std_mps=inf"],
+)  # fmt: skip
+def test_settings_that_make_no_sense(setting: str) -> None:
+    with pytest.raises(ConfigError):
+        apply_settings(default_params(load("pipelines", "late3d")), [setting])

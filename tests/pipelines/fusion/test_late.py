@@ -91,9 +91,9 @@ def test_the_nearer_of_two_cars_in_one_direction_takes_its_points_first():
 
 def test_points_at_another_distance_do_not_belong():
     box = car(12.0)
-    found = fuse(seen(outline(box), lidar_view(car(30.0, score := 0.0))), replace(PARAMS, min_score=0.4))
-    assert score == 0
-    assert 1 in found.sources.tolist()
+    found = fuse(seen(outline(box), lidar_view(car(30.0), score=0.0)), replace(PARAMS, min_score=0.4))
+    assert found.sources.tolist() == [1]
+    assert found.center_m[0, 0] == pytest.approx(12.0, abs=0.5)
 
 
 def test_duplicates_are_merged():

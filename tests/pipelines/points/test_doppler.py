@@ -7,15 +7,13 @@ from fbench.pipelines.points.doppler import (
     logged_period,
     range_rates,
     sensor_velocity,
-    velocity_period,
     wrapped,
 )
 from fbench.pipelines.points.merged import Echoes
 from fbench.replay.data import LogInfo
 from fbench.replay.errors import LogError
 
-STEP = 0.0812
-PERIOD = 128 * STEP
+PERIOD = 128 * 0.0812
 
 
 def scene(velocity, moving=0.0, period=0.0, num=400, num_moving=40):
@@ -46,20 +44,12 @@ def test_ambiguous_rates_are_taken_to_the_slowest():
     assert rates[400:] == pytest.approx(8.0 - PERIOD, abs=0.05)
 
 
-@pytest.mark.parametrize("bins", [range(-63, 65), range(-60, 64), range(-62, 3)])
-def test_period_from_a_grid_with_or_without_its_ends(bins):
-    values = np.float32(STEP) * np.array(bins, np.float32)
-    expected = PERIOD if len(bins) > 66 else PERIOD * (1 if len(bins) > 64 else 0.5)
-    assert velocity_period(values.astype(np.float64)) == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [[], [1.0], [0.5] * 100, np.sin(np.arange(500.0)) * 9, np.arange(10.0), [*np.arange(40.0), 0.3]],
-    ids=["none", "one", "equal", "not on a grid", "few", "one beside the grid"],
-)
-def test_no_period_where_velocities_are_not_on_a_grid(values):
-    assert velocity_period(np.asarray(values, np.float64)) == 0
+def test_rounded_velocities_are_not_taken_for_ambiguous():
+    echoes = scene((15.0, 0.0), -14.0)
+    rounded = Echoes(echoes.xyz, echoes.direction, np.round(echoes.radial_velocity_mps * 4) / 4, echoes.magnitude_db)
+    rates, period = range_rates(rounded, DopplerParams())
+    assert period == 0
+    assert rates[400:] == pytest.approx(-14.0, abs=0.2)
 
 
 def test_few_echoes_leave_the_radar_standing():

@@ -63,14 +63,25 @@ def test_radar_that_gives_places_only():
     scans = radar_scans(RIG, frame(RadarScan("radar", 0, 0, np.ones((1, 3), np.float32))))
     assert scans is not None
     assert np.isnan(scans[0].radial_velocity_mps).all()
-    assert scans[0].magnitude_db.tolist() == [0.0]
+    assert np.isnan(scans[0].magnitude_db).all()
 
 
 def test_pose_of_the_body():
-    assert world_T_body(frame()) is None
-    pose = world_T_body(frame(Pose("gps", 0, 0, np.array([1.0, 2, 3]), STRAIGHT)))
+    assert world_T_body(RIG, frame()) is None
+    pose = world_T_body(RIG, frame(Pose("gps", 0, 0, np.array([1.0, 2, 3]), STRAIGHT)))
     assert pose is not None
     assert pose[:3, 3].tolist() == [1, 2, 3]
+
+
+def test_one_source_of_poses_counts():
+    odom = Pose("odom", 0, 0, np.array([9.0, 9, 9]), STRAIGHT)
+    assert world_T_body(RIG, Frame(0, 0, 0, {"odom": odom}, {"gps": "never came"})) is None
+    assert world_T_body(RIG, Frame(0, 0, 0, {"odom": odom}, {"back": "never came"})) is not None
+
+
+def test_infinite_velocities_are_unknown():
+    scan = RadarScan("radar", 0, 0, np.ones((1, 3), np.float32), np.array([np.inf], np.float32))
+    assert np.isnan(radar_scans(RIG, frame(scan))[0].radial_velocity_mps).all()
 
 
 def test_require_names_what_is_there():
