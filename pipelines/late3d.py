@@ -1,22 +1,18 @@
 """late3d: cameras, LiDARs and radars detect on their own; their boxes are merged in 3D and tracked."""
 
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.pipelines.camera.look import look
 from fbench.pipelines.fusion.late import Seen, fuse
 from fbench.pipelines.fusion.params import FusionParams
-from fbench.pipelines.points import lidar, radar
-from fbench.pipelines.points.ground import Plane
-from fbench.pipelines.points.lidar import LidarParams, LidarView
-from fbench.pipelines.points.merged import lidar_points, lidar_position, radar_scans, require, world_T_body
-from fbench.pipelines.points.radar import RadarParams, RadarView
-from fbench.pipelines.radar3d import for_log
+from fbench.pipelines.points.lidar import LidarParams
+from fbench.pipelines.points.lidar_stage import LidarStage
+from fbench.pipelines.points.merged import require, world_T_body
+from fbench.pipelines.points.radar import RadarParams
+from fbench.pipelines.points.radar_stage import RadarStage
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
-from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
 from fbench.replay.geometry.camera import require_projection
 
@@ -45,31 +41,34 @@ class Late3D:
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
         self._params = params
-        self._radar = params.radar
         self._detector = None if params.camera.weights is None else CameraDetector(params.camera)
         self._tracker = Tracker3D(params.tracking)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig."""
+        """Take all sensors of the rig.
+
+        Raises:
+            LogError: where it has no LiDAR or radar, or a camera that is to be used can't be projected into.
+        """
         require("late3d", ("lidar", "radar"), rig, log_info)
         for name in rig.sensors("camera") if self._detector is not None else ():
             require_projection(rig, name)
         self._rig = rig
-        self._viewpoint = lidar_position(rig) if rig.sensors("lidar") else np.zeros(2)
-        self._radar = for_log(self._params.radar, log_info)
+        self._lidar = LidarStage(rig, self._params.lidar)
+        self._radar = RadarStage(rig, log_info, self._params.radar)
         self.reset("start")
 
     def reset(self, reason: str) -> None:
         """Forget all tracks, and how the ground lies."""
         self._tracker.reset()
-        self._plane: Plane | None = None
+        self._lidar.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
         clock, faults = StageClock(), list[Fault]()
         cameras = self._cameras(frame, clock, faults)
         blind = self._rig.sensors("camera") if self._detector is None else ()
-        seen = Seen(self._rig, cameras, self._lidar_view(frame, clock), self._radar_view(frame, clock))
+        seen = Seen(self._rig, cameras, self._lidar.view(frame, clock), self._radar.view(frame, clock))
         with clock.stage("fuse"):
             detections = fuse(seen, self._params.fusion)
         with clock.stage("track"):
@@ -86,25 +85,3 @@ class Late3D:
             if seen is not None:
                 found[name] = seen
         return found
-
-    def _lidar_view(self, frame: Frame, clock: StageClock) -> LidarView:
-        params = self._params.lidar
-        with clock.stage("calibrate"):
-            points = lidar_points(self._rig, frame, params.min_range_m)
-        if points is None:
-            return LidarView(self._plane, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
-        with clock.stage("preprocess"):
-            found = lidar.obstacles(points, params)
-            self._plane = found.plane or self._plane
-        with clock.stage("detect.lidar"):
-            return replace(lidar.detect(found, self._viewpoint, params), plane=self._plane)
-
-    def _radar_view(self, frame: Frame, clock: StageClock) -> RadarView:
-        with clock.stage("calibrate"):
-            scans = radar_scans(self._rig, frame)
-        if scans is None:
-            return RadarView(np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
-        with clock.stage("preprocess"):
-            echoes = radar.compensate(scans, self._radar)
-        with clock.stage("detect.radar"):
-            return radar.detect(echoes, self._radar)

@@ -3,13 +3,12 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.checks import require_between
-from fbench.pipelines.points import lidar
 from fbench.pipelines.points.lidar import LidarParams
-from fbench.pipelines.points.merged import lidar_points, lidar_position, require, world_T_body
+from fbench.pipelines.points.lidar_stage import LidarStage
+from fbench.pipelines.points.merged import require, world_T_body
 from fbench.pipelines.points.reported import reported
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
-from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Frame, LogInfo, Output, Rig, Source
 
 
@@ -38,29 +37,18 @@ class Lidar3D:
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig."""
         require("lidar3d", ("lidar",), rig, log_info)
-        self._rig, self._viewpoint = rig, lidar_position(rig)
+        self._rig, self._lidar = rig, LidarStage(rig, self._params.lidar)
         self.reset("start")
 
     def reset(self, reason: str) -> None:
         """Forget all tracks."""
         self._tracker.reset()
+        self._lidar.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect and track; a frame without LiDAR has no detections."""
         clock = StageClock()
-        detections = self._detect(frame, clock)
+        detections = reported(self._lidar.view(frame, clock).boxes, self._params.min_score, Source.L)
         with clock.stage("track"):
             tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(self._rig, frame))
         return Output(detections, tracks, clock.stage_ns)
-
-    def _detect(self, frame: Frame, clock: StageClock) -> Boxes3D:
-        params = self._params
-        with clock.stage("calibrate"):
-            points = lidar_points(self._rig, frame, params.lidar.min_range_m)
-        if points is None:
-            return reported(Boxes3D.empty(), 0.0, Source.L)
-        with clock.stage("preprocess"):
-            found = lidar.obstacles(points, params.lidar)
-        with clock.stage("detect.lidar"):
-            view = lidar.detect(found, self._viewpoint, params.lidar)
-        return reported(view.boxes, params.min_score, Source.L)

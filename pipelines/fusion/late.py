@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.fusion.cameras import Placed, join
 from fbench.pipelines.fusion.evidence import Evidence, Points, by_lidar, by_moving, by_standing
 from fbench.pipelines.fusion.found import Found, joined_score, one_object, row, to_boxes
 from fbench.pipelines.fusion.lift import Sighting, sightings
@@ -36,28 +37,33 @@ class Seen:
 def fuse(seen: Seen, params: FusionParams) -> Boxes3D:
     """Merge all that was seen into labelled boxes with score, sources and, where radar measured it, velocity.
 
-    Each camera box is an object; nearer ones take their points first. What LiDAR and radar found besides is added,
-    with a lower score where a camera looked there and saw nothing.
+    Each camera box is an object; nearer ones take their points first, in each camera anew, and what several cameras
+    see of one object is joined. What LiDAR and radar found besides is added, with a lower score where a camera
+    looked there and saw nothing.
     """
-    lidar_free, radar_free = np.ones(len(seen.lidar.xyz), np.bool_), np.ones(len(seen.radar.xyz), np.bool_)
+    lidar_free = {name: np.ones(len(seen.lidar.xyz), np.bool_) for name in seen.cameras}
+    radar_free = {name: np.ones(len(seen.radar.xyz), np.bool_) for name in seen.cameras}
     views = {name: _points(seen, name) for name in sorted(seen.cameras)}
     alone = not len(seen.lidar.xyz) and not len(seen.radar.xyz)
-    objects = []
+    placed: list[Placed] = []
     lidar_used: list[int] = []
     radar_used: list[int] = []
     for sighting in _nearest_first(seen, params):
-        lidar_points, radar_points = views[sighting.camera]
-        lidar = by_lidar(sighting, lidar_points, lidar_free, params)
-        moving = by_moving(sighting, radar_points, radar_free, params)
-        radar = moving or by_standing(sighting, radar_points, radar_free, params)
+        camera = sighting.camera
+        lidar_points, radar_points = views[camera]
+        lidar = by_lidar(sighting, lidar_points, lidar_free[camera], params)
+        moving = by_moving(sighting, radar_points, radar_free[camera], params)
+        radar = moving or by_standing(sighting, radar_points, radar_free[camera], params)
         boxes = _box(seen.lidar.boxes, lidar), _box(seen.radar.boxes, moving)
-        objects.append(place(sighting, lidar, radar, *boxes, seen.lidar.plane, alone, params))
-        lidar_free = _taken(lidar, lidar_free, lidar_used)
-        radar_free = _taken(radar, radar_free, radar_used)
+        found = place(sighting, lidar, radar, *boxes, seen.lidar.plane, alone, params)
+        placed = join(placed, found, sighting, params)
+        lidar_free[camera] = _taken(lidar, lidar_free[camera], lidar_used)
+        radar_free[camera] = _taken(radar, radar_free[camera], radar_used)
+    objects = [known.found for known in placed]
     for other in _without_camera(seen, lidar_used, radar_used, params):
         if not any(one_object(other, known, params.merge_m) for known in objects):
             objects.append(other)
-    return to_boxes([found for found in objects if found.score >= params.min_score])
+    return to_boxes([found for found in objects if found.score > 0 and found.score >= params.min_score])
 
 
 def _points(seen: Seen, camera: str) -> tuple[Points, Points]:

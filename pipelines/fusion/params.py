@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_ranges
 
 
 @dataclass(frozen=True)
@@ -42,17 +42,11 @@ class FusionParams:
     """Objects of different sensors with centres nearer than this [m] are one."""
 
     def __post_init__(self) -> None:
-        require_between("fusion.camera_weight", self.camera_weight, 0.0, 1.0)
-        require_between("fusion.lidar_weight", self.lidar_weight, 0.0, 1.0)
-        require_between("fusion.radar_weight", self.radar_weight, 0.0, 1.0)
-        require_between("fusion.standing_weight", self.standing_weight, 0.0, 1.0)
-        require_between("fusion.unseen_factor", self.unseen_factor, 0.0, 1.0)
-        require_between("fusion.min_score", self.min_score, 0.0, 1.0)
-        require_between("fusion.gate", self.gate, 0.1, 100.0)
-        require_between("fusion.tilt_std_rad", self.tilt_std_rad, 1e-06, 1.0)
-        require_between("fusion.min_range_std", self.min_range_std, 0.001, 10.0)
-        require_between("fusion.lidar_std_m", self.lidar_std_m, 0.01, 100.0)
-        require_between("fusion.radar_std_m", self.radar_std_m, 0.01, 100.0)
-        require_between("fusion.standing_std_m", self.standing_std_m, 0.01, 100.0)
-        require_between("fusion.bearing_margin_px", self.bearing_margin_px, 0.0, 10000.0)
-        require_between("fusion.merge_m", self.merge_m, 0.0, 100.0)
+        shares = ("camera_weight", "lidar_weight", "radar_weight", "standing_weight", "unseen_factor", "min_score")
+        require_ranges("fusion", self, dict.fromkeys(shares, (0.0, 1.0)))
+        require_ranges("fusion", self, dict.fromkeys(("lidar_std_m", "radar_std_m", "standing_std_m"), (0.01, 100.0)))
+        ranges = {
+            "gate": (0.1, 100.0), "tilt_std_rad": (1e-6, 1.0), "min_range_std": (0.001, 10.0),
+            "bearing_margin_px": (0.0, 10_000.0), "merge_m": (0.0, 100.0),
+        }  # fmt: skip
+        require_ranges("fusion", self, ranges)

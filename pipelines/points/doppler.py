@@ -1,10 +1,12 @@
 """Ego motion from Doppler, and which echoes move over ground."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.doppler_kernel import agreement
 from fbench.pipelines.points.merged import Echoes
 from fbench.replay.arrays import Float64
@@ -12,7 +14,8 @@ from fbench.replay.data import LogInfo
 from fbench.replay.errors import LogError
 
 PERIOD_KEY = "radar.velocity_period_mps"
-"""Key in a log's metadata: its radars' velocities alias with this period."""
+"""Key in a log's metadata: its radars' velocities alias with this period. `radar.NAME...` says it for one of them."""
+_LEAST_PERIOD_MPS, _MOST_PERIOD_MPS = 0.1, 1000.0
 
 
 @dataclass(frozen=True)
@@ -33,25 +36,44 @@ class DopplerParams:
     """With fewer echoes the radar counts as standing."""
 
     def __post_init__(self) -> None:
-        require_between("radar.doppler.period_mps", self.period_mps or 0.0, 0.0, 1e3)
-        for name in ("max_reverse_mps", "max_sideways_mps"):
-            require_between(f"radar.doppler.{name}", getattr(self, name), 0.0, 200.0)
-        require_between("radar.doppler.max_forward_mps", self.max_forward_mps, 0.4, 200.0)
-        require_between("radar.doppler.band_mps", self.band_mps, 0.01, 100.0)
-        require_between("radar.doppler.min_echoes", self.min_echoes, 3, 1e6)
+        if self.period_mps:
+            require_between("radar.doppler.period_mps", self.period_mps, _LEAST_PERIOD_MPS, _MOST_PERIOD_MPS)
+        # Highest speeds bound how many candidates are tried.
+        ranges = {
+            "max_reverse_mps": (0.0, 200.0), "max_forward_mps": (0.4, 200.0), "max_sideways_mps": (0.0, 200.0),
+            "band_mps": (0.01, 100.0), "min_echoes": (3, 1e6),
+        }  # fmt: skip
+        require_ranges("radar.doppler", self, ranges)
 
 
-def logged_period(log_info: LogInfo) -> float | None:
-    """Period [m/s] that the log's metadata give for its radars; `None` where they don't.
+def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerParams) -> dict[str, float]:
+    """Period [m/s] with which the velocities of each radar alias, by name; 0 where they are unambiguous.
+
+    Parameters go before what the log says about one radar, and that before what it says about all. Nothing is
+    guessed from the velocities: a radar that rounds them looks like one that aliases.
 
     Raises:
-        LogError: where it isn't a number.
+        LogError: where the log says something that isn't a period.
     """
-    text = log_info.metadata.get(PERIOD_KEY)
+    if params.period_mps is not None:
+        return dict.fromkeys(radars, params.period_mps)
+    of_all = _logged_period(PERIOD_KEY, log_info)
+    own = {name: _logged_period(f"radar.{name}.velocity_period_mps", log_info) for name in radars}
+    return {name: (of_all or 0.0) if period is None else period for name, period in own.items()}
+
+
+def _logged_period(key: str, log_info: LogInfo) -> float | None:
+    text = log_info.metadata.get(key)
+    if text is None:
+        return None
     try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise LogError(f"log '{log_info.name}': metadata {PERIOD_KEY}: expected a number, got '{text}'") from error
+        period = float(text)
+    except ValueError:
+        period = math.nan
+    if period != 0 and not _LEAST_PERIOD_MPS <= period <= _MOST_PERIOD_MPS:
+        expected = f"expected 0 or a number from {_LEAST_PERIOD_MPS:g} to {_MOST_PERIOD_MPS:g}"
+        raise LogError(f"log '{log_info.name}': metadata {key}: {expected}, got '{text}'")
+    return period
 
 
 def wrapped(velocity_mps: Float64, period_mps: float) -> Float64:
@@ -62,7 +84,7 @@ def wrapped(velocity_mps: Float64, period_mps: float) -> Float64:
     return result
 
 
-def sensor_velocity(echoes: Echoes, period_mps: float, params: DopplerParams) -> Float64:
+def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
     """Velocity (2,) [m/s] of the radar over ground, forward and left.
 
     For stationary echoes radial velocity = -direction . velocity (Kellner et al., "Instantaneous ego-motion
@@ -73,16 +95,18 @@ def sensor_velocity(echoes: Echoes, period_mps: float, params: DopplerParams) ->
     sideways = np.linspace(-params.max_sideways_mps, params.max_sideways_mps, 5)
     forward = forward[np.argsort(np.abs(forward), kind="stable")]
     sideways = sideways[np.argsort(np.abs(sideways), kind="stable")]
-    scores = agreement(echoes.direction, echoes.radial_velocity_mps, forward, sideways, period_mps, 2 * params.band_mps)
+    band_mps = 2 * params.band_mps
+    measured = echoes.direction, echoes.radial_velocity_mps
+    scores = agreement(*measured, forward, sideways, echoes.period_mps, band_mps)
     f, s = np.unravel_index(int(np.argmax(scores)), scores.shape)
     velocity = np.array([forward[f], sideways[s]])
-    for band_mps in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):
-        velocity = velocity + _correction(echoes, velocity, period_mps, band_mps * params.band_mps)
+    for times in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):
+        velocity = velocity + _correction(echoes, velocity, times * params.band_mps)
     return velocity
 
 
-def _correction(echoes: Echoes, velocity: Float64, period_mps: float, band_mps: float) -> Float64:
-    rest = over_ground(echoes, velocity, period_mps)
+def _correction(echoes: Echoes, velocity: Float64, band_mps: float) -> Float64:
+    rest = over_ground(echoes, velocity)
     near = np.abs(rest) < band_mps
     x, y, r = echoes.direction[near, 0], echoes.direction[near, 1], rest[near]
     xx, xy, yy = (x * x).sum() + 1e-9, (x * y).sum(), (y * y).sum() + 1.0
@@ -92,20 +116,16 @@ def _correction(echoes: Echoes, velocity: Float64, period_mps: float, band_mps: 
     return step
 
 
-def over_ground(echoes: Echoes, velocity: Float64, period_mps: float) -> Float64:
+def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
     """Radial velocity (N,) [m/s] of echoes over ground, given the radar's velocity (2,); positive when receding."""
     moved = echoes.direction[:, 0] * velocity[0] + echoes.direction[:, 1] * velocity[1]
-    return wrapped(echoes.radial_velocity_mps + moved, period_mps)
+    return wrapped(echoes.radial_velocity_mps + moved, echoes.period_mps)
 
 
-def range_rates(echoes: Echoes, params: DopplerParams) -> tuple[Float64, float]:
-    """Radial velocity (N,) [m/s] over ground of the echoes of one radar, and the period with which it aliases.
-
-    NaN where the radar measures no velocities.
-    """
+def range_rates(echoes: Echoes, params: DopplerParams) -> Float64:
+    """Radial velocity (N,) [m/s] over ground of the echoes of one radar; NaN where it measures no velocities."""
     measured = echoes[np.isfinite(echoes.radial_velocity_mps)]
-    period = params.period_mps or 0.0
     velocity = np.zeros(2)
     if len(measured.xyz) >= params.min_echoes:
-        velocity = sensor_velocity(measured, period, params)
-    return over_ground(echoes, velocity, period), period
+        velocity = sensor_velocity(measured, params)
+    return over_ground(echoes, velocity)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_ranges
 from fbench.replay.arrays import Float64
 
 
@@ -27,12 +27,12 @@ class GroundParams:
     """Height [m] below which a point belongs to the ground."""
 
     def __post_init__(self) -> None:
-        require_between("lidar.ground.cell_m", self.cell_m, 0.5, 100.0)
-        require_between("lidar.ground.outliers", self.outliers, 0.0, 0.5)
-        require_between("lidar.ground.range_m", self.range_m, 1.0, 500.0)
-        require_between("lidar.ground.max_tilt", self.max_tilt, 0.0, 1.0)
-        require_between("lidar.ground.max_slope", self.max_slope, 0.0, 1.0)
-        require_between("lidar.ground.tolerance_m", self.tolerance_m, 0.0, 10.0)
+        # Cells and range bound the size of the grid.
+        ranges = {
+            "cell_m": (0.5, 100.0), "outliers": (0.0, 0.5), "range_m": (1.0, 500.0), "max_tilt": (0.0, 1.0),
+            "max_slope": (0.0, 1.0), "tolerance_m": (0.0, 10.0),
+        }  # fmt: skip
+        require_ranges("lidar.ground", self, ranges)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_ranges
 from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
@@ -29,9 +29,8 @@ class LidarClusterParams:
     """Points higher above the ground [m], such as trees over a street, are left out."""
 
     def __post_init__(self) -> None:
-        require_between("lidar.cluster.eps_m", self.eps_m, 0.01, 100.0)
-        require_between("lidar.cluster.min_points", self.min_points, 1, 1e6)
-        require_between("lidar.cluster.max_height_m", self.max_height_m, 0.1, 100.0)
+        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "max_height_m": (0.1, 100.0)}
+        require_ranges("lidar.cluster", self, ranges)
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,12 @@ class LidarParams:
 
     min_range_m: float = 2.5
     """Points nearer to the LiDAR [m] lie on the own vehicle."""
+    ego_front_m: float = 4.0
+    """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
+    ego_rear_m: float = 2.5
+    """The own vehicle reaches this far behind the body's origin [m]."""
+    ego_side_m: float = 1.1
+    """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
     ground: GroundParams = field(default_factory=GroundParams)
     """How the ground is found."""
     cluster: LidarClusterParams = field(default_factory=LidarClusterParams)
@@ -50,7 +55,9 @@ class LidarParams:
     """What a cluster must look like."""
 
     def __post_init__(self) -> None:
-        require_between("lidar.min_range_m", self.min_range_m, 0.0, 1000.0)
+        names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")
+        require_ranges("lidar", self, dict.fromkeys(names, (0.0, 1000.0)))
+        self.size.check("lidar.size")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The points of all sensors of one kind, merged in body coordinates."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +23,13 @@ class Echoes:
     """(N,) [m/s] as measured, positive when receding; NaN where the sensor gives none."""
     magnitude_db: Float64
     """(N,) radar cross section or uncalibrated magnitude; NaN where the sensor gives none."""
+    period_mps: float = 0.0
+    """Velocities alias with this period [m/s]; 0: unambiguous."""
 
     def __getitem__(self, rows: Bool) -> "Echoes":
         """Select rows by mask."""
-        return Echoes(self.xyz[rows], self.direction[rows], self.radial_velocity_mps[rows], self.magnitude_db[rows])
+        columns = self.xyz[rows], self.direction[rows], self.radial_velocity_mps[rows], self.magnitude_db[rows]
+        return Echoes(*columns, self.period_mps)
 
 
 def lidar_points(rig: Rig, frame: Frame, min_range_m: float) -> Float64 | None:
@@ -51,10 +54,16 @@ def lidar_position(rig: Rig) -> Float64:
     return np.asarray(np.mean(places, axis=0), np.float64)
 
 
-def radar_scans(rig: Rig, frame: Frame) -> list[Echoes] | None:
-    """Echoes of each radar; `None` where no radar delivered."""
+def outside(xyz: Float64, front_m: float, rear_m: float, side_m: float) -> Float64:
+    """Points (N, 3) in body coordinates [m] that don't lie in the outline of the own vehicle, seen from above."""
+    ahead, aside = xyz[:, 0], np.abs(xyz[:, 1])
+    return xyz[~((ahead > -rear_m) & (ahead < front_m) & (aside < side_m))]
+
+
+def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:
+    """Echoes of each radar, whose velocities alias with `periods_mps` by name; `None` where no radar delivered."""
     scans = [m for m in _in_order(frame) if isinstance(m, RadarScan)]
-    return [_echoes(rig, scan) for scan in scans] or None
+    return [_echoes(rig, scan, periods_mps.get(scan.sensor, 0.0)) for scan in scans] or None
 
 
 def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
@@ -87,7 +96,7 @@ def _in_order(frame: Frame) -> Iterator[object]:
     return (frame.messages[name] for name in sorted(frame.messages))
 
 
-def _echoes(rig: Rig, scan: RadarScan) -> Echoes:
+def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     body_T_sensor = rig.body_T_sensor(scan.sensor)
     xyz = transform(body_T_sensor, scan.xyz)
     ray = xyz - body_T_sensor[:3, 3]
@@ -98,4 +107,4 @@ def _echoes(rig: Rig, scan: RadarScan) -> Echoes:
     velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = np.lexsort((*columns[::-1], *xyz.T[::-1]))
-    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order])
+    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order], period_mps)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_ranges
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.doppler import DopplerParams, range_rates
 from fbench.pipelines.points.merged import Echoes
@@ -30,9 +30,8 @@ class RadarClusterParams:
     """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
 
     def __post_init__(self) -> None:
-        require_between("radar.cluster.eps_m", self.eps_m, 0.01, 100.0)
-        require_between("radar.cluster.min_points", self.min_points, 1, 1e6)
-        require_between("radar.cluster.seconds", self.seconds, 0.0, 100.0)
+        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
+        require_ranges("radar.cluster", self, ranges)
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class RadarParams:
     max_range_m: float = 60.0
     """Farthest echoes [m] that are used."""
     min_magnitude_db: float = -math.inf
-    """Weaker echoes [dB or dBsm, as the sensor gives it] are left out."""
+    """Weaker echoes [dB or dBsm, as the sensor gives it] are left out; those of unknown magnitude stay."""
     min_speed_mps: float = 0.3
     """Slower echoes [m/s over ground] count as stationary: radar3d finds moving objects only."""
     doppler: DopplerParams = field(default_factory=DopplerParams)
@@ -55,9 +54,12 @@ class RadarParams:
     """A cluster of n echoes scores 1 - exp(-n / this)."""
 
     def __post_init__(self) -> None:
-        require_between("radar.max_range_m", self.max_range_m, 1.0, 1000.0)
-        require_between("radar.min_speed_mps", self.min_speed_mps, 0.0, 100.0)
-        require_between("radar.full_score_echoes", self.full_score_echoes, 0.1, 1e6)
+        ranges = {
+            "max_range_m": (1.0, 1000.0), "min_magnitude_db": (-math.inf, 1e6), "min_speed_mps": (0.0, 100.0),
+            "full_score_echoes": (0.1, 1e6),
+        }  # fmt: skip
+        require_ranges("radar", self, ranges)
+        self.size.check("radar.size")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +84,20 @@ class Compensated:
     """(N, 3) unit vectors from the radar to the points, in body axes."""
     range_rate_mps: Float64
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where the sensor gives none."""
-    period_mps: float
-    """Velocities alias with this period [m/s]; 0: unambiguous."""
+    period_mps: Float64
+    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
 
 
 def compensate(scans: Sequence[Echoes], params: RadarParams) -> Compensated:
     """Merge the echoes of one or several radars within range, and take the ego motion out of their velocities."""
-    rates, periods = zip(*(range_rates(scan, params.doppler) for scan in scans), strict=True)
-    xyz, rate = np.concatenate([scan.xyz for scan in scans]), np.concatenate(rates)
+    xyz = np.concatenate([scan.xyz for scan in scans])
     near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.max_range_m
     # Unknown magnitudes are NaN, and no reason to drop an echo.
     near &= ~(np.concatenate([scan.magnitude_db for scan in scans]) < params.min_magnitude_db)
     direction = np.concatenate([scan.direction for scan in scans])
-    return Compensated(xyz[near], direction[near], rate[near], max(periods))
+    rate = np.concatenate([range_rates(scan, params.doppler) for scan in scans])
+    period = np.concatenate([np.full(len(scan.xyz), scan.period_mps) for scan in scans])
+    return Compensated(xyz[near], direction[near], rate[near], period[near])
 
 
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:
@@ -106,7 +109,10 @@ def detect(echoes: Compensated, params: RadarParams) -> RadarView:
 def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     """Number the clusters (N,) of echoes that move, or whose movement isn't known."""
     moving = ~(np.abs(echoes.range_rate_mps) < params.min_speed_mps)
-    rate = _unbroken(np.nan_to_num(echoes.range_rate_mps[moving]), echoes.period_mps)
+    rate = np.nan_to_num(echoes.range_rate_mps[moving])
+    periods = np.unique(echoes.period_mps)
+    if len(periods) == 1:  # velocities of different periods can be compared only where they are smallest
+        rate = _unbroken(rate, float(periods[0]))
     features = np.column_stack([echoes.xyz[moving, :2], rate * params.cluster.seconds])
     result = np.full(len(echoes.xyz), -1)
     result[moving] = dbscan(features, params.cluster.eps_m, params.cluster.min_points)
@@ -123,7 +129,7 @@ def _boxes(echoes: Compensated, cluster: Int64, size: VehicleSize, full_score_ec
     if not rows:
         return Boxes3D.empty()
     center, bearing, length = (np.array(part) for part in zip(*(_place(echoes, r, size) for r in rows), strict=True))
-    rate = _median_rate([echoes.range_rate_mps[r] for r in rows], echoes.period_mps)
+    rate = np.array([_median_rate(echoes.range_rate_mps[r], echoes.period_mps[r]) for r in rows])
     velocity = np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate])
     others = np.full((len(rows), 2), (size.width_m, size.height_m))
     score = 1 - np.exp(-np.array([len(r) for r in rows]) / full_score_echoes)
@@ -152,7 +158,15 @@ def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64
     return center, bearing, max(size.length_m, float(far - near))
 
 
-def _median_rate(rates_mps: list[Float64], period_mps: float) -> Float64:
-    """Median radial velocity [m/s] of each cluster; ambiguous ones are taken to be the slower of the two."""
-    rate = np.array([np.median(_unbroken(r, period_mps)) for r in rates_mps])
-    return np.where(rate > period_mps / 2, rate - period_mps, rate) if period_mps > 0 else rate
+def _median_rate(rate_mps: Float64, period_mps: Float64) -> float:
+    """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it.
+
+    What is still ambiguous is taken to be the slower of the two.
+    """
+    known = np.isfinite(rate_mps)
+    if not known.any():
+        return math.nan
+    rate_mps, period_mps = rate_mps[known], period_mps[known]
+    period = 0.0 if np.any(period_mps <= 0) else float(period_mps.max())
+    rate = float(np.median(_unbroken(rate_mps[period_mps == period], period)))
+    return rate - period if period > 0 and rate > period / 2 else rate

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
+from fbench.pipelines.checks import require_ranges
 from fbench.replay.arrays import Array, Float64
 
 
@@ -19,10 +19,13 @@ class VehicleSize:
     height_m: float = 1.6
     """Height [m]."""
 
-    def __post_init__(self) -> None:
-        require_between("size.length_m", self.length_m, 0.1, 50.0)
-        require_between("size.width_m", self.width_m, 0.1, 50.0)
-        require_between("size.height_m", self.height_m, 0.1, 50.0)
+    def check(self, prefix: str) -> None:
+        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters.
+
+        Raises:
+            ConfigError: naming the parameter.
+        """
+        require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,8 @@ import pytest
 
 from fbench.pipelines.points.doppler import PERIOD_KEY, DopplerParams
 from fbench.pipelines.points.radar import RadarParams
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams, for_log
+from fbench.pipelines.radar3d import Radar3D, Radar3DParams
+from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import LogInfo, RadarScan
 from fbench.replay.errors import LogError
 
@@ -58,8 +59,15 @@ def test_a_rig_without_radar_is_refused():
 
 
 def test_period_of_the_log_is_used_unless_given():
-    log = LogInfo("drive", "id", {PERIOD_KEY: "10.4"})
-    assert for_log(RadarParams(), LOG).doppler.period_mps is None
-    assert for_log(RadarParams(), log).doppler.period_mps == 10.4
-    given = Radar3DParams(radar=RadarParams(doppler=DopplerParams(period_mps=0.0)))
-    assert for_log(given.radar, log).doppler.period_mps == 0.0
+    def speed(metadata, *, given=None):
+        pipeline = Radar3D(Radar3DParams(radar=RadarParams(doppler=DopplerParams(period_mps=given))))
+        pipeline.start(rig("radar"), LogInfo("drive", "id", metadata))
+        detections = pipeline.step(frame(0, scan())).detections
+        assert isinstance(detections, Boxes3D)
+        assert detections.velocity_mps is not None
+        return detections.velocity_mps[0, 0]
+
+    assert speed({}) == pytest.approx(3.0, abs=0.1)
+    assert speed({PERIOD_KEY: "4.0"}) == pytest.approx(-1.0, abs=0.1)
+    assert speed({"radar.radar.velocity_period_mps": "4.0"}) == pytest.approx(-1.0, abs=0.1)
+    assert speed({PERIOD_KEY: "4.0"}, given=0.0) == pytest.approx(3.0, abs=0.1)

@@ -4,9 +4,9 @@ import pytest
 from fbench.pipelines.points.doppler import (
     PERIOD_KEY,
     DopplerParams,
-    logged_period,
     range_rates,
     sensor_velocity,
+    velocity_periods,
     wrapped,
 )
 from fbench.pipelines.points.merged import Echoes
@@ -22,51 +22,60 @@ def scene(velocity, moving=0.0, period=0.0, num=400, num_moving=40):
     direction = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     over_ground = np.concatenate([np.zeros(num), np.full(num_moving, moving)])
     measured = over_ground - direction[:, 0] * velocity[0] - direction[:, 1] * velocity[1]
-    return Echoes(20 * direction, direction, wrapped(measured, period), np.zeros(len(azimuth)))
+    return Echoes(20 * direction, direction, wrapped(measured, period), np.zeros(len(azimuth)), period)
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (3.3, 0.0), (9.4, 0.1), (27.8, 0.0), (7.0, 0.9), (-2.5, 0.0)])
 @pytest.mark.parametrize("period", [0.0, PERIOD])
 def test_ego_velocity_with_and_without_aliasing(velocity, period):
-    found = sensor_velocity(scene(velocity, 6.0, period), period, DopplerParams())
+    found = sensor_velocity(scene(velocity, 6.0, period), DopplerParams())
     assert found == pytest.approx(velocity, abs=0.05)
 
 
 def test_range_rates_over_ground():
-    rates, period = range_rates(scene((12.0, 0.0), -3.0), DopplerParams())
-    assert period == 0
+    rates = range_rates(scene((12.0, 0.0), -3.0), DopplerParams())
     assert np.abs(rates[:400]).max() < 0.05
     assert rates[400:] == pytest.approx(-3.0, abs=0.05)
 
 
 def test_ambiguous_rates_are_taken_to_the_slowest():
-    rates, _ = range_rates(scene((12.0, 0.0), 8.0, PERIOD), DopplerParams(period_mps=PERIOD))
+    rates = range_rates(scene((12.0, 0.0), 8.0, PERIOD), DopplerParams())
     assert rates[400:] == pytest.approx(8.0 - PERIOD, abs=0.05)
 
 
 def test_rounded_velocities_are_not_taken_for_ambiguous():
     echoes = scene((15.0, 0.0), -14.0)
     rounded = Echoes(echoes.xyz, echoes.direction, np.round(echoes.radial_velocity_mps * 4) / 4, echoes.magnitude_db)
-    rates, period = range_rates(rounded, DopplerParams())
-    assert period == 0
+    rates = range_rates(rounded, DopplerParams())
     assert rates[400:] == pytest.approx(-14.0, abs=0.2)
 
 
 def test_few_echoes_leave_the_radar_standing():
-    rates, _ = range_rates(scene((5.0, 0.0), num=4, num_moving=1), DopplerParams())
+    rates = range_rates(scene((5.0, 0.0), num=4, num_moving=1), DopplerParams())
     assert rates[2] == pytest.approx(-5 * np.cos(0.3))
 
 
 def test_radar_without_velocities():
     echoes = scene((5.0, 0.0))
     blind = Echoes(echoes.xyz, echoes.direction, np.full(len(echoes.xyz), np.nan), echoes.magnitude_db)
-    rates, period = range_rates(blind, DopplerParams())
-    assert np.isnan(rates).all()
-    assert period == 0
+    assert np.isnan(range_rates(blind, DopplerParams())).all()
 
 
-def test_period_that_the_log_gives():
-    assert logged_period(LogInfo("drive", "id")) is None
-    assert logged_period(LogInfo("drive", "id", {PERIOD_KEY: "10.4"})) == 10.4
-    with pytest.raises(LogError, match=r"log 'drive': metadata radar.velocity_period_mps: expected a number, got 'x'"):
-        logged_period(LogInfo("drive", "id", {PERIOD_KEY: "x"}))
+def test_periods_that_the_log_gives():
+    def periods(metadata, given=None):
+        return velocity_periods(("left", "right"), LogInfo("drive", "id", metadata), DopplerParams(period_mps=given))
+
+    assert periods({}) == {"left": 0.0, "right": 0.0}
+    assert periods({PERIOD_KEY: "10.4"}) == {"left": 10.4, "right": 10.4}
+    own = {PERIOD_KEY: "10.4", "radar.left.velocity_period_mps": "0"}
+    assert periods(own) == {"left": 0.0, "right": 10.4}
+    assert periods(own, 5.0) == {"left": 5.0, "right": 5.0}
+    assert periods(own, 0.0) == {"left": 0.0, "right": 0.0}
+
+
+@pytest.mark.parametrize("text", ["x", "", "-10.4", "nan", "inf", "1e-320"])
+@pytest.mark.parametrize("key", [PERIOD_KEY, "radar.front.velocity_period_mps"])
+def test_periods_that_are_none(key, text):
+    match = rf"log 'drive': metadata {key}: expected 0 or a number from 0\.1 to 1000, got '{text}'"
+    with pytest.raises(LogError, match=match):
+        velocity_periods(("front",), LogInfo("drive", "id", {key: text}), DopplerParams())

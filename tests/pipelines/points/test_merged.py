@@ -4,6 +4,7 @@ import pytest
 from fbench.pipelines.points.merged import (
     lidar_points,
     lidar_position,
+    outside,
     radar_scans,
     require,
     world_T_body,
@@ -42,7 +43,7 @@ def test_points_of_all_lidars_in_body_coordinates_sorted():
 
 def test_sensors_that_did_not_deliver():
     assert lidar_points(RIG, frame(), 2.0) is None
-    assert radar_scans(RIG, frame()) is None
+    assert radar_scans(RIG, frame(), {}) is None
     empty = lidar_points(RIG, frame(cloud("front")), 2.0)
     assert empty is not None
     assert empty.shape == (0, 3)
@@ -51,19 +52,35 @@ def test_sensors_that_did_not_deliver():
 def test_echoes_look_from_the_radar_and_are_sorted():
     xyz = np.array([[3, 4, 0], [0, 0, 0], [2, 0, 0]], np.float32)
     scan = RadarScan("radar", 0, 0, xyz, np.array([1, 2, 3], np.float32), np.array([10, 20, 30], np.float32))
-    scans = radar_scans(RIG, frame(scan))
+    scans = radar_scans(RIG, frame(scan), {"radar": 10.4})
     assert scans is not None
     assert scans[0].xyz.tolist() == [[0, 1, 0], [2, 1, 0], [3, 5, 0]]
     assert scans[0].direction == pytest.approx(np.array([[0, 0, 0], [1, 0, 0], [0.6, 0.8, 0]]))
     assert scans[0].radial_velocity_mps.tolist() == [2, 3, 1]
     assert scans[0].magnitude_db.tolist() == [20, 30, 10]
+    assert scans[0].period_mps == 10.4
 
 
 def test_radar_that_gives_places_only():
-    scans = radar_scans(RIG, frame(RadarScan("radar", 0, 0, np.ones((1, 3), np.float32))))
+    scans = radar_scans(RIG, frame(RadarScan("radar", 0, 0, np.ones((1, 3), np.float32))), {})
     assert scans is not None
     assert np.isnan(scans[0].radial_velocity_mps).all()
     assert np.isnan(scans[0].magnitude_db).all()
+    assert scans[0].period_mps == 0.0
+
+
+def test_velocities_that_are_no_numbers_are_unknown():
+    velocity = np.array([np.inf, -np.inf, np.nan, 2.0], np.float32)
+    scans = radar_scans(RIG, frame(RadarScan("radar", 0, 0, np.eye(4, 3, dtype=np.float32), velocity)), {})
+    assert scans is not None
+    assert min(scans[0].radial_velocity_mps.tolist(), key=np.isnan) == 2.0
+    assert np.isnan(scans[0].radial_velocity_mps).sum() == 3
+
+
+def test_points_on_the_own_vehicle():
+    xyz = np.array([[3.9, 0, 0], [4.1, 0, 0], [-2.4, 1.0, 2], [-2.6, 1.0, 2], [1, -1.2, 0], [1, -1.0, 0]])
+    assert outside(xyz, 4.0, 2.5, 1.1).tolist() == xyz[[1, 3, 4]].tolist()
+    assert outside(xyz, 4.0, 2.5, 0.0).tolist() == xyz.tolist()
 
 
 def test_pose_of_the_body():
@@ -77,11 +94,6 @@ def test_one_source_of_poses_counts():
     odom = Pose("odom", 0, 0, np.array([9.0, 9, 9]), STRAIGHT)
     assert world_T_body(RIG, Frame(0, 0, 0, {"odom": odom}, {"gps": "never came"})) is None
     assert world_T_body(RIG, Frame(0, 0, 0, {"odom": odom}, {"back": "never came"})) is not None
-
-
-def test_infinite_velocities_are_unknown():
-    scan = RadarScan("radar", 0, 0, np.ones((1, 3), np.float32), np.array([np.inf], np.float32))
-    assert np.isnan(radar_scans(RIG, frame(scan))[0].radial_velocity_mps).all()
 
 
 def test_require_names_what_is_there():

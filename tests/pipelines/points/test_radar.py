@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.doppler import DopplerParams, wrapped
+from fbench.pipelines.points.doppler import wrapped
 from fbench.pipelines.points.merged import Echoes
 from fbench.pipelines.points.radar import RadarParams, compensate, detect
 
@@ -12,18 +12,18 @@ from ..scenes import echoes, radial, surroundings
 PERIOD = 10.4
 
 
-def scan(xyz, velocity, magnitude=60.0):
+def scan(xyz, velocity, magnitude=60.0, period_mps=0.0):
     direction = xyz / np.linalg.norm(xyz, axis=1)[:, None]
-    return Echoes(xyz, direction, velocity, np.full(len(xyz), magnitude))
+    return Echoes(xyz, direction, velocity, np.full(len(xyz), magnitude), period_mps)
 
 
 def scene(over_ground_mps, ego_mps=8.0, period_mps=0.0):
     car, rest = echoes(20.0, 2.0), surroundings()
     velocity = np.concatenate([radial(car, ego_mps, over_ground_mps), radial(rest, ego_mps)])
-    return scan(np.concatenate([car, rest]), wrapped(velocity, period_mps))
+    return scan(np.concatenate([car, rest]), wrapped(velocity, period_mps), period_mps=period_mps)
 
 
-def found(*scans, params=RadarParams(doppler=DopplerParams(period_mps=0.0))):  # noqa: B008
+def found(*scans, params=RadarParams()):  # noqa: B008
     return detect(compensate(scans, params), params).boxes
 
 
@@ -48,8 +48,7 @@ def test_velocities_across_the_seam_of_the_period_are_one_cluster():
     car, rest = echoes(20.0, 2.0), surroundings()
     over_ground = PERIOD / 2 + 0.1 * np.sin(np.arange(len(car)))
     velocity = np.concatenate([radial(car, 8.0, over_ground), radial(rest, 8.0)])
-    params = RadarParams(doppler=DopplerParams(period_mps=PERIOD))
-    boxes = found(scan(np.concatenate([car, rest]), wrapped(velocity, PERIOD)), params=params)
+    boxes = found(scan(np.concatenate([car, rest]), wrapped(velocity, PERIOD), period_mps=PERIOD))
     assert len(boxes) == 1
     assert boxes.score is not None
     assert boxes.score[0] == pytest.approx(1 - np.exp(-2))
@@ -95,6 +94,34 @@ def test_equal_points_are_one_place():
 
 
 def test_weak_and_far_echoes_can_be_left_out():
-    params = RadarParams(doppler=DopplerParams(period_mps=0.0))
+    params = RadarParams()
     assert len(found(scene(5.0), params=replace(params, min_magnitude_db=61.0))) == 0
     assert len(found(scene(5.0), params=replace(params, max_range_m=15.0))) == 0
+
+
+def test_unknown_magnitudes_are_never_weak():
+    params = RadarParams(min_magnitude_db=61.0)
+    unknown = scene(5.0)
+    boxes = found(replace(unknown, magnitude_db=np.full(len(unknown.xyz), np.nan)), params=params)
+    assert len(boxes) == 1
+
+
+@pytest.mark.parametrize("speed", [-3.0, 3.0])
+def test_a_period_counts_for_its_radar_alone(speed):
+    """The unambiguous radar's car is faster than the other radar's period could tell."""
+    behind = scene(8.0)
+    velocity = radial(behind.xyz * [-1, -1, 1], 8.0, np.r_[np.full(40, 8.0), np.zeros(300)])
+    rear = replace(
+        behind, xyz=behind.xyz * [-1, -1, 1], direction=behind.direction * [-1, -1, 1], radial_velocity_mps=velocity
+    )
+    boxes = found(scene(speed, period_mps=PERIOD), rear)
+    assert boxes.velocity_mps is not None
+    by_x = np.argsort(boxes.center_m[:, 0])
+    assert boxes.velocity_mps[by_x, 0] == pytest.approx([-8.0, speed], abs=0.1)
+
+
+def test_radars_with_different_periods_see_one_car_once():
+    boxes = found(scene(-3.0, period_mps=PERIOD), scene(-3.0))
+    assert len(boxes) == 1
+    assert boxes.velocity_mps is not None
+    assert boxes.velocity_mps[0, 0] == pytest.approx(-3.0, abs=0.1)

@@ -1,0 +1,34 @@
+"""Detection by all radars of a rig, timed: from a frame to what they see."""
+
+import numpy as np
+
+from fbench.pipelines.points import radar
+from fbench.pipelines.points.doppler import velocity_periods
+from fbench.pipelines.points.merged import radar_scans
+from fbench.pipelines.points.radar import RadarParams, RadarView
+from fbench.pipelines.stages import StageClock
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import Frame, LogInfo, Rig
+
+
+class RadarStage:
+    """Knows with which period the velocities of each radar alias.
+
+    Raises:
+        LogError: where the log's metadata give a period that is none.
+    """
+
+    def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams) -> None:
+        self._rig, self._params = rig, params
+        self._periods = velocity_periods(rig.sensors("radar"), log_info, params.doppler)
+
+    def view(self, frame: Frame, clock: StageClock) -> RadarView:
+        """Detect in the echoes of one frame; without radar nothing is seen."""
+        with clock.stage("calibrate"):
+            scans = radar_scans(self._rig, frame, self._periods)
+        if scans is None:
+            return RadarView(np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
+        with clock.stage("preprocess"):
+            echoes = radar.compensate(scans, self._params)
+        with clock.stage("detect.radar"):
+            return radar.detect(echoes, self._params)
