@@ -1,3 +1,5 @@
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -6,10 +8,10 @@ import pytest
 
 from fbench.pipelines.camera.detector import CameraParams
 from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.replay.data import Fault, LogInfo
+from fbench.replay.data import Fault, LogInfo, PointCloud, Rig
 from fbench.replay.errors import ConfigError, LogError
 
-from .frames import JPEG, assert_equal, cloud, fields, frame, image, rig, scan
+from .frames import CAMERA, JPEG, MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
 
 LOG = LogInfo("drive", "id")
 
@@ -69,9 +71,12 @@ def test_a_corrupt_image_counts_as_missing(pipeline: Late3D):
 def test_the_ground_is_remembered_until_reset(pipeline: Late3D):
     pipeline.step(frame(0, image(), cloud(), scan()))
     remembered = pipeline.step(frame(1, image(), scan())).detections.center_m[0, 2]
+    nothing = PointCloud("lidar", 0, 0, np.zeros((0, 3), np.float32))
+    empty = pipeline.step(frame(2, image(), scan(), nothing)).detections.center_m[0, 2]
     pipeline.reset("again")
-    forgotten = pipeline.step(frame(2, image(), scan())).detections.center_m[0, 2]
+    forgotten = pipeline.step(frame(3, image(), scan())).detections.center_m[0, 2]
     assert remembered == pytest.approx(-0.8, abs=0.05)
+    assert empty == remembered
     assert forgotten == 0.0
 
 
@@ -93,6 +98,31 @@ def test_rigs_with_some_sensors(one_car: Path, names: tuple[str, ...]):
 def test_a_rig_of_cameras_only_is_refused():
     with pytest.raises(LogError, match=r"log 'drive': late3d needs a LiDAR or a radar; the log has: camera cam$"):
         Late3D().start(rig("cam"), LOG)
+
+
+def distorted() -> Rig:
+    return Rig(MOUNTS, {"cam": replace(CAMERA, distortion_model="plumb_bob", distortion=np.full(5, 0.1))})
+
+
+def uncalibrated() -> Rig:
+    return Rig(MOUNTS, {})
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (distorted, r"camera 'cam': distortion model 'plumb_bob' isn't supported, rectify the images"),
+        (uncalibrated, r"camera 'cam' has no intrinsics"),
+    ],
+)
+def test_cameras_that_cannot_be_projected_into_are_refused_at_the_start_where_they_are_used(
+    one_car: Path, make: Callable[[], Rig], match: str
+):
+    with pytest.raises(LogError, match=match):
+        Late3D(Late3DParams(camera=CameraParams(weights=one_car))).start(make(), LOG)
+    pipeline = Late3D()
+    pipeline.start(make(), LOG)
+    assert len(pipeline.step(frame(0, image(), cloud(), scan())).detections) == 1
 
 
 def test_weights_that_are_not_there():

@@ -7,6 +7,7 @@ from fbench.replay.data import LogInfo, PointCloud
 from fbench.replay.errors import LogError
 
 from .frames import assert_equal, cloud, fields, frame, rig, scan
+from .scenes import car_back, road
 
 LOG = LogInfo("drive", "id")
 
@@ -56,6 +57,18 @@ def test_parameters_reach_their_stage():
     pipeline = Lidar3D(Lidar3DParams(lidar=LidarParams(min_range_m=30.0)))
     pipeline.start(rig("lidar"), LOG)
     assert len(pipeline.step(frame(0, cloud())).detections) == 0
+
+
+def test_the_own_vehicle_is_no_obstacle():
+    """Its front, seen from a LiDAR on the roof: farther than the least range."""
+    xyz = np.concatenate([road(), car_back(3.5, 0.0)]).astype(np.float32)
+    message = frame(0, PointCloud("lidar", 0, 0, xyz))
+    found = []
+    for params in (LidarParams(), LidarParams(ego_side_m=0.0)):
+        pipeline = Lidar3D(Lidar3DParams(lidar=params))
+        pipeline.start(rig("lidar"), LOG)
+        found.append(len(pipeline.step(message).detections))
+    assert found == [0, 1]
 
 
 def test_a_rig_without_lidar_is_refused():
