@@ -15,13 +15,12 @@ from fbench.replay.arrays import Array, Float32, Float64
 from fbench.replay.data import Image, PointCloud, Pose, RadarScan
 from fbench.replay.errors import DecodeError
 from fbench.replay.geometry.transforms import pose_matrix, transform
-from fbench.replay.images import encoded_size
+from fbench.replay.images import RAW_CHANNELS, encoded_size
 from fbench.replay.logs.points import Columns, pack
 from fbench.replay.logs.proto import nanoseconds, parse, timestamp
 
 BODY = "body"
 WORLD = "world"
-RAW_CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
 _RAW_NAMES = {"8UC1": "mono8", "8UC3": "bgr8"}
 
 
