@@ -5,6 +5,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from fbench.replay.arrays import Float32
 from fbench.replay.data import Image, Message, PointCloud, RadarScan, Rig
 from fbench.replay.faults import FaultLog
 
@@ -21,6 +22,10 @@ class Skipped(NamedTuple):
     stamp_ns: int
     frame_number: int | None
     reason: str
+
+
+MAX_RANGE_M = 1000.0
+"""Points farther away are taken as they are, but no sensor of a vehicle sees so far."""
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
@@ -52,14 +57,22 @@ def _clean_cloud(cloud: C, faults: FaultLog) -> C | Skipped:
     if num == 0:
         faults.add("DAT002", where)
         return cloud
+    if np.isfinite(cloud.xyz).all():
+        _flag_far(where, cloud.xyz, faults)
+        return cloud
     good = np.isfinite(cloud.xyz).all(axis=1)
     lost = num - int(np.count_nonzero(good))
-    if lost == 0:
-        return cloud
     if lost > MAX_LOST_SHARE * num:
         faults.add("DAT001", f"{where}: {lost} of {num} points")
         return Skipped(cloud.sensor, cloud.stamp_ns, cloud.frame_number, "mostly non-finite points")
     faults.add("DAT004", f"{where}: {lost} of {num} points")
     values = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
     points: dict[str, Any] = {name: v[good] for name, v in values.items() if isinstance(v, np.ndarray)}
+    _flag_far(where, cloud.xyz[good], faults)
     return replace(cloud, **points)
+
+
+def _flag_far(where: str, xyz: Float32, faults: FaultLog) -> None:
+    if max(float(xyz.max()), -float(xyz.min())) > MAX_RANGE_M:
+        num = int(np.count_nonzero((np.abs(xyz) > MAX_RANGE_M).any(axis=1)))
+        faults.add("DAT003", f"{where}: {num} of {len(xyz)} points")

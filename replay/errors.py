@@ -10,10 +10,16 @@ EXIT_LOSSY = 4
 class FbenchError(Exception):
     """Root of all errors that fbench raises on purpose.
 
-    The message is one line: what, where (file, topic, stamp, offset), what to do.
+    The message is one line: what, where (file, topic, stamp, offset), what to do. What isn't printable in names that
+    come from data becomes a space.
     """
 
     exit_code = EXIT_DATA
+
+    def __init__(self, text: str = "", code: str = "") -> None:
+        super().__init__("".join(c if c.isprintable() else " " for c in text))
+        self.code = code
+        """Row of the fault table (`replay/faults.py`), empty where none fits."""
 
 
 class ConfigError(FbenchError):
@@ -26,8 +32,20 @@ class LogError(FbenchError):
     """A log that can't be used: wrong format, no calibration, no such sensor."""
 
 
+class LimitError(LogError):
+    """Data that would take more memory than fbench grants them."""
+
+
 class DecodeError(LogError):
     """One message whose payload can't be decoded; readers count it and go on."""
+
+
+class UnsupportedError(DecodeError):
+    """A message in a form that fbench has no use for, such as a depth image."""
+
+
+class PointsError(DecodeError):
+    """A cloud whose sizes don't fit together, or that has no coordinates."""
 
 
 class DataError(FbenchError):

@@ -4,33 +4,54 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Literal
 
-Behaviour = Literal["count", "degrade"]
+Behaviour = Literal["fatal", "count", "degrade"]
 
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One row of the table; fatal faults are raised as errors and don't appear here."""
+    """One row of the table."""
 
     behaviour: Behaviour
-    """`count`: data was skipped, exit 4 unless tolerated; `degrade`: went on with less, flagged only."""
+    """`fatal`: an error with this code, exit 3 (2 where a wrong option is the cause); `count`: data was skipped, exit 4
+    beyond the budget; `degrade`: went on with less, flagged only."""
     text: str
 
 
 FAULTS: dict[str, FaultKind] = {
+    "LOG001": FaultKind("fatal", "not a log"),
     "LOG002": FaultKind("count", "log is truncated"),
     "LOG003": FaultKind("degrade", "no index, read in file order"),
     "LOG004": FaultKind("count", "damaged chunk skipped"),
+    "LOG005": FaultKind("degrade", "checksum over the data differs, though all chunks are whole"),
     "LOG006": FaultKind("degrade", "chunk without checksum, integrity unverified"),
-    "LOG008": FaultKind("count", "topic with an unknown schema skipped"),
+    "LOG007": FaultKind("fatal", "unknown compression"),
+    "LOG008": FaultKind("count", "message on an unknown channel, or channel with an unknown schema"),
+    "LOG009": FaultKind("fatal", "one topic or channel id with two meanings"),
+    "LOG010": FaultKind("count", "name isn't UTF-8, escaped"),
+    "LOG011": FaultKind("count", "file of the recording is missing"),
+    "LOG012": FaultKind("degrade", "topic of a type that fbench has no use for"),
+    "PQ001": FaultKind("fatal", "Parquet log is damaged, or lacks columns"),
+    "PQ002": FaultKind("count", "damaged row group skipped"),
     "DEC001": FaultKind("count", "message can't be decoded"),
     "DEC002": FaultKind("count", "image is corrupt"),
+    "DEC003": FaultKind("count", "cloud whose sizes don't fit together, or without coordinates"),
     "DAT001": FaultKind("count", "cloud with mostly non-finite points skipped"),
     "DAT002": FaultKind("degrade", "empty point cloud"),
+    "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units metres?"),
     "DAT004": FaultKind("degrade", "non-finite points dropped"),
+    "LIM001": FaultKind("fatal", "record is larger than the limit"),
+    "LIM002": FaultKind("fatal", "decompression bomb"),
     "LIM003": FaultKind("count", "image isn't of the size that its camera is calibrated for"),
+    "LIM004": FaultKind("fatal", "Parquet row group or page is larger than the limit"),
+    "CAL001": FaultKind("fatal", "calibration or transform is missing or invalid"),
+    "CAL002": FaultKind("degrade", "calibration changes within the log, new segment"),
+    "CFG001": FaultKind("fatal", "sensor or topic isn't in the log"),
+    "SEC002": FaultKind("fatal", "path leads out of the log's folder"),
     "TIM001": FaultKind("degrade", "reference message out of order, no frame"),
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
     "TIM007": FaultKind("degrade", "gap, new segment"),
+    "TIM008": FaultKind("fatal", "clocks of two sensors differ"),
+    "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),
     "GT006": FaultKind("degrade", "truth that belongs to no frame"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
@@ -45,6 +66,13 @@ class FaultLog:
     keep: int = 10
     counts: Counter[str] = field(default_factory=Counter)
     places: dict[str, list[str]] = field(default_factory=dict)
+    _met: set[tuple[str | int, ...]] = field(default_factory=set)
+
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Count a fault unless `key`, the place, was counted under the same code before: logs are read repeatedly."""
+        if (code, *key) not in self._met:
+            self._met.add((code, *key))
+            self.add(code, where)
 
     def add(self, code: str, where: str, num: int = 1) -> None:
         """Count `num` faults of `code`, met at `where` (topic, stamp, offset)."""
@@ -59,11 +87,46 @@ class FaultLog:
         return sum(n for code, n in self.counts.items() if FAULTS[code].behaviour == "count")
 
     def rows(self) -> list[dict[str, object]]:
-        """All codes with behaviour, text, count (also when zero) and first places, in the order of the table."""
+        """All codes that are counted: behaviour, text, count (also when zero) and first places, in table order."""
         return [
             {
                 "code": code, "behaviour": kind.behaviour, "text": kind.text, "count": self.counts[code],
                 "places": self.places.get(code, []),
             }
             for code, kind in FAULTS.items()
+            if kind.behaviour != "fatal"
         ]  # fmt: skip
+
+
+class StagedFaults(FaultLog):
+    """Keeps faults in the order in which they were met, until another log is told of them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting: list[tuple[str, tuple[str | int, ...] | None, str, int]] = []
+
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Keep a fault; whether it was counted before is for the log to say that is told of it."""
+        self._waiting.append((code, key, where, 1))
+
+    def add(self, code: str, where: str, num: int = 1) -> None:
+        """Keep `num` faults."""
+        self._waiting.append((code, None, where, num))
+
+    def taken(self) -> "StagedFaults":
+        """Hand over what is kept."""
+        taken = StagedFaults()
+        taken._waiting, self._waiting = self._waiting, []
+        return taken
+
+    def tell(self, log: FaultLog) -> None:
+        """Hand over what is kept to a log that counts it."""
+        for code, key, where, num in self.taken()._waiting:
+            if key is None:
+                log.add(code, where, num)
+            else:
+                log.once(code, key, where)
+
+    def clear(self) -> None:
+        """Forget what is kept."""
+        self._waiting = []
