@@ -8,7 +8,7 @@ Lengths m, angles rad, image px with pixel centres at integers.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntFlag
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from fbench.replay.geometry.transforms import pose_matrix
 __all__ = [
     "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "Fault", "Float32", "Float64", "Frame",
     "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output", "PointCloud", "Pose", "RadarScan", "Rig",
-    "Source", "Text", "Truth",
+    "RigChange", "Source", "Text", "Truth",
 ]  # fmt: skip
 
 LABELS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "other")
@@ -28,6 +28,7 @@ VEHICLES = ("car", "van", "truck", "bus", "trailer", "motorcycle")
 
 Kind: TypeAlias = Literal["camera", "lidar", "radar"]
 Boxes: TypeAlias = Boxes2D | Boxes3D
+T = TypeVar("T", "Mount", "CameraModel")
 
 
 class Source(IntFlag):
@@ -50,7 +51,8 @@ class Image:
     """When it was recorded, that is arrived."""
     data: bytes
     encoding: str
-    """`jpeg`, `png`, or a raw layout: `rgb8`, `bgr8`, `mono8`, rows without padding."""
+    """`jpeg`, `png`, `webp`, or a raw layout of `raw_images.LAYOUTS`: `rgb8`, `mono16`, `bayer_rggb8`, `uyvy` ...;
+    rows without padding, 16 bits little-endian."""
     size_wh: tuple[int, int]
     """Width and height [px]."""
     frame_number: int | None = None
@@ -165,6 +167,12 @@ class Mount:
     def __post_init__(self) -> None:
         freeze_fields(self, translation_m=("f8", (3,)), rotation_xyzw=("f8", (4,)))
 
+    def equals(self, other: "Mount") -> bool:
+        """Tell whether both are the same, bit for bit."""
+        return (self.kind, self.translation_m.tobytes(), self.rotation_xyzw.tobytes()) == (
+            other.kind, other.translation_m.tobytes(), other.rotation_xyzw.tobytes(),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class CameraModel:
@@ -180,6 +188,12 @@ class CameraModel:
 
     def __post_init__(self) -> None:
         freeze_fields(self, K=("f8", (3, 3)), distortion=("f8", ("M",)))
+
+    def equals(self, other: "CameraModel") -> bool:
+        """Tell whether both are the same, bit for bit."""
+        return (self.size_wh, self.distortion_model, self.K.tobytes(), self.distortion.tobytes()) == (
+            other.size_wh, other.distortion_model, other.K.tobytes(), other.distortion.tobytes(),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +211,30 @@ class Rig:
     def sensors(self, *kinds: Kind) -> tuple[str, ...]:
         """Names of all sensors of these kinds, sorted."""
         return tuple(sorted(name for name, mount in self.mounts.items() if mount.kind in kinds))
+
+    def changed_since(self, old: "Rig") -> tuple[str, ...]:
+        """Names of the sensors whose mount or camera model isn't the same as in `old`, bit for bit; sorted."""
+        names = sorted({*self.mounts, *self.cameras, *old.mounts, *old.cameras})
+        return tuple(
+            name
+            for name in names
+            if not _same(self.mounts.get(name), old.mounts.get(name))
+            or not _same(self.cameras.get(name), old.cameras.get(name))
+        )
+
+
+def _same(a: T | None, b: T | None) -> bool:
+    return a is b if a is None or b is None else a.equals(b)
+
+
+@dataclass(frozen=True, eq=False)
+class RigChange:
+    """From here on another rig holds; comes between the messages of a log."""
+
+    log_ns: int
+    rig: Rig
+    sensors: tuple[str, ...]
+    """Whose calibration changed."""
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ from numpy.typing import NDArray
 
 from fbench.replay.data import Image
 from fbench.replay.errors import DecodeError
+from fbench.replay.raw_images import LAYOUTS, raw_to_bgr
 
 Pixels = NDArray[np.uint8]
 MAX_PIXELS = 178_956_970
 """Larger images are refused before they are decoded (Pillow's limit for decompression bombs)."""
 
-RAW_CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1}
-"""Bytes a pixel of the raw layouts."""
+RAW_CHANNELS = {name: layout.pixel_bytes for name, layout in LAYOUTS.items()}
+"""Bytes a pixel in a row of the raw layouts."""
 
 
 def decode(image: Image) -> Pixels | None:
@@ -21,19 +22,9 @@ def decode(image: Image) -> Pixels | None:
     width, height = image.size_wh
     if width * height > MAX_PIXELS or width <= 0 or height <= 0:
         return None
-    if image.encoding in RAW_CHANNELS:
-        return _decode_raw(image, RAW_CHANNELS[image.encoding])
+    if image.encoding in LAYOUTS:
+        return raw_to_bgr(image.data, image.encoding, image.size_wh)
     return _decode_compressed(image)
-
-
-def _decode_raw(image: Image, channels: int) -> Pixels | None:
-    width, height = image.size_wh
-    if len(image.data) != width * height * channels:
-        return None
-    pixels = np.frombuffer(image.data, np.uint8).reshape(height, width, channels)
-    if image.encoding == "bgr8":
-        return pixels
-    return np.ascontiguousarray(pixels[..., ::-1] if channels == 3 else np.repeat(pixels, 3, axis=2))
 
 
 def _decode_compressed(image: Image) -> Pixels | None:
@@ -69,18 +60,36 @@ def resized(pixels: Pixels, max_width: int) -> Pixels:
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def encoded_size(data: bytes) -> tuple[int, int]:
-    """Width and height [px] as the header of a JPEG or PNG says, without decoding it.
+def encoded_format(data: bytes | memoryview) -> str:
+    """Return `jpeg`, `png` or `webp` as the first bytes say, whatever name an image has.
 
     Raises:
-        DecodeError: where it is neither, or the header is damaged.
+        DecodeError: where it is none of them.
     """
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
-        width, height = struct.unpack(">II", data[16:24])
-        return width, height
-    if data[:2] == b"\xff\xd8":
-        return _jpeg_size(data)
-    raise DecodeError("neither a JPEG nor a PNG image")
+    head = bytes(data[:12])
+    if head.startswith(b"\x89PNG\r\n\x1a\n"):
+        return "png"
+    if head.startswith(b"\xff\xd8"):
+        return "jpeg"
+    if head.startswith(b"RIFF") and head.endswith(b"WEBP"):
+        return "webp"
+    raise DecodeError("neither a JPEG nor a PNG nor a WebP image")
+
+
+def encoded_size(data: bytes) -> tuple[int, int]:
+    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it.
+
+    Raises:
+        DecodeError: where it is none of them, or the header is damaged.
+    """
+    return _SIZES[encoded_format(data)](data)
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    if len(data) < 24:
+        raise DecodeError("PNG without a header")
+    width, height = struct.unpack(">II", data[16:24])
+    return width, height
 
 
 def _jpeg_size(data: bytes) -> tuple[int, int]:
@@ -95,3 +104,20 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
         else:
             at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
     raise DecodeError("JPEG without a frame header")
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Read the first chunk: RFC 9649, sections 2.5 (VP8), 2.6 (VP8L) and 2.7 (VP8X)."""
+    kind, body = data[12:16], data[20:30]
+    if kind == b"VP8X" and len(body) == 10:
+        return int.from_bytes(body[4:7], "little") + 1, int.from_bytes(body[7:10], "little") + 1
+    if kind == b"VP8L" and body[:1] == b"\x2f" and len(body) >= 5:
+        bits = int.from_bytes(body[1:5], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 " and body[3:6] == b"\x9d\x01\x2a" and len(body) == 10:
+        width, height = struct.unpack("<HH", body[6:10])
+        return width & 0x3FFF, height & 0x3FFF
+    raise DecodeError("WebP without a frame header")
+
+
+_SIZES = {"png": _png_size, "jpeg": _jpeg_size, "webp": _webp_size}
