@@ -26,11 +26,16 @@ class LogHeader:
     """Of the sensors of the rig, by name."""
 
 
-def header_record(info: LogInfo, rig: Rig) -> dict[str, str]:
+def header_of(info: LogInfo, rig: Rig) -> LogHeader:
+    """Return what a log with this rig says about itself."""
+    return LogHeader(info.log_id, info.metadata, {name: mount.kind for name, mount in rig.mounts.items()})
+
+
+def header_record(about: LogHeader) -> dict[str, str]:
     """Return the content of the record: equal logs give equal records."""
-    items = {_ID: info.log_id}
-    items |= {_METADATA + key: value for key, value in sorted(info.metadata.items())}
-    items |= {_SENSOR + name: mount.kind for name, mount in sorted(rig.mounts.items())}
+    items = {_ID: about.log_id}
+    items |= {_METADATA + key: value for key, value in sorted(about.metadata.items())}
+    items |= {_SENSOR + name: kind for name, kind in sorted(about.kinds.items())}
     return {**items, _DIGEST: _digest(items)}
 
 
@@ -57,6 +62,6 @@ def _under(prefix: str, items: Mapping[str, str]) -> dict[str, str]:
 def _digest(items: Mapping[str, str]) -> str:
     digest = blake2b(digest_size=16)
     for text in (text for item in sorted(items.items()) for text in item):
-        data = text.encode()
+        data = text.encode(errors="surrogateescape")
         digest.update(len(data).to_bytes(8, "little") + data)
     return digest.hexdigest()

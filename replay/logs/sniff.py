@@ -3,9 +3,7 @@
 from typing import BinaryIO
 
 _MAGICS = (
-    (b"PAR1", "Parquet"),
-    (b"SQLite format 3\x00", "an SQLite database, as rosbag2 writes"),
-    (b"#ROSBAG V2.0", "a ROS 1 bag"),
+    (b"PAR1", "Parquet; give the folder that it belongs to"),
     (b"\x1f\x8b", "gzip"),
     (b"PK\x03\x04", "a zip archive"),
     (b"\x28\xb5\x2f\xfd", "zstd; decompress it first"),

@@ -2,37 +2,14 @@
 
 import heapq
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 
-from fbench.replay.data import Boxes2D, Boxes3D, Truth
-from fbench.replay.logs.topics import BOXES2D, HAS_BOXES2D
-from fbench.replay.logs.truth import read_boxes
+from fbench.replay.data import Truth
+from fbench.replay.logs.truth_part import TruthPart
 
 WINDOW = 256
 """Truth is put into the order of its stamps within so many, which bounds memory."""
-
-
-@dataclass(frozen=True, eq=False)
-class TruthPart:
-    """One message of truth: 3D, or 2D that belongs to a 3D one of the same instant where there is one."""
-
-    truth: Truth
-    is_2d: bool
-    expects_2d: bool = False
-
-
-def read_part(topic: str, data: bytes, stamp_ns: int, log_ns: int, frame_number: int | None) -> TruthPart:
-    """Decode one message of truth.
-
-    Raises:
-        DecodeError: where it is damaged.
-    """
-    if topic == BOXES2D:
-        boxes2d, _ = read_boxes(data, Boxes2D)
-        return TruthPart(Truth(stamp_ns, log_ns, None, boxes2d, frame_number), is_2d=True)
-    boxes3d, more = read_boxes(data, Boxes3D)
-    return TruthPart(Truth(stamp_ns, log_ns, boxes3d, None, frame_number), False, more.get(HAS_BOXES2D) == "yes")
 
 
 def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:

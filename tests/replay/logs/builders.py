@@ -24,7 +24,7 @@ from fbench.replay.data import (
     Truth,
 )
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.logs.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 from fbench.replay.protocols import Reader
 

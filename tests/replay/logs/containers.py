@@ -1,7 +1,7 @@
 """Other containers with the same messages: unchunked, without summary or checksums, damaged."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,20 @@ NO_SUMMARY = {
 HEAD = struct.Struct("<BQ")
 
 
-def rewrite(source: Path, target: Path, order: Callable[[list[Message]], list[Message]] = list, **how: Any) -> Path:
-    """Write the records of `source` in another way; `order` changes the order of the messages."""
+Stream = tuple[str, str, str, list[bytes]]
+
+
+def rewrite(
+    source: Path,
+    target: Path,
+    order: Callable[[list[Message]], list[Message]] = list,
+    extra: Sequence[Stream] = (),
+    **how: Any,
+) -> Path:
+    """Write the records of `source` in another way; `order` changes the order of the messages.
+
+    `extra` are more streams: topic, schema, encoding and payloads, which go to the end.
+    """
     with source.open("rb") as file:
         records = list(StreamReader(file).records)
     options = {"enable_data_crcs": True, "compression": CompressionType.NONE, **how}
@@ -39,6 +51,11 @@ def rewrite(source: Path, target: Path, order: Callable[[list[Message]], list[Me
                 writer.register_channel(record.topic, record.message_encoding, record.schema_id, record.metadata)
         for m in order([r for r in records if isinstance(r, Message)]):
             writer.add_message(m.channel_id, m.log_time, m.data, m.publish_time, m.sequence)
+        last = max(r.log_time for r in records if isinstance(r, Message))
+        for topic, schema, encoding, payloads in extra:
+            channel = writer.register_channel(topic, encoding, writer.register_schema(schema, "x", b""))
+            for payload in payloads:
+                writer.add_message(channel, last, payload, last)
         writer.finish()
     return target
 

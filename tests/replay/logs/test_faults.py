@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from fbench.replay.data import LogInfo, PointCloud, Rig, Truth
-from fbench.replay.errors import ConfigError, FbenchError, LogError
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.logs.mcap.write import McapWriter
 
 from . import builders as b
 from .containers import HEAD, NO_SUMMARY, chunks, layout, rewrite
@@ -45,9 +45,7 @@ def saved(tmp_path, data):
     ("data", "guess"),
     [
         (b"", "an empty file"),
-        (b"PAR1abc", "Parquet"),
-        (b"SQLite format 3\x00abc", "an SQLite database, as rosbag2 writes"),
-        (b"#ROSBAG V2.0\n", "a ROS 1 bag"),
+        (b"PAR1abc", "Parquet; give the folder that it belongs to"),
         (gzip.compress(b"x", mtime=0), "gzip"),
         (b"PK\x03\x04abc", "a zip archive"),
         (json.dumps({"a": 1}).encode(), "JSON"),
@@ -57,12 +55,12 @@ def saved(tmp_path, data):
     ],
 )
 def test_what_is_not_mcap_is_named(tmp_path, data, guess):
-    with pytest.raises(LogError, match=rf"log\.mcap: not an MCAP file \(looks like {guess}\)$"):
+    with pytest.raises(LogError, match=rf"log\.mcap: not a log \(looks like {guess}\)$"):
         b.read(saved(tmp_path, data))
 
 
 def test_folder_and_missing_file(tmp_path):
-    with pytest.raises(LogError, match=r"can't be read \(Is a directory\)"):
+    with pytest.raises(LogError, match=r"no log \(a folder without log\.json and without"):
         b.read(tmp_path)
     with pytest.raises(LogError, match=r"none\.mcap: can't be read \(No such file or directory\)"):
         b.read(tmp_path / "none.mcap")
@@ -220,15 +218,23 @@ def test_bomb_is_not_unpacked(tmp_path, compress):
     name = "zstd" if compress is zstandard.compress else "lz4"
     path = one_chunk(tmp_path, name, 100, compress(bytes(200_000_000)))
     tracemalloc.start()
-    _, faults = b.read(path)
+    with pytest.raises(LimitError, match=r"log\.mcap: chunk at byte \d+: .* it is a decompression bomb") as error:
+        b.read(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
+    assert error.value.code == "LIM002"
     assert peak < 20_000_000
-    assert "declares 100 unpacked bytes and has more than 100" in faults.places["LOG004"][0]
+
+
+@pytest.mark.parametrize("compress", [zstandard.compress, lz4.frame.compress])
+def test_chunk_that_is_a_little_larger_than_it_says_is_damaged(tmp_path, compress):
+    name = "zstd" if compress is zstandard.compress else "lz4"
+    _, faults = b.read(one_chunk(tmp_path, name, 100, compress(bytes(1000))))
+    assert "declares 100 unpacked bytes and has" in faults.places["LOG004"][0]
 
 
 def test_record_beyond_the_limit_is_refused(tmp_path, monkeypatch, drive):
-    monkeypatch.setattr("fbench.replay.logs.mcap_records.MAX_RECORD", 1000)
+    monkeypatch.setattr("fbench.replay.logs.mcap.records.MAX_RECORD", 1000)
     with pytest.raises(LogError, match="more than the limit of 1000"):
         content(drive)
 
@@ -252,10 +258,10 @@ def test_unknown_topics_are_counted_once(tmp_path):
     reader, faults = b.read(foreign(tmp_path / "log.mcap", topics))
     assert list(reader.messages()) == []
     assert list(reader.messages()) == []
-    assert faults.places["LOG008"] == [
-        "log.mcap: topic '/bare' has unknown schema '' (encoding none)",
-        "log.mcap: topic '/odd' has unknown schema 'my.Type' (encoding json)",
-        "log.mcap: topic '/ros' has unknown schema 'foxglove.PointCloud' (encoding cdr)",
+    assert faults.places["LOG012"] == [
+        "log.mcap: topic '/bare' has type 'unknown' (encoding none)",
+        "log.mcap: topic '/odd' has type 'my.Type' (encoding json)",
+        "log.mcap: topic '/ros' has type 'foxglove.PointCloud' (encoding cdr)",
     ]
 
 
@@ -263,17 +269,16 @@ def test_payload_that_cannot_be_decoded(tmp_path):
     reader, faults = b.read(foreign(tmp_path / "log.mcap", [("/p", "foxglove.PointCloud", "protobuf", [b"\xff", b""])]))
     assert list(reader.messages()) == []
     assert list(reader.messages()) == []
-    assert faults.counts == {"DEC001": 2}
-    assert faults.places["DEC001"][0].startswith("log.mcap: /p at 0: not a foxglove.PointCloud")
-    assert faults.places["DEC001"][1] == "log.mcap: /p at 1: points have no field x, y, z"
+    assert faults.counts == {"DEC001": 1, "DEC003": 1}
+    assert faults.places["DEC001"] == ["log.mcap: /p at 0: message is cut off"]
+    assert faults.places["DEC003"] == ["log.mcap: /p at 1: points have no field x, y, z"]
 
 
 def test_topic_that_is_not_utf8(tmp_path, drive):
     path = rewrite(drive, tmp_path / "log.mcap", enable_crcs=False, enable_data_crcs=False)
     found, faults = content(saved(tmp_path, path.read_bytes().replace(b"/top/points", b"/top/point\xff")))
-    assert len(found) == len(content(drive)[0]) - 8
-    assert "can't decode byte 0xff" in faults.places["LOG004"][0]
-    assert faults.places["LOG008"][0].startswith("log.mcap: messages on unknown channel ")
+    assert len(found) == len(content(drive)[0])
+    assert faults.places["LOG010"][0].endswith("topic '/top/point\\xff'")
 
 
 def test_disk_that_fails_while_reading(drive, monkeypatch):
@@ -284,7 +289,7 @@ def test_disk_that_fails_while_reading(drive, monkeypatch):
     def fail(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("fbench.replay.logs.mcap_file.parse_chunk", fail)
+    monkeypatch.setattr("fbench.replay.logs.mcap.file.parse_chunk", fail)
     with pytest.raises(LogError, match=r"drive\.mcap: can't be read \(Input/output error\)"):
         list(messages)
 

@@ -1,0 +1,65 @@
+"""What a codec does: payloads of one encoding to messages, transforms, calibrations and truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from fbench.replay.data import CameraModel, Message
+from fbench.replay.logs.tree import Edge
+from fbench.replay.logs.truth_part import TruthPart
+
+MESSAGES = ("camera", "lidar", "radar", "pose")
+SENSORS = ("camera", "lidar", "radar")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What the container says about one message."""
+
+    sensor: str
+    log_ns: int
+    publish_ns: int
+    frame_number: int | None = None
+    size_wh: tuple[int, int] | None = None
+    """Of images whose channel states it, as those that fbench wrote do."""
+
+
+class Probe(NamedTuple):
+    """What a message says about its channel."""
+
+    kind: str
+    frame_id: str
+    """Coordinate frame of the sensor."""
+
+
+class Codec(Protocol):
+    """Decodes the payloads of one channel. Payloads are views of buffers that outlive the call: what is kept of them
+    must be copied, once.
+
+    All methods raise DecodeError where a payload is damaged, and nothing else.
+    """
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What the channel can be: `camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`."""
+        ...
+
+    def probe(self, data: memoryview) -> Probe:
+        """Tell kind and coordinate frame from the first message of a channel."""
+        ...
+
+    def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
+        """Decode a measurement or pose."""
+        ...
+
+    def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
+        """Decode transforms: child and its pose in the parent."""
+        ...
+
+    def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
+        """Decode the coordinate frame and intrinsics of a camera."""
+        ...
+
+    def truth(self, data: memoryview, origin: Origin) -> TruthPart:
+        """Decode boxes."""
+        ...

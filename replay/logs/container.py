@@ -1,0 +1,109 @@
+"""What all containers of logs have in common: channels, and their messages in canonical order."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from fbench.replay.arrays import Int64
+from fbench.replay.data import Message, Rig
+from fbench.replay.logs.header import LogHeader
+from fbench.replay.logs.truth_part import TruthPart
+
+
+@dataclass(frozen=True)
+class Schema:
+    """The definition of a message type, as the container stores it."""
+
+    name: str
+    encoding: str
+    """`protobuf`, `ros2msg`, `ros1msg`, `ros2idl` ...; empty: the definition isn't there."""
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A stream of messages of one type on one topic."""
+
+    topic: str
+    encoding: str
+    """Of the messages: `protobuf`, `cdr`, `ros1`; `fbench` where the container gives decoded ones."""
+    schema: Schema | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def schema_name(self) -> str:
+        """Name of the schema, empty where there is none."""
+        return "" if self.schema is None else self.schema.name
+
+
+class Stored(Protocol):
+    """A message that a container holds in fbench's own columns."""
+
+    def read(self) -> Message | TruthPart:
+        """Return the message.
+
+        Raises:
+            DecodeError: where its columns don't fit together.
+        """
+        ...
+
+
+class Entry(NamedTuple):
+    """One message of a container; sorts canonically: (`log_ns`, topic, position in the topic's stream)."""
+
+    log_ns: int
+    topic: str
+    part: int
+    """Number of the file in a log of several, position of its block in the file, and its own in the block: together
+    its position."""
+    block: int
+    offset: int
+    channel: int
+    sequence: int
+    publish_ns: int
+    data: memoryview | Stored
+
+
+class Container(Protocol):
+    """One file, folder or set of files that holds a log; faults of the data are counted once each.
+
+    Files are opened when entries are read and closed afterwards.
+    """
+
+    @property
+    def path(self) -> Path:
+        """What was opened."""
+        ...
+
+    @property
+    def channels(self) -> Mapping[int, Channel]:
+        """All channels by id."""
+        ...
+
+    @property
+    def counts(self) -> Mapping[int, int]:
+        """Messages of each channel, by its id."""
+        ...
+
+    @property
+    def header(self) -> LogHeader | None:
+        """What fbench wrote about the log; `None` in the logs of others."""
+        ...
+
+    @property
+    def rigs(self) -> Sequence[tuple[int, Rig]]:
+        """Rigs and the `log_ns` from which each holds, the first one first; empty where messages tell the rig."""
+        ...
+
+    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
+        """All messages of these channels in canonical order; what is damaged is skipped and counted."""
+        ...
+
+    def log_times(self) -> Mapping[int, Int64] | None:
+        """`log_ns` of each channel's messages, ascending, from the index; `None` where all would have to be read."""
+        ...
+
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Count a fault unless `key`, the place, was counted under the same code before."""
+        ...

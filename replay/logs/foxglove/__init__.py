@@ -1,0 +1,1 @@
+"""The Foxglove Protobuf schemas, in which fbench writes its own logs."""

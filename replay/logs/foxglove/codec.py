@@ -1,0 +1,110 @@
+"""The codec of channels with Foxglove Protobuf schemas."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+
+from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, Message, Truth
+from fbench.replay.logs.codec import Codec, Origin, Probe
+from fbench.replay.logs.container import Channel
+from fbench.replay.logs.foxglove.messages import (
+    RADAR_FIELDS,
+    read_cloud,
+    read_compressed_image,
+    read_pose,
+    read_radar,
+    read_raw_image,
+)  # fmt: skip
+from fbench.replay.logs.foxglove.proto import parse
+from fbench.replay.logs.foxglove.rig import read_calibration, read_transform
+from fbench.replay.logs.foxglove.topics import BOXES2D, HAS_BOXES2D
+from fbench.replay.logs.foxglove.truth import read_boxes
+from fbench.replay.logs.foxglove.wire import split
+from fbench.replay.logs.tree import Edge
+from fbench.replay.logs.truth_part import TruthPart
+from fbench.replay.raw_images import layout_name
+
+_KINDS: Mapping[str, tuple[str, ...]] = {
+    "foxglove.CompressedImage": ("camera",),
+    "foxglove.RawImage": ("camera",),
+    "foxglove.PointCloud": ("lidar", "radar"),
+    "foxglove.PoseInFrame": ("pose",),
+    "foxglove.CameraCalibration": ("calibration",),
+    "foxglove.FrameTransform": ("transform",),
+    "foxglove.FrameTransforms": ("transform",),
+    "foxglove.SceneUpdate": ("truth",),
+}
+_SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
+    "foxglove.CompressedImage": CompressedImage,
+    "foxglove.RawImage": RawImage,
+    "foxglove.PointCloud": CloudProto,
+}
+
+
+def foxglove_codec(channel: Channel) -> Codec | None:
+    """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
+    return FoxgloveCodec(channel.schema_name, channel.topic) if channel.schema_name in _KINDS else None
+
+
+@dataclass(frozen=True)
+class FoxgloveCodec:
+    """Decodes the messages of one schema; see `Codec`."""
+
+    schema: str
+    topic: str
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What the channel can be."""
+        return _KINDS[self.schema]
+
+    def probe(self, data: memoryview) -> Probe:
+        """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
+        kind = self.kinds[0]
+        if self.schema not in _SENSORS:
+            return Probe(kind, "")
+        message = _SENSORS[self.schema]
+        proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
+        if isinstance(proto, RawImage):
+            layout_name(proto.encoding)
+        if isinstance(proto, CloudProto) and any(f.name in RADAR_FIELDS for f in proto.fields):
+            kind = "radar"
+        return Probe(kind, proto.frame_id)
+
+    def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
+        """Decode a measurement or pose."""
+        if self.schema == "foxglove.RawImage":
+            return read_raw_image(data, origin)
+        match kind:
+            case "camera":
+                return read_compressed_image(data, origin)
+            case "lidar":
+                return read_cloud(data, origin)
+            case "radar":
+                return read_radar(data, origin)
+            case _:
+                return read_pose(data, origin)
+
+    def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
+        """Decode one or several transforms."""
+        if self.schema == "foxglove.FrameTransforms":
+            return [read_transform(proto) for proto in parse(FrameTransforms, data).transforms]
+        return [read_transform(parse(FrameTransform, data))]
+
+    def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
+        """Decode the coordinate frame and intrinsics of a camera."""
+        return read_calibration(data)
+
+    def truth(self, data: memoryview, origin: Origin) -> TruthPart:
+        """Decode the 3D or 2D boxes that fbench wrote."""
+        stamp_ns, log_ns, number = origin.publish_ns, origin.log_ns, origin.frame_number
+        if self.topic == BOXES2D:
+            boxes2d, _ = read_boxes(data, Boxes2D)
+            return TruthPart(Truth(stamp_ns, log_ns, None, boxes2d, number), is_2d=True)
+        boxes3d, more = read_boxes(data, Boxes3D)
+        return TruthPart(Truth(stamp_ns, log_ns, boxes3d, None, number), False, more.get(HAS_BOXES2D) == "yes")

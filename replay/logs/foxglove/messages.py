@@ -1,0 +1,190 @@
+"""Codec between sensor messages and the Foxglove Protobuf schemas; exact for every field."""
+
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+
+from fbench.replay.arrays import Array, Float32, Float64
+from fbench.replay.data import Image, PointCloud, Pose, RadarScan
+from fbench.replay.errors import DecodeError
+from fbench.replay.geometry.transforms import pose_matrix, transform
+from fbench.replay.images import RAW_CHANNELS, encoded_format, encoded_size
+from fbench.replay.logs.codec import Origin
+from fbench.replay.logs.foxglove.points import Columns, pack
+from fbench.replay.logs.foxglove.proto import nanoseconds, parse, timestamp
+from fbench.replay.logs.foxglove.wire import split
+from fbench.replay.raw_images import layout_name, packed
+
+WORLD = "world"
+
+
+def image_proto(image: Image) -> RawImage | CompressedImage:
+    """Encode an image: raw layouts as RawImage, all others as CompressedImage."""
+    stamp = timestamp(image.stamp_ns)
+    if image.encoding not in RAW_CHANNELS:
+        return CompressedImage(timestamp=stamp, frame_id=image.sensor, data=image.data, format=image.encoding)
+    width, height = image.size_wh
+    step = width * RAW_CHANNELS[image.encoding]
+    return RawImage(
+        timestamp=stamp, frame_id=image.sensor, width=width, height=height, encoding=image.encoding, step=step,
+        data=image.data,
+    )  # fmt: skip
+
+
+def read_compressed_image(data: memoryview, origin: Origin) -> Image:
+    """Decode a CompressedImage; a foreign one's size is read from the header of the JPEG or PNG.
+
+    Raises:
+        DecodeError: where the message or that header is damaged.
+    """
+    head, encoded = split(data, CompressedImage.DATA_FIELD_NUMBER)
+    proto, pixels = parse(CompressedImage, head), bytes(encoded)
+    stamp_ns = _stamp_ns(proto, origin)
+    if origin.size_wh is not None:
+        return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, proto.format, origin.size_wh, origin.frame_number)
+    encoding, size_wh = encoded_format(encoded), encoded_size(pixels)
+    return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, encoding, size_wh, origin.frame_number)
+
+
+def read_raw_image(data: memoryview, origin: Origin) -> Image:
+    """Decode a RawImage; padding at the end of the rows of a foreign one is removed.
+
+    Raises:
+        DecodeError: where the message is damaged, or of a foreign one the layout isn't known or the data don't fit.
+    """
+    head, rows = split(data, RawImage.DATA_FIELD_NUMBER)
+    proto = parse(RawImage, head)
+    stamp_ns, number = _stamp_ns(proto, origin), origin.frame_number
+    if origin.size_wh is not None:
+        return Image(origin.sensor, stamp_ns, origin.log_ns, bytes(rows), proto.encoding, origin.size_wh, number)
+    encoding, size_wh = layout_name(proto.encoding), (proto.width, proto.height)
+    pixels = packed(rows, encoding, size_wh, proto.step)
+    return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, encoding, size_wh, number)
+
+
+def cloud_proto(cloud: PointCloud) -> CloudProto:
+    """Encode a LiDAR sweep with the fields x, y, z and, where present, intensity, ring, offset_ns."""
+    proto = CloudProto(timestamp=timestamp(cloud.stamp_ns), frame_id=cloud.sensor, pose=_IDENTITY)
+    pack(proto, cloud.xyz, {"intensity": cloud.intensity, "ring": cloud.ring, "offset_ns": cloud.offset_ns})
+    return proto
+
+
+def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
+    """Decode a LiDAR sweep; points are moved by the message's pose where it has one.
+
+    Raises:
+        DecodeError: where the message is damaged or has no coordinates.
+    """
+    proto, columns = _columns(data)
+    return PointCloud(
+        origin.sensor, _stamp_ns(proto, origin), origin.log_ns, _xyz(proto, columns),
+        columns.get(("intensity", "reflectivity"), "f4"), columns.get(("ring",), "u2"),
+        columns.get(("offset_ns",), "i4"), origin.frame_number,
+    )  # fmt: skip
+
+
+RADAR_FIELDS = ("velocity", "doppler", "radial_velocity")
+"""A cloud with one of these fields is a radar scan."""
+
+
+def radar_proto(scan: RadarScan) -> CloudProto:
+    """Encode a radar scan: x, y, z and, where present, velocity, rcs, range, azimuth, altitude."""
+    proto = CloudProto(timestamp=timestamp(scan.stamp_ns), frame_id=scan.sensor, pose=_IDENTITY)
+    pack(
+        proto,
+        scan.xyz,
+        {
+            "velocity": scan.radial_velocity_mps, "rcs": scan.rcs_dbsm, "range": scan.range_m,
+            "azimuth": scan.azimuth_rad, "altitude": scan.altitude_rad,
+        },
+    )  # fmt: skip
+    return proto
+
+
+def read_radar(data: memoryview, origin: Origin) -> RadarScan:
+    """Decode a radar scan.
+
+    Raises:
+        DecodeError: where the message is damaged or has no coordinates.
+    """
+    proto, columns = _columns(data)
+    names = (RADAR_FIELDS, ("rcs",), ("range",), ("azimuth",), ("altitude", "elevation"))
+    velocity, rcs, distance, azimuth, altitude = (columns.get(name, "f4") for name in names)
+    return RadarScan(
+        origin.sensor, _stamp_ns(proto, origin), origin.log_ns, _xyz(proto, columns), velocity, rcs, distance, azimuth,
+        altitude, origin.frame_number,
+    )  # fmt: skip
+
+
+def _columns(data: memoryview) -> tuple[CloudProto, Columns]:
+    head, points = split(data, CloudProto.DATA_FIELD_NUMBER)
+    proto = parse(CloudProto, head)
+    return proto, Columns(proto, points)
+
+
+def _xyz(proto: CloudProto, columns: Columns) -> Float32:
+    xyz = columns.xyz()
+    if not proto.HasField("pose") or proto.pose in (_IDENTITY, _UNSET):
+        return xyz
+    translation, rotation = pose_arrays(proto.pose)
+    try:
+        matrix = pose_matrix(translation, rotation)
+    except ValueError as error:
+        raise DecodeError(f"pose of the points isn't one ({error})") from error
+    return transform(matrix, xyz).astype(np.float32)
+
+
+def pose_proto(pose: Pose) -> PoseInFrame:
+    """Encode the body's pose in the world."""
+    return PoseInFrame(
+        timestamp=timestamp(pose.stamp_ns), frame_id=WORLD,
+        pose=PoseProto(position=vector(pose.translation_m), orientation=rotation(pose.rotation_xyzw)),
+    )  # fmt: skip
+
+
+def read_pose(data: memoryview, origin: Origin) -> Pose:
+    """Decode a pose.
+
+    Raises:
+        DecodeError: where the message is damaged.
+    """
+    proto = parse(PoseInFrame, data)
+    translation_m, rotation_xyzw = pose_arrays(proto.pose)
+    return Pose(
+        origin.sensor, _stamp_ns(proto, origin), origin.log_ns, translation_m, rotation_xyzw, origin.frame_number
+    )
+
+
+def vector(xyz: Array) -> Vector3:
+    """Encode (3,)."""
+    x, y, z = xyz.tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
+def rotation(xyzw: Array) -> Quaternion:
+    """Encode a quaternion (4,) xyzw."""
+    x, y, z, w = xyzw.tolist()
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def pose_arrays(proto: PoseProto) -> tuple[Float64, Float64]:
+    """Return translation (3,) [m] and quaternion (4,) xyzw as they are stored."""
+    return arrays(proto.position, proto.orientation)
+
+
+def arrays(v: Vector3, q: Quaternion) -> tuple[Float64, Float64]:
+    """Return (3,) and (4,) xyzw as they are stored."""
+    return np.array([v.x, v.y, v.z]), np.array([q.x, q.y, q.z, q.w])
+
+
+_IDENTITY = PoseProto(position=Vector3(), orientation=Quaternion(w=1.0))
+_UNSET = PoseProto()
+
+
+def _stamp_ns(proto: RawImage | CompressedImage | CloudProto | PoseInFrame, origin: Origin) -> int:
+    return nanoseconds(proto.timestamp) if proto.HasField("timestamp") else origin.publish_ns

@@ -1,0 +1,92 @@
+"""Topic, channel metadata and payload of everything that an MCAP log of fbench holds."""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from google.protobuf.message import Message as Proto
+
+from fbench.replay.data import Image, Message, PointCloud, Pose, RadarScan, Rig, Truth
+from fbench.replay.logs.foxglove.messages import cloud_proto, image_proto, pose_proto, radar_proto
+from fbench.replay.logs.foxglove.rig import calibration_proto, transform_proto
+from fbench.replay.logs.foxglove.truth import boxes_proto
+from fbench.replay.logs.truth_part import TruthPart
+
+KIND, SENSOR, FRAME_NUMBER, SIZE = "kind", "sensor", "frame_number", "size_wh"
+"""Keys of channel metadata."""
+SEQUENCE = "sequence"
+"""Value of `FRAME_NUMBER`: the container's sequence number holds the frame number."""
+HAS_BOXES2D = "boxes_2d"
+"""Key in the metadata of 3D truth: whether 2D truth of the same stamp follows."""
+BOXES3D, BOXES2D = "/truth/boxes", "/truth/boxes_2d"
+
+
+class Record(NamedTuple):
+    """One message as the container holds it."""
+
+    topic: str
+    metadata: Mapping[str, str]
+    """Of its channel."""
+    proto: Proto
+
+
+def message_records(message: Message | Truth) -> Iterator[Record]:
+    """Encode a message: one record, for truth up to two.
+
+    Raises:
+        ValueError: where Protobuf can't hold a value: a text that isn't Unicode, a size beyond 32 bits.
+    """
+    numbered = {} if message.frame_number is None else {FRAME_NUMBER: SEQUENCE}
+    if isinstance(message, Truth):
+        has_2d = message.boxes2d is not None
+        yield part_record(TruthPart(message, is_2d=False, expects_2d=has_2d))
+        if has_2d:
+            yield part_record(TruthPart(message, is_2d=True))
+        return
+    kind, topic, proto = _payload(message)
+    metadata = {KIND: kind, SENSOR: message.sensor, **numbered}
+    if isinstance(message, Image):
+        width, height = message.size_wh
+        metadata[SIZE] = f"{width}x{height}"
+    yield Record(topic, metadata, proto)
+
+
+def _payload(message: Message) -> tuple[str, str, Proto]:
+    match message:
+        case Image():
+            return "camera", f"/{message.sensor}/image", image_proto(message)
+        case PointCloud():
+            return "lidar", f"/{message.sensor}/points", cloud_proto(message)
+        case RadarScan():
+            return "radar", f"/{message.sensor}/points", radar_proto(message)
+        case Pose():
+            return "pose", "/pose", pose_proto(message)
+
+
+def part_record(part: TruthPart) -> Record:
+    """Encode the 3D or the 2D boxes of one instant.
+
+    Raises:
+        ValueError: as for messages, or where the boxes aren't in body coordinates.
+    """
+    truth = part.truth
+    if part.frame_id:
+        raise ValueError(f"boxes in coordinate frame '{part.frame_id}'")
+    numbered = {} if truth.frame_number is None else {FRAME_NUMBER: SEQUENCE}
+    metadata = {KIND: "truth", **numbered}
+    if part.is_2d:
+        return Record(BOXES2D, metadata, boxes_proto(truth.stamp_ns, truth.boxes2d))
+    has_2d = {HAS_BOXES2D: "yes" if part.expects_2d else "no"}
+    return Record(BOXES3D, metadata, boxes_proto(truth.stamp_ns, truth.boxes3d, has_2d))
+
+
+def rig_records(stamp_ns: int, rig: Rig) -> Iterator[Record]:
+    """Encode a rig: a transform a sensor and a calibration a camera.
+
+    Raises:
+        ValueError: as for messages.
+    """
+    for sensor, mount in sorted(rig.mounts.items()):
+        yield Record("/tf", {KIND: "transform"}, transform_proto(stamp_ns, sensor, mount))
+    for sensor, camera in sorted(rig.cameras.items()):
+        metadata = {KIND: "calibration", SENSOR: sensor}
+        yield Record(f"/{sensor}/calibration", metadata, calibration_proto(stamp_ns, sensor, camera))

@@ -1,0 +1,1 @@
+"""MCAP files: reading with every checksum verified, and writing."""

@@ -1,0 +1,188 @@
+"""One MCAP file as a stream of entries in canonical order."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+
+from fbench.replay.arrays import Int64
+from fbench.replay.data import Rig
+from fbench.replay.errors import DecodeError, LimitError, LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs import header
+from fbench.replay.logs.container import Channel, Entry, Schema
+from fbench.replay.logs.header import LogHeader
+from fbench.replay.logs.mcap.index import Block, Index, NoIndexError, has_end, read_index
+from fbench.replay.logs.mcap.records import (
+    HEAD,
+    MAGIC,
+    Chunk,
+    RecordError,
+    check_size,
+    parse_chunk,
+    records,
+    unpack,
+)  # fmt: skip
+from fbench.replay.logs.mcap.times import read_log_times
+from fbench.replay.logs.mcap.walk import MESSAGE, check_compression, walk
+from fbench.replay.logs.merge import merged
+from fbench.replay.logs.sniff import looks_like
+
+_NUM_KEPT, _MAX_KEPT = 4, 16 * 1024 * 1024
+"""The first blocks of so many passes are kept, unless they are larger [byte]: looking at the first message of each
+topic reads the same few blocks again and again."""
+
+MAX_ENTRIES = 2**19
+"""A block with more messages that are wanted is refused: each takes hundreds of bytes once it is told apart."""
+
+
+class McapFile:
+    """Finds and reads the messages of a file; implements `Container`.
+
+    Each fault is counted once, however often it is met.
+
+    Raises:
+        LogError: where the file can't be opened or isn't MCAP.
+    """
+
+    def __init__(self, path: Path, faults: FaultLog) -> None:
+        self.path = path
+        self._faults = faults
+        self._kept: tuple[tuple[int, memoryview], ...] = ()
+        with self._open() as file:
+            self.index = self._read_index(file, os.fstat(file.fileno()).st_size)
+        for damage in self.index.damage:
+            faults.add("LOG004", f"{path.name}: {damage}")
+        self.header = self._read_header()
+        self.channels = self._channels()
+        self.counts = self.index.counts
+        self.rigs: Sequence[tuple[int, Rig]] = ()
+
+    def _read_header(self) -> LogHeader | None:
+        record = self.index.metadata.get(header.NAME)
+        if record is None:
+            return None
+        try:
+            return header.read_header(record.metadata)
+        except DecodeError as error:
+            self.once("LOG004", (0,), f"metadata record '{header.NAME}': {error}")
+            return None
+
+    def log_times(self) -> Mapping[int, Int64] | None:
+        """Log times from the message indexes behind the chunks, where these are small."""
+        with self._open() as file:
+            return read_log_times(file.fileno(), os.fstat(file.fileno()).st_size, self.index)
+
+    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
+        """All messages of these channels in canonical order; damaged blocks are skipped and counted."""
+        wanted = [b for b in self.index.blocks if b.channels is None or not b.channels.isdisjoint(channels)]
+        first = min(wanted, key=lambda b: (b.start_ns, b.offset), default=None)
+        with self._open() as file:
+            yield from merged(wanted, lambda block: self._load(file, block, channels, block is first))
+
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Count a fault unless `key`, the place, was counted under the same code before."""
+        self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
+
+    def _channels(self) -> dict[int, Channel]:
+        found: dict[int, Channel] = {}
+        for id_, channel in self.index.channels.items():
+            schema = self.index.schemas.get(channel.schema_id)
+            if schema is None and channel.schema_id:
+                self.once("LOG008", (channel.topic,), f"topic '{channel.topic}' names schema {channel.schema_id}")
+            plain = None if schema is None else Schema(_escaped(schema.name), _escaped(schema.encoding), schema.data)
+            topic, encoding = _escaped(channel.topic), _escaped(channel.message_encoding)
+            metadata = {_escaped(key): _escaped(value) for key, value in channel.metadata.items()}
+            found[id_] = Channel(topic, encoding, plain, metadata)
+            if topic != channel.topic or (schema is not None and plain is not None and plain.name != schema.name):
+                self.once("LOG010", (id_,), f"channel {id_}, topic '{topic}'")
+        return found
+
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        try:
+            with self.path.open("rb") as file:
+                yield file
+        except OSError as error:
+            raise LogError(f"{self.path}: can't be read ({error.strerror})") from error
+
+    def _read_index(self, file: BinaryIO, size: int) -> Index:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise LogError(f"{self.path}: not a log (looks like {looks_like(file)})", "LOG001")
+        whole = has_end(file, size)
+        if not whole:
+            return walk(file, self.path.name, size, whole, self._faults)
+        try:
+            return read_index(file, size)
+        except NoIndexError as reason:
+            self._faults.add("LOG003", f"{self.path.name}: {reason}")
+            return walk(file, self.path.name, size, whole, self._faults)
+
+    def _load(self, file: BinaryIO, block: Block, channels: frozenset[int], is_first: bool) -> list[Entry]:
+        where = f"{self.path.name}: byte {block.offset}"
+        try:
+            kept = next((data for offset, data in self._kept if offset == block.offset), None)
+            data = self._read(file, where, block) if kept is None else kept
+            if is_first and kept is None and len(data) <= _MAX_KEPT:
+                self._kept = (*self._kept[1 - _NUM_KEPT :], (block.offset, data))
+            return self._sorted(where, self._parse(block, data, channels))
+        except RecordError as error:
+            self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
+            return []
+
+    def _read(self, file: BinaryIO, where: str, block: Block) -> memoryview:
+        check_size(where, max(block.length, block.size or 0))
+        file.seek(block.offset)
+        content = memoryview(file.read(block.length))
+        return self._unpacked(where, block, content) if block.is_chunk else content
+
+    def _sorted(self, where: str, entries: Iterator[Entry]) -> list[Entry]:
+        found = list(islice(entries, MAX_ENTRIES + 1))
+        if len(found) > MAX_ENTRIES:
+            raise LimitError(f"{where}: holds more than {MAX_ENTRIES} messages", "LIM001")
+        found.sort()
+        return found
+
+    def _unpacked(self, where: str, block: Block, content: memoryview) -> memoryview:
+        if len(content) != block.length or HEAD.unpack_from(content) != (Opcode.CHUNK, block.length - HEAD.size):
+            raise RecordError("no chunk of the indexed length")
+        chunk = parse_chunk(content[HEAD.size :])
+        _compare(block, chunk)
+        check_size(where, chunk.size)
+        check_compression(where, chunk.compression)
+        if not chunk.crc and block.size is not None:  # else it was counted when the file was walked
+            self.once("LOG006", (block.offset,), f"chunk at byte {block.offset}")
+        return unpack(chunk, where)
+
+    def _parse(self, block: Block, data: memoryview, channels: frozenset[int]) -> Iterator[Entry]:
+        for opcode, start, stop in records(data):
+            if opcode != Opcode.MESSAGE:
+                continue
+            if stop - start < MESSAGE.size:
+                raise RecordError("message is too short")
+            channel, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
+            if log_ns < block.start_ns:
+                raise RecordError(f"holds a message of {log_ns}, before its start {block.start_ns}")
+            if channel in channels:
+                topic = self.channels[channel].topic
+                payload = data[start + MESSAGE.size : stop]
+                yield Entry(log_ns, topic, 0, block.offset, start, channel, sequence, publish_ns, payload)
+            elif channel not in self.channels:
+                self.once("LOG008", (channel,), f"messages on unknown channel {channel}")
+
+
+def _escaped(text: str) -> str:
+    """Show the bytes of a text that aren't UTF-8 as `\\xff`."""
+    return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
+
+
+def _compare(block: Block, chunk: Chunk) -> None:
+    """A chunk's header has no checksum; the index has one, so that what it says is what counts."""
+    expected = (block.start_ns, block.end_ns, block.size, block.stored, block.compression)
+    got = (chunk.start_ns, chunk.end_ns, chunk.size, len(chunk.data), chunk.compression)
+    if block.size is not None and expected != got:
+        raise RecordError("chunk isn't the one of the index")

@@ -1,0 +1,202 @@
+"""What an MCAP file holds and where: from its summary, checked by its checksum."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Footer, Metadata, Schema, Statistics
+
+from fbench.replay.checksums import crc32
+from fbench.replay.logs.mcap.chunk_index import ChunkIndex, parse_chunk_index
+from fbench.replay.logs.mcap.records import HEAD, MAGIC, MAX_RECORD, RecordError, parse_record, read_head, records
+
+_FOOTER = HEAD.size + 20
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of a file that is read at once: a chunk, or a run of messages outside chunks."""
+
+    offset: int
+    """Of its first record in the file [byte]."""
+    length: int
+    start_ns: int
+    """Smallest and largest log time of its messages."""
+    end_ns: int
+    channels: frozenset[int] | None
+    """Ids of the channels that it has messages of; `None`: not known."""
+    is_chunk: bool = True
+    size: int | None = None
+    """Unpacked and stored size and compression of a chunk as the index says, to be compared; `None`: not known."""
+    stored: int = 0
+    compression: str = ""
+    index_length: int = 0
+    """Of the message indexes behind a chunk [byte]; 0: there are none, or they aren't known."""
+
+
+@dataclass(frozen=True)
+class Index:
+    """All blocks of a file, with the channels and schemas of their messages."""
+
+    blocks: Sequence[Block]
+    channels: Mapping[int, Channel]
+    schemas: Mapping[int, Schema]
+    metadata: Mapping[str, Metadata] = field(default_factory=dict)
+    """Metadata records by name, the first of each."""
+    counts: Mapping[int, int] = field(default_factory=dict)
+    """Messages of each channel."""
+    damage: Sequence[str] = ()
+    """What was found wrong outside the blocks."""
+    is_stored: bool = False
+    """Whether the file has it; else the file was read to make it."""
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message; `None` without any."""
+        first = min((block.start_ns for block in self.blocks), default=None)
+        return None if first is None else (first, max(block.end_ns for block in self.blocks))
+
+
+class NoIndexError(Exception):
+    """The file has no index that can be trusted, with the reason; it must be walked."""
+
+
+@dataclass
+class _Summary:
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    statistics: Statistics | None = None
+
+
+def has_end(file: BinaryIO, size: int) -> bool:
+    """Tell whether the file ends as an MCAP file must."""
+    file.seek(max(0, size - len(MAGIC)))
+    return size >= 2 * len(MAGIC) + _FOOTER and file.read(len(MAGIC)) == MAGIC
+
+
+def read_index(file: BinaryIO, size: int) -> Index:
+    """Read the index of a file whose end is there.
+
+    Raises:
+        NoIndexError: where it is absent, damaged or incomplete.
+    """
+    try:
+        start, summary = _summary(file, size)
+    except RecordError as error:
+        raise NoIndexError(f"summary is damaged: {error}") from error
+    _check_complete(summary)
+    blocks = sorted((_block(chunk) for chunk in summary.chunks), key=lambda block: block.offset)
+    covered = sorted((c.offset, c.length + c.index_length) for c in summary.chunks)
+    metadata, damage = _between(file, [*covered, (start, 0)])
+    counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
+    return Index(blocks, summary.channels, summary.schemas, metadata, counts, damage, is_stored=True)
+
+
+def _summary(file: BinaryIO, size: int) -> tuple[int, _Summary]:
+    footer_at = size - len(MAGIC) - _FOOTER
+    file.seek(footer_at)
+    content = file.read(_FOOTER)
+    if HEAD.unpack_from(content) != (Opcode.FOOTER, 20):
+        raise NoIndexError("no footer")
+    footer = parse_record(Footer.read, content[HEAD.size :])
+    if footer.summary_start == 0:
+        raise NoIndexError("no summary")
+    length = footer_at - footer.summary_start
+    if not 0 <= length <= MAX_RECORD:
+        raise NoIndexError("footer is damaged")
+    file.seek(footer.summary_start)
+    data = file.read(length)
+    if footer.summary_crc == 0:
+        raise NoIndexError("summary without checksum")
+    if crc32(content[:-4], crc32(data)) != footer.summary_crc:
+        raise NoIndexError("checksum of the summary doesn't match")
+    return footer.summary_start, _parse_summary(data)
+
+
+def _parse_summary(data: bytes) -> _Summary:
+    summary = _Summary()
+    for opcode, start, stop in records(memoryview(data)):
+        content = data[start:stop]
+        if opcode == Opcode.SCHEMA:
+            schema = parse_record(Schema.read, content)
+            summary.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = parse_record(Channel.read, content)
+            summary.channels[channel.id] = channel
+        elif opcode == Opcode.CHUNK_INDEX:
+            summary.chunks.append(parse_chunk_index(memoryview(content)))
+        elif opcode == Opcode.STATISTICS:
+            summary.statistics = parse_record(Statistics.read, content)
+    return summary
+
+
+def _check_complete(summary: _Summary) -> None:
+    """Refuse a summary that may know less than the file holds."""
+    statistics = summary.statistics
+    if statistics is None and not summary.chunks:
+        raise NoIndexError("no chunk index")
+    if statistics is not None and statistics.chunk_count != len(summary.chunks):
+        raise NoIndexError("no chunk index" if not summary.chunks else "chunk index is incomplete")
+    if statistics is not None and statistics.message_count and not summary.chunks:
+        raise NoIndexError("no chunk index")
+    used = [channel for chunk in summary.chunks for channel in chunk.channels]
+    used += [] if statistics is None else list(statistics.channel_message_counts)
+    if any(channel not in summary.channels for channel in used):
+        raise NoIndexError("summary lacks channels")
+    if any(chunk.length < HEAD.size for chunk in summary.chunks):
+        raise NoIndexError("index is inconsistent")
+    if any(c.schema_id and c.schema_id not in summary.schemas for c in summary.channels.values()):
+        raise NoIndexError("summary lacks schemas")
+
+
+def _block(chunk: ChunkIndex) -> Block:
+    return Block(
+        chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns, frozenset(chunk.channels) or None, True, chunk.size,
+        chunk.stored, chunk.compression, chunk.index_length,
+    )  # fmt: skip
+
+
+_HARMLESS = (
+    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX,
+    Opcode.DATA_END,
+)  # fmt: skip
+
+
+def _between(file: BinaryIO, covered: Sequence[tuple[int, int]]) -> tuple[dict[str, Metadata], list[str]]:
+    """Look at the records that lie between `covered` parts (offset, length); messages there would be missed.
+
+    Raises:
+        NoIndexError: where there are any.
+    """
+    metadata: dict[str, Metadata] = {}
+    damage: list[str] = []
+    at = len(MAGIC)
+    for start, num_bytes in covered:
+        while at < start:
+            head = read_head(file, at)
+            if head is None or at + HEAD.size + head[1] > start:
+                damage.append(f"record at byte {at} is damaged")
+                at = start
+                break
+            opcode, length = head
+            if opcode in (Opcode.MESSAGE, Opcode.CHUNK):
+                raise NoIndexError("index is incomplete")
+            if opcode not in _HARMLESS:
+                damage.append(f"record at byte {at} has unknown type {opcode}")
+            elif opcode == Opcode.METADATA:
+                _add_metadata(metadata, damage, at, file.read(min(length, MAX_RECORD)))
+            at += HEAD.size + length
+        if at > start:
+            raise NoIndexError("index is inconsistent")
+        at = start + num_bytes
+    return metadata, damage
+
+
+def _add_metadata(metadata: dict[str, Metadata], damage: list[str], at: int, content: bytes) -> None:
+    try:
+        record = parse_record(Metadata.read, content)
+        metadata.setdefault(record.name, record)
+    except RecordError as error:
+        damage.append(f"metadata at byte {at}: {error}")

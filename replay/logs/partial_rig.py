@@ -1,0 +1,73 @@
+"""What can be told of a rig that is incomplete, sensor by sensor."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from fbench.replay.data import CameraModel, Kind, Mount, Rig
+from fbench.replay.errors import LogError
+from fbench.replay.logs.codec import SENSORS
+from fbench.replay.logs.read_rig import RigState, first_state
+from fbench.replay.logs.reader import LogReader
+
+_KINDS: Mapping[str, Kind] = {"camera": "camera", "lidar": "lidar", "radar": "radar"}
+
+
+@dataclass(frozen=True, eq=False)
+class PartialRig:
+    """The sensors of a log, with their calibration where it is there."""
+
+    kinds: Mapping[str, Kind]
+    """All sensors, by name."""
+    rig: Rig
+    """Mounts and cameras that are known."""
+    problems: Mapping[str, str]
+    """What is missing of the others, by sensor."""
+
+
+def partial_rig(reader: LogReader) -> PartialRig:
+    """Return the rig of a log, and for each sensor that it lacks the reason; never fails for a missing calibration."""
+    heard = {r.sensor: _KINDS[r.kind] for _, r in sorted(reader.roles.items()) if r.kind in SENSORS}
+    try:
+        rig = reader.rig
+    except LogError as error:
+        return _incomplete(reader, heard, _plain(reader, error))
+    kinds = dict(sorted({**{name: mount.kind for name, mount in rig.mounts.items()}, **heard}.items()))
+    return PartialRig(kinds, rig, {name: why for name, kind in kinds.items() if (why := _absent(rig, name, kind))})
+
+
+def _absent(rig: Rig, name: str, kind: Kind) -> str:
+    if name not in rig.mounts:
+        return f"sensor '{name}' has no transform to the body"
+    return f"camera '{name}' has no calibration" if kind == "camera" and name not in rig.cameras else ""
+
+
+def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> PartialRig:
+    header = reader.container.header
+    silent = {} if header is None else {n: kind for n, kind in header.kinds.items() if n not in reader.left_out}
+    kinds = dict(sorted({**silent, **heard}.items()))
+    state = first_state(reader.container, reader.roles, reader.left_out)
+    mounts: dict[str, Mount] = {}
+    cameras: dict[str, CameraModel] = {}
+    problems: dict[str, str] = {}
+    for name in kinds:
+        try:
+            alone = replace(state, left_out=reader.left_out | (frozenset(kinds) - {name})).rig()
+        except LogError as error:
+            problems[name] = _plain(reader, error)
+            cameras |= _camera(state, name)
+        else:
+            mounts |= {name: alone.mounts[name]}
+            cameras |= {name: alone.cameras[name]} if name in alone.cameras else {}
+    if not problems:  # each reaches a body, but not the same one
+        return PartialRig(kinds, Rig({}, cameras), dict.fromkeys(kinds, reason))
+    return PartialRig(kinds, Rig(mounts, cameras), problems)
+
+
+def _camera(state: RigState, name: str) -> dict[str, CameraModel]:
+    frames = [r.frame_id for _, r in sorted(state.roles.items()) if r.sensor == name and r.kind == "camera"]
+    found = next((state.cameras[frame] for frame in frames if frame in state.cameras), None)
+    return {} if found is None else {name: found}
+
+
+def _plain(reader: LogReader, error: LogError) -> str:
+    return str(error).removeprefix(f"{reader.container.path}: ")

@@ -1,0 +1,173 @@
+"""The rig of a log, from its transforms and calibrations, and how it changes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fbench.replay.data import CameraModel, Kind, Mount, Rig
+from fbench.replay.errors import DecodeError, LogError
+from fbench.replay.logs.codec import SENSORS
+from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.roles import Role
+from fbench.replay.logs.tree import BODY, TransformTree
+
+_KINDS: Mapping[str, Kind] = {"camera": "camera", "lidar": "lidar", "radar": "radar"}
+_MAX_MOVING = 2000
+"""So many messages of moving transforms are searched for the way from a sensor to the body."""
+_LEAVE_OUT = "or leave the sensor out with --topics"
+
+
+@dataclass
+class RigState:
+    """What is known of the coordinate frames and cameras of a log at some point of it."""
+
+    container: Container
+    roles: Mapping[int, Role]
+    left_out: frozenset[str] = frozenset()
+    """Sensors that weren't selected."""
+    tree: TransformTree = field(default_factory=TransformTree)
+    cameras: dict[str, CameraModel] = field(default_factory=dict)
+    """By sensor as the channel's metadata say, else by coordinate frame."""
+    neighbours: dict[str, CameraModel] = field(default_factory=dict)
+    """By the part of the topic before the last slash, which camera drivers share between image and calibration."""
+    calibrated: set[int] = field(default_factory=set)
+    """Channels that gave a calibration."""
+
+    def take(self, entry: Entry) -> bool:
+        """Take a transform or calibration, replacing what was known; tells whether anything is new.
+
+        A damaged message is counted.
+        """
+        role = self.roles[entry.channel]
+        if role.codec is None or not isinstance(entry.data, memoryview):
+            return False
+        try:
+            if role.kind == "transform":
+                news = [self.tree.put(child, edge) for child, edge in role.codec.transforms(entry.data)]
+                return any(news)
+            return self._take_camera(entry, role, *role.codec.calibration(entry.data))
+        except DecodeError as error:
+            where = f"{entry.topic} at {entry.publish_ns}: {error}"
+            self.container.once("DEC001", (entry.part, entry.block, entry.offset), where)
+            return False
+
+    def copy(self) -> "RigState":
+        """Return an independent copy."""
+        return replace(
+            self, tree=TransformTree(dict(self.tree.edges)), cameras=dict(self.cameras),
+            neighbours=dict(self.neighbours), calibrated=set(self.calibrated),
+        )  # fmt: skip
+
+    def rig(self) -> Rig:
+        """Return the rig.
+
+        Raises:
+            LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
+        """
+        sensors = self._sensors()
+        body = self.body()
+        mounts = {name: self._mount(name, kind, frame, body) for name, (kind, frame) in sorted(sensors.items())}
+        # Own logs may hold calibrations of cameras that have neither mount nor images.
+        frames = {r.sensor: r.sensor for _, r in sorted(self.roles.items()) if r.kind == "calibration" and r.frame_id}
+        frames |= {name: frame for name, (kind, frame) in sensors.items() if kind == "camera"}
+        folders = {r.sensor: _folder(r.topic) for _, r in sorted(self.roles.items())}
+        return Rig(
+            mounts, {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
+        )
+
+    def body(self) -> str:
+        """Name of the coordinate frame of the body.
+
+        Raises:
+            LogError: where the sensors aren't linked.
+        """
+        try:
+            return self.tree.body(self.frames()) or BODY
+        except DecodeError as error:
+            raise LogError(
+                f"{self.container.path}: {error}; repair /tf_static, or leave sensors out with --topics", "CAL001"
+            ) from error
+
+    def frames(self) -> list[str]:
+        """Coordinate frames of all sensors."""
+        return [frame for _, frame in self._sensors().values()]
+
+    def _sensors(self) -> dict[str, tuple[Kind, str]]:
+        sensors = {r.sensor: (_KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
+        header = self.container.header
+        silent = {} if header is None else {name: (kind, name) for name, kind in header.kinds.items()}
+        return {name: found for name, found in {**silent, **sensors}.items() if name not in self.left_out}
+
+    def _take_camera(self, entry: Entry, role: Role, frame: str, camera: CameraModel) -> bool:
+        key = role.frame_id or frame
+        old = self.cameras.get(key)
+        self.cameras[key] = self.neighbours[_folder(entry.topic)] = camera
+        self.calibrated.add(entry.channel)
+        return old is None or not old.equals(camera)
+
+    def _mount(self, name: str, kind: Kind, frame: str, body: str) -> Mount:
+        path = self.container.path
+        try:
+            pose = self.tree.pose(frame, body)
+        except DecodeError as error:
+            raise LogError(
+                f"{path}: sensor '{name}': {error}; repair its transforms, {_LEAVE_OUT}", "CAL001"
+            ) from error
+        if pose is None:
+            why = f"'{frame}' to '{body}' on /tf or /tf_static" if frame else "its messages name no frame_id"
+            raise LogError(
+                f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_LEAVE_OUT}", "CAL001"
+            )
+        if not (np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all() and np.any(pose[1])):
+            raise LogError(
+                f"{path}: sensor '{name}' has no valid pose (position {pose[0]}, rotation {pose[1]})", "CAL001"
+            )
+        return Mount(kind, *pose)
+
+    def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
+        camera = self.cameras.get(frame, self.neighbours.get(folder))
+        if camera is not None:
+            return camera
+        raise LogError(
+            f"{self.container.path}: camera '{name}' has no calibration (CameraCalibration or CameraInfo for "
+            f"'{frame}'); add it, {_LEAVE_OUT}",
+            "CAL001",
+        )
+
+
+def first_state(container: Container, roles: Mapping[int, Role], left_out: frozenset[str] = frozenset()) -> RigState:
+    """Read what is needed and no more: the first transform of each sensor, the first calibration of each camera."""
+    state = RigState(container, roles, left_out)
+    transforms = _channels(container, roles, "transform")
+    _search(state, frozenset(i for i in transforms if roles[i].is_static))
+    _search_calibrations(state, _channels(container, roles, "calibration"))
+    if not all(state.tree.known(frame) for frame in state.frames()):
+        _search(state, frozenset(i for i in transforms if not roles[i].is_static), _MAX_MOVING)
+    return state
+
+
+def _channels(container: Container, roles: Mapping[int, Role], kind: str) -> frozenset[int]:
+    return frozenset(i for i, role in roles.items() if role.kind == kind and container.counts.get(i, 1))
+
+
+def _search(state: RigState, channels: frozenset[int], limit: int | None = None) -> None:
+    """Take transforms until all sensors are linked; of several transforms of one child the first one counts."""
+    for num, entry in enumerate(state.container.entries(channels) if channels else ()):
+        known = dict(state.tree.edges)
+        state.take(entry)
+        state.tree.edges |= known
+        if num == limit or all(state.tree.known(frame) for frame in state.frames()):
+            break
+
+
+def _search_calibrations(state: RigState, channels: frozenset[int]) -> None:
+    for id_ in sorted(channels):
+        for entry in state.container.entries(frozenset([id_])):
+            state.take(entry)
+            if id_ in state.calibrated:
+                break
+
+
+def _folder(topic: str) -> str:
+    return topic.rpartition("/")[0]

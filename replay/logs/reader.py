@@ -1,0 +1,264 @@
+"""Reading a log as messages, truth and rig, whatever container and encoding it is in."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from hashlib import blake2b
+from itertools import groupby
+
+from fbench.replay.data import LogInfo, Message, Rig, RigChange, Truth
+from fbench.replay.errors import DataError, DecodeError, LogError, PointsError
+from fbench.replay.logs.codec import MESSAGES, Codec, Origin
+from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.read_rig import RigState, first_state
+from fbench.replay.logs.roles import Role, roles
+from fbench.replay.logs.selection import selected
+from fbench.replay.logs.tree import BODY, tree_of
+from fbench.replay.logs.truth_frames import in_body
+from fbench.replay.logs.truth_part import TruthPart
+from fbench.replay.logs.truth_stream import joined
+
+_MAX_STAMP_NS = 2**63 - 1
+
+
+class LogReader:
+    """One log; implements `fbench.replay.protocols.Reader`.
+
+    Holds only blocks that overlap in time. Faults are counted once, however many passes are made.
+
+    Raises:
+        ConfigError: where a pattern in `topics` fits nothing.
+    """
+
+    def __init__(self, container: Container, topics: Sequence[str] = ()) -> None:
+        self.container = container
+        every = roles(container)
+        self.roles = selected(every, topics)
+        kept = {role.sensor for role in self.roles.values()}
+        self.left_out = frozenset(role.sensor for role in every.values()) - kept
+
+    @cached_property
+    def info(self) -> LogInfo:
+        """Name, id and metadata; a log without an id gets one from its topics, schemas and first messages."""
+        header = self.container.header
+        log_id = self._digest() if header is None else header.log_id
+        return LogInfo(self.container.path.stem, log_id, {} if header is None else header.metadata)
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins.
+
+        Raises:
+            LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
+        """
+        return self._restricted(self.container.rigs[0][1]) if self.container.rigs else self._state.rig()
+
+    @cached_property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages of each sensor and stream of poses, by name, as the index says."""
+        counts: Counter[str] = Counter()
+        for id_, role in sorted(self.roles.items()):
+            if role.kind in MESSAGES:
+                counts[role.sensor] += self.container.counts.get(id_, 0)
+        return counts
+
+    @cached_property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return tuple(sorted({role.sensor for role in self.roles.values() if role.kind == "pose"}))
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All measurements and poses in canonical order, and between them where the rig changes."""
+        changes = _Changes(self)
+        for entry in changes.followed(self.container.entries(self._channels(*MESSAGES) | changes.channels)):
+            if entry.channel in changes.channels:
+                continue
+            yield from changes.until(entry.log_ns)
+            message = self._decoded(entry)
+            if message is not None:
+                yield message
+
+    def everything(self) -> Iterator[tuple[Entry, Message | RigChange | TruthPart | None]]:
+        """All entries of all channels in canonical order, with what each holds: `None` where fbench has no use for it,
+        it can't be decoded, or it tells the rig. A change of the rig comes with the entry that it precedes.
+        """
+        changes = _Changes(self)
+        for entry in changes.followed(self.container.entries(frozenset(self.container.channels))):
+            kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
+            if kind in MESSAGES:
+                for change in changes.until(entry.log_ns):
+                    yield entry, change
+                yield entry, self._decoded(entry)
+            elif kind in ("truth", "detections"):
+                yield entry, next(self.truth_parts(entry), None)
+            else:
+                if entry.channel not in changes.channels:
+                    self._try(entry, kind)
+                yield entry, None
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth, 3D and 2D of one stamp together, in the order of stamps; see `joined`."""
+        return joined(
+            part for entry in self.container.entries(self._channels("truth")) for part in self.truth_parts(entry)
+        )
+
+    def truth_parts(self, entry: Entry) -> Iterator[TruthPart]:
+        """Decode one message of truth, into body coordinates; nothing where it can't be read."""
+        role = self.roles[entry.channel]
+        try:
+            _check(entry)
+            if isinstance(entry.data, memoryview):
+                part = _codec(role).truth(entry.data, _origin(role, entry))
+                yield self._placed(part)
+            else:
+                yield self._placed(_truth(entry.data.read()))
+        except (DecodeError, DataError) as error:
+            self._count(entry, error)
+
+    @cached_property
+    def _state(self) -> RigState:
+        return first_state(self.container, self.roles, self.left_out)
+
+    def _channels(self, *kinds: str) -> frozenset[int]:
+        return frozenset(id_ for id_, role in self.roles.items() if role.kind in kinds)
+
+    def _restricted(self, rig: Rig) -> Rig:
+        """Leave out sensors that weren't selected."""
+        return Rig(
+            {name: m for name, m in rig.mounts.items() if name not in self.left_out},
+            {name: c for name, c in rig.cameras.items() if name not in self.left_out},
+        )
+
+    def _placed(self, part: TruthPart) -> TruthPart:
+        if not part.frame_id:
+            return part
+        cameras = {role.frame_id: role.sensor for _, role in sorted(self.roles.items()) if role.kind == "camera"}
+        if self.container.rigs:
+            return in_body(part, tree_of(self.rig), BODY, cameras)
+        return in_body(part, self._state.tree, self._state.body(), cameras)
+
+    def _decoded(self, entry: Entry) -> Message | None:
+        role = self.roles[entry.channel]
+        try:
+            _check(entry)
+            if isinstance(entry.data, memoryview):
+                return _codec(role).message(role.kind, entry.data, _origin(role, entry))
+            return _message(entry.data.read())
+        except (DecodeError, DataError) as error:
+            self._count(entry, error)
+            return None
+
+    def _try(self, entry: Entry, kind: str) -> None:
+        """Count what can't be decoded of a transform or calibration that isn't followed."""
+        try:
+            if kind == "transform" and isinstance(entry.data, memoryview):
+                _codec(self.roles[entry.channel]).transforms(entry.data)
+            elif kind == "calibration" and isinstance(entry.data, memoryview):
+                _codec(self.roles[entry.channel]).calibration(entry.data)
+        except DecodeError as error:
+            self._count(entry, error)
+
+    def _count(self, entry: Entry, error: Exception) -> None:
+        where = f"{entry.topic} at {entry.publish_ns}: {error}"
+        code = "DEC003" if isinstance(error, PointsError) else "DEC001"
+        self.container.once(code, (entry.part, entry.block, entry.offset), where)
+
+    def _digest(self) -> str:
+        """Digest of all topics with their schemas and first messages, whatever the ids of their channels."""
+        digest = blake2b(digest_size=16)
+        channels = self.container.channels
+        for topic in sorted({channel.topic for channel in channels.values()}):
+            ids = frozenset(id_ for id_, channel in channels.items() if channel.topic == topic)
+            schema = channels[min(ids)].schema
+            entry = next(self.container.entries(ids), None)
+            parts = [topic.encode()]
+            parts += [] if schema is None else [schema.name.encode(), schema.data]
+            parts += [] if entry is None else [entry.log_ns.to_bytes(8, "little")]
+            parts += [bytes(entry.data)] if entry is not None and isinstance(entry.data, memoryview) else []
+            for part in parts:
+                digest.update(len(part).to_bytes(8, "little") + part)
+        return digest.hexdigest()
+
+
+class _Changes:
+    """Follows transforms and calibrations, to tell where the rig changes."""
+
+    def __init__(self, reader: LogReader) -> None:
+        stored = reader.container.rigs[1:]
+        self._stored = [(log_ns, reader._restricted(rig)) for log_ns, rig in stored]
+        self._rig = _rig_of(reader)
+        self._state = None if reader.container.rigs or self._rig is None else reader._state.copy()
+        self.channels = frozenset(id_ for id_, role in reader.roles.items() if _tells_rig(role) and self._state)
+        self._is_new = False
+
+    def followed(self, entries: Iterable[Entry]) -> Iterator[Entry]:
+        """Pass all entries on, taking the transforms and calibrations of one log time before its other messages: which
+        topic comes first in the alphabet must not decide what they are seen with.
+        """
+        for _, group in groupby(entries, key=lambda entry: entry.log_ns):
+            together = list(group)
+            for entry in together:
+                if entry.channel in self.channels and self._state is not None:
+                    self._is_new = self._state.take(entry) or self._is_new
+            yield from together
+
+    def until(self, log_ns: int) -> Iterator[RigChange]:
+        """Yield the change of the rig before a message of log time `log_ns`, where there is one."""
+        rig = None
+        while self._stored and self._stored[0][0] <= log_ns:
+            _, rig = self._stored.pop(0)
+        if rig is not None:
+            yield from self._changed(log_ns, rig)
+        if self._is_new and self._state is not None:
+            self._is_new = False
+            try:
+                rig = self._state.rig()
+            except LogError:  # what was broken in the middle of a log doesn't end it: the old rig stays
+                return
+            yield from self._changed(log_ns, rig)
+
+    def _changed(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
+        sensors = () if self._rig is None else rig.changed_since(self._rig)
+        if sensors:
+            self._rig = rig
+            yield RigChange(log_ns, rig, sensors)
+
+
+def _rig_of(reader: LogReader) -> Rig | None:
+    """Messages can be read even where the rig can't."""
+    try:
+        return reader.rig
+    except LogError:
+        return None
+
+
+def _tells_rig(role: Role) -> bool:
+    return role.kind == "calibration" or (role.kind == "transform" and role.is_static)
+
+
+def _codec(role: Role) -> Codec:
+    if role.codec is None:
+        raise DecodeError(f"topic '{role.topic}' can't be decoded")
+    return role.codec
+
+
+def _origin(role: Role, entry: Entry) -> Origin:
+    number = entry.sequence if role.numbered else None
+    return Origin(role.sensor, entry.log_ns, entry.publish_ns, number, role.size_wh)
+
+
+def _check(entry: Entry) -> None:
+    if max(entry.log_ns, entry.publish_ns) > _MAX_STAMP_NS:
+        raise DecodeError("stamp doesn't fit an int64")
+
+
+def _message(stored: Message | TruthPart) -> Message:
+    if isinstance(stored, TruthPart):
+        raise DecodeError("truth in the place of a measurement")
+    return stored
+
+
+def _truth(stored: Message | TruthPart) -> TruthPart:
+    if not isinstance(stored, TruthPart):
+        raise DecodeError("a measurement in the place of truth")
+    return stored

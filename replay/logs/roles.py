@@ -1,0 +1,163 @@
+"""What each channel of a log means: kind, sensor, and where its frame numbers are."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from fbench.replay.errors import DecodeError, LogError, UnsupportedError
+from fbench.replay.logs.codec import SENSORS, Codec, Probe
+from fbench.replay.logs.container import Channel, Container
+from fbench.replay.logs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
+
+STORED = "fbench"
+"""Encoding of channels whose messages the container gives decoded."""
+_ROS = ("cdr", "ros1")
+_TRUTH_WORDS = ("truth", "gt", "label", "annotation")
+
+
+@dataclass(frozen=True)
+class Role:
+    """The meaning of one channel."""
+
+    kind: str
+    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`; `detections`: of another system."""
+    topic: str
+    sensor: str = ""
+    frame_id: str = ""
+    """Coordinate frame of the sensor."""
+    codec: Codec | None = None
+    """`None` where the container gives decoded messages."""
+    numbered: bool = False
+    """Whether the container's sequence number is the frame number."""
+    size_wh: tuple[int, int] | None = None
+    is_own: bool = False
+    """Whether fbench wrote the channel."""
+
+    @property
+    def is_static(self) -> bool:
+        """Whether transforms of the channel hold until another one comes."""
+        return self.is_own or "static" in self.topic
+
+
+def roles(container: Container) -> dict[int, Role]:
+    """Roles of the channels that fbench understands, by id; the other topics are counted.
+
+    Raises:
+        LogError: where one topic holds messages of two schemas that both are understood.
+    """
+    found: dict[int, Role] = {}
+    foreign: dict[int, Codec] = {}
+    for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
+        codec = _codec(container, channel)
+        kinds = () if codec is None else codec.kinds
+        own = _own(channel, codec)
+        if own is not None and (channel.encoding == STORED or own.kind in kinds):
+            found[id_] = own
+        elif codec is not None and (kinds != ("truth",) or channel.encoding in _ROS):
+            foreign[id_] = codec
+        else:
+            _count_unused(container, channel)
+    _check_schemas(container, sorted([*found, *foreign]))
+    return found | _foreign(container, foreign)
+
+
+def _codec(container: Container, channel: Channel) -> Codec | None:
+    """A definition that is damaged or hostile makes its topic unreadable, not the log."""
+    try:
+        return codec_of(channel)
+    except DecodeError as error:
+        container.once("LOG008", (channel.topic,), f"topic '{channel.topic}' can't be decoded: {error}")
+        return None
+
+
+def codec_of(channel: Channel) -> Codec | None:
+    """Return the codec for a channel's messages; `None` where fbench has none.
+
+    Raises:
+        DecodeError: where the definition of its type is damaged.
+    """
+    if channel.encoding == "protobuf":
+        from fbench.replay.logs.foxglove.codec import foxglove_codec
+
+        return foxglove_codec(channel)
+    if channel.encoding in _ROS:
+        from fbench.replay.logs.ros.codec import ros_codec
+
+        return ros_codec(channel)
+    return None
+
+
+def _count_unused(container: Container, channel: Channel) -> None:
+    what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+    container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {what}")
+
+
+def _own(channel: Channel, codec: Codec | None) -> Role | None:
+    """Read channel metadata as fbench writes them; `None` where they aren't there."""
+    kind, sensor = channel.metadata.get(KIND), channel.metadata.get(SENSOR, "")
+    if kind is None or (kind in (*SENSORS, "pose", "calibration") and SENSOR not in channel.metadata):
+        return None
+    numbered = channel.metadata.get(FRAME_NUMBER) == SEQUENCE
+    return Role(kind, channel.topic, sensor, sensor, codec, numbered, _size(channel), is_own=True)
+
+
+def _size(channel: Channel) -> tuple[int, int] | None:
+    width, _, height = channel.metadata.get(SIZE, "").partition("x")
+    return (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+
+
+def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Role]:
+    """Find kind and sensor of channels without our metadata from their first messages."""
+    probed = {id_: _probe(container, id_, codec) for id_, codec in codecs.items()}
+    probes = {id_: probe for id_, probe in probed.items() if probe is not None}
+    topics = {id_: container.channels[id_].topic for id_ in probes}
+    frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
+    shared = Counter(frame for _, frame in frames)
+    found: dict[int, Role] = {}
+    for id_, (kind, frame) in probes.items():
+        topic, codec = topics[id_], codecs[id_]
+        if kind in SENSORS:
+            found[id_] = Role(kind, topic, frame if frame and shared[frame] == 1 else topic.strip("/"), frame, codec)
+        else:
+            other = kind == "truth" and not _names_truth(topic)
+            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), "", codec)
+    return found
+
+
+def _names_truth(topic: str) -> bool:
+    """Tell whether a topic of boxes is called like ground truth; others hold what some system detected."""
+    words = topic.lower().replace("_", "/").split("/")
+    return any(word.startswith(name) for word in words for name in _TRUTH_WORDS) or "groundtruth" in words
+
+
+def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
+    """Kind and coordinate frame of a sensor's channel, from the first message that can be read; `None` where there is
+    none."""
+    if codec.kinds[0] not in SENSORS:
+        return Probe(codec.kinds[0], "")
+    topic = container.channels[channel].topic
+    for tried, entry in enumerate(container.entries(frozenset([channel]))):
+        if not isinstance(entry.data, memoryview):
+            break
+        try:
+            return codec.probe(entry.data)
+        except UnsupportedError as error:
+            container.once("LOG012", (topic,), f"topic '{topic}' is left out: {error}")
+            return None
+        except DecodeError as error:
+            container.once("DEC001", (entry.part, entry.block, entry.offset), f"{topic} at {entry.publish_ns}: {error}")
+            if tried == _MAX_TRIES:
+                break
+    return None
+
+
+_MAX_TRIES = 10
+
+
+def _check_schemas(container: Container, channels: Iterable[int]) -> None:
+    schemas: dict[str, str] = {}
+    for id_ in channels:
+        topic, name = container.channels[id_].topic, container.channels[id_].schema_name
+        if schemas.setdefault(topic, name) != name:
+            two = f"{schemas[topic]} and {name}"
+            raise LogError(f"{container.path}: topic '{topic}' has messages of two schemas, {two}", "LOG009")

@@ -1,0 +1,125 @@
+"""The tree of coordinate frames, however it was recorded."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.replay.arrays import Float64
+from fbench.replay.data import Rig
+from fbench.replay.errors import DecodeError
+from fbench.replay.geometry.transforms import pose_matrix, quaternion
+
+BODY = "body"
+BODIES = (BODY, "base_link", "base_footprint", "ego_vehicle", "ego")
+"""What the body's coordinate frame is called, the first of these that is met on the way to the root."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """The pose of a coordinate frame in its parent's."""
+
+    parent: str
+    translation_m: Float64
+    """(3,) [m]."""
+    rotation_xyzw: Float64
+    """(4,) quaternion, as it was given."""
+
+    def equals(self, other: "Edge") -> bool:
+        """Tell whether both are the same, bit for bit."""
+        same = (a.tobytes() == b.tobytes() for a, b in zip(self._arrays(), other._arrays(), strict=True))
+        return self.parent == other.parent and all(same)
+
+    def _arrays(self) -> tuple[Float64, Float64]:
+        return self.translation_m, self.rotation_xyzw
+
+
+def tree_of(rig: Rig) -> "TransformTree":
+    """Return the tree of a rig: every sensor right on the body."""
+    mounts = sorted(rig.mounts.items())
+    return TransformTree({name: Edge(BODY, m.translation_m, m.rotation_xyzw) for name, m in mounts})
+
+
+@dataclass
+class TransformTree:
+    """Transforms by child."""
+
+    edges: dict[str, Edge] = field(default_factory=dict)
+
+    def put(self, child: str, edge: Edge) -> bool:
+        """Set the transform of a child; tells whether that is new."""
+        old = self.edges.get(child)
+        self.edges[child] = edge
+        return old is None or not old.equals(edge)
+
+    def path(self, frame: str) -> list[str]:
+        """Coordinate frames from `frame` to its root.
+
+        Raises:
+            DecodeError: where the transforms form a loop.
+        """
+        path = [frame]
+        while path[-1] in self.edges:
+            parent = self.edges[path[-1]].parent
+            if parent in path:
+                raise DecodeError(f"transforms form a loop: {' → '.join([*path, parent])}")
+            path.append(parent)
+        return path
+
+    def known(self, frame: str) -> bool:
+        """Tell whether `frame` reaches a coordinate frame that is called like a body."""
+        try:
+            return self._body_on(self.path(frame)) is not None
+        except DecodeError:
+            return False
+
+    def body(self, frames: list[str]) -> str | None:
+        """Coordinate frame that counts as the body of sensors with these `frames`: the one that is called so, else
+        the root of all; `None` without frames.
+
+        Raises:
+            DecodeError: where the transforms form a loop, or nothing links the frames with each other.
+        """
+        paths = [self.path(frame) for frame in frames]
+        named = [name for name in map(self._body_on, paths) if name is not None]
+        tops = sorted({self._body_on(path) or path[-1] for path in paths})
+        if named:
+            return min(named, key=BODIES.index)
+        if len(tops) > 1:
+            raise DecodeError(f"no transform links the coordinate frames {' and '.join(map(repr, tops))}")
+        return tops[0] if tops else None
+
+    def pose(self, frame: str, body: str) -> tuple[Float64, Float64] | None:
+        """Translation (3,) and quaternion (4,) of `frame` in the body's; `None` where nothing links them.
+
+        A direct transform is returned as it is stored, a chain is composed; a sensor in the body's frame sits at 0.
+
+        Raises:
+            DecodeError: where the transforms form a loop, or a quaternion of a chain is zero.
+        """
+        path = self.path(frame)
+        if body not in path:
+            return None
+        if frame == body:
+            return (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if self._is_body(frame) else None
+        edge = self.edges[frame]
+        if edge.parent == body:
+            return edge.translation_m, edge.rotation_xyzw
+        matrix = self._chain(path, body)
+        return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])
+
+    @staticmethod
+    def _body_on(path: list[str]) -> str | None:
+        return next((name for name in BODIES if name in path), None)
+
+    def _is_body(self, frame: str) -> bool:
+        return frame in BODIES or any(edge.parent == frame for edge in self.edges.values())
+
+    def _chain(self, path: list[str], body: str) -> Float64:
+        matrix = np.eye(4)
+        for frame in path[: path.index(body)]:
+            edge = self.edges[frame]
+            try:
+                matrix = pose_matrix(edge.translation_m, edge.rotation_xyzw) @ matrix
+            except ValueError as error:
+                raise DecodeError(f"transform of '{frame}' has no valid rotation ({error})") from error
+        return matrix
