@@ -1,0 +1,1 @@
+"""Logs as Parquet: a folder with `log.json` and one file a stream."""

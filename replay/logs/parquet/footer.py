@@ -1,0 +1,136 @@
+"""What the footer of a Parquet file says, verified before it is parsed."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from fbench.replay.checksums import crc32
+from fbench.replay.errors import LimitError, LogError
+from fbench.replay.logs.parquet.columns import Column, StreamKind, present_columns
+from fbench.replay.logs.parquet.log_json import Checksums
+from fbench.replay.logs.parquet.source import opened
+from fbench.replay.logs.parquet.thrift import DamageError, Struct, number, read_struct, struct, structs
+from fbench.replay.logs.sniff import looks_like
+
+MAGIC = b"PAR1"
+# Ids of fields in parquet-format: FileMetaData, RowGroup, ColumnChunk, ColumnMetaData.
+_ROW_GROUPS = 4
+_COLUMNS, _GROUP_ROWS = 1, 3
+_ABOUT = 3
+_PHYSICAL_TYPE, _PATH, _STORED_SIZE, _DATA_PAGE, _DICTIONARY_PAGE = 1, 3, 7, 9, 11
+_BYTE_ARRAY = 6
+_END = 8
+_MAX_FOOTER = 32 * 1024 * 1024
+MAX_ZEROS = 400_000
+"""In Thrift's compact protocol each struct ends with a byte 0; parsing takes up to about 600 bytes for each."""
+MAX_CHUNKS = 400_000
+"""Column chunks of all files of a log, of which their footers hold about as much in memory."""
+ZEROS_PER_CHUNK = 12
+"""At most so many has a footer that fbench writes, for each row group and column."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Where a row group holds one column, or one leaf of a nested one."""
+
+    column: str
+    offset: int
+    length: int
+    is_bytes: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """One row group."""
+
+    num_rows: int
+    chunks: Sequence[Chunk]
+
+
+@dataclass(frozen=True, eq=False)
+class Footer:
+    """A file as its footer describes it."""
+
+    size: int
+    """Of the file [byte]."""
+    metadata: Any
+    """The footer as pyarrow wants it."""
+    columns: Mapping[str, Column]
+    """The documented columns that it has."""
+    groups: Sequence[Group]
+    """All row groups, of which each lies inside the file."""
+
+    @property
+    def num_chunks(self) -> int:
+        """How many column chunks it has."""
+        return sum(len(group.chunks) for group in self.groups)
+
+    def chunks(self, group: int) -> list[Chunk]:
+        """Where the documented columns of a row group are."""
+        return [chunk for chunk in self.groups[group].chunks if chunk.column in self.columns]
+
+
+def _groups(tail: bytes, data_end: int) -> list[Group]:
+    fields, _ = read_struct(memoryview(tail))
+    return [
+        Group(number(group, _GROUP_ROWS), [_chunk(c, data_end) for c in structs(group, _COLUMNS)])
+        for group in structs(fields, _ROW_GROUPS)
+    ]
+
+
+def _chunk(fields: Struct, data_end: int) -> Chunk:
+    about = struct(fields, _ABOUT)
+    name = about.get(_PATH)
+    start, length = number(about, _DATA_PAGE), number(about, _STORED_SIZE)
+    if about.get(_DICTIONARY_PAGE):
+        start = min(start, number(about, _DICTIONARY_PAGE))
+    if not isinstance(name, bytes) or start + length > data_end:
+        raise DamageError("a row group lies outside the file")
+    return Chunk(name.decode(errors="replace"), start, length, number(about, _PHYSICAL_TYPE) == _BYTE_ARRAY)
+
+
+def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
+    """Read and check the footer of a stream's file.
+
+    Raises:
+        LogError: where the file is missing, truncated, damaged, not Parquet or lacks columns.
+    """
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if sums is not None and size != sums.size:
+            reason = "truncated" if size < sums.size else "changed"
+            raise LogError(f"{path}: {reason}, it has {size} bytes instead of {sums.size}", "PQ001")
+        tail = _tail(path, file, size)
+    if sums is not None and crc32(tail) != sums.footer_crc32:
+        raise LogError(f"{path}: damaged, the checksum of its footer doesn't match", "PQ001")
+    if tail.count(0) > MAX_ZEROS:
+        raise LimitError(f"{path}: its footer is too large to be read safely; write larger row groups", "LIM004")
+    try:
+        source = pq.ParquetFile(pa.BufferReader(MAGIC + tail))
+        metadata, schema = source.metadata, source.schema_arrow
+        groups = _groups(tail, size - len(tail))
+    except (OSError, ValueError, pa.ArrowException, DamageError) as error:
+        raise LogError(f"{path}: damaged footer ({reason_of(error)})", "PQ001") from error
+    return Footer(size, metadata, present_columns(str(path), kind, schema), groups)
+
+
+def _tail(path: Path, file: BinaryIO, size: int) -> bytes:
+    """Everything after the last row group."""
+    start, end = os.pread(file.fileno(), 4, 0), os.pread(file.fileno(), _END, max(0, size - _END))
+    if size < len(MAGIC) + _END or start != MAGIC or end[4:] != MAGIC:
+        state = "its start or end is damaged, or it is truncated" if MAGIC in (start, end[4:]) else "not Parquet"
+        raise LogError(f"{path}: {state} (looks like {looks_like(file)})", "PQ001")
+    length = int.from_bytes(end[:4], "little") + _END
+    if length > min(_MAX_FOOTER, size - len(MAGIC)):
+        raise LogError(f"{path}: damaged, its footer claims {length} bytes", "PQ001")
+    return os.pread(file.fileno(), length, size - length)
+
+
+def reason_of(error: Exception) -> str:
+    """First line of a library's error."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
