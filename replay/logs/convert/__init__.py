@@ -1,0 +1,1 @@
+"""Turning one form of a log into another."""

@@ -1,0 +1,111 @@
+"""One conversion: open, move item by item, close."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.logs.container import Container
+from fbench.replay.logs.convert.copying import Copying
+from fbench.replay.logs.convert.decoding import Decoding
+from fbench.replay.logs.convert.exact import InexactError, candidates
+from fbench.replay.logs.convert.items import Copied, Item, RigAt
+from fbench.replay.logs.convert.open_sink import open_sink
+from fbench.replay.logs.convert.sinks import Sink
+from fbench.replay.logs.convert.source import Source
+from fbench.replay.logs.convert.target import Target
+from fbench.replay.logs.reader import LogReader
+
+_EVERY = 64
+"""Progress is told after so many messages."""
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What of a log is wanted, and how."""
+
+    topics: tuple[str, ...] = ()
+    """Patterns."""
+    excerpt: Excerpt = field(default_factory=Excerpt)
+    """A range of time, by `log_ns`."""
+    decode: bool = False
+    """Everything becomes fbench's own messages; what fbench doesn't understand is left out."""
+
+
+@dataclass(frozen=True)
+class Converted:
+    """What was written."""
+
+    path: Path
+    log_id: str
+    num_bytes: int
+    messages: Mapping[str, int]
+    """By topic; a rig that is stored as data isn't among them."""
+    num_rigs: int
+    """How many rigs are stored as data."""
+    parts: tuple[str, ...] = ()
+    """Names of the files of a log in parts."""
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    """Messages that fbench doesn't understand, by topic; only where they were decoded."""
+
+
+def convert(
+    container: Container, target: Target, wish: Wish, progress: Progress = lambda num_messages: None
+) -> Converted:
+    """Write a log in another form.
+
+    Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged.
+
+    Raises:
+        ConfigError: where the target can't or mustn't be written, or the wish fits nothing.
+        LogError: where the source can't be read.
+    """
+    target.check(container.path)
+    return (_decoded if wish.decode else _copied)(container, target, wish, progress)
+
+
+def _copied(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
+    source = Source(container, wish.topics, wish.excerpt)
+    as_columns = candidates(container, source.reader.roles) if target.form == "parquet" else frozenset[int]()
+    while True:
+        copying = Copying(source, as_columns)
+        about = source.about if target.form == "mcap" or not copying.rigs else replace(source.about, kinds={})
+        try:
+            return _written(copying.items(), open_sink(target, about), target, progress, about.log_id)
+        except InexactError as error:
+            as_columns -= {error.channel}
+
+
+def _decoded(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
+    reader = LogReader(container, wish.topics)
+    decoding = Decoding(reader, Source(container, (), wish.excerpt).window)
+    sink = open_sink(target, decoding.about)
+    written = _written(decoding.items(), sink, target, progress, decoding.about.log_id)
+    return replace(written, left_out=dict(sorted(decoding.left_out.items())))
+
+
+def _written(items: Iterable[Item], sink: Sink, target: Target, progress: Progress, log_id: str) -> Converted:
+    """Move all items; nothing stays behind where that fails."""
+    counts: Counter[str] = Counter()
+    num_rigs = 0
+    try:
+        for num, item in enumerate(items):
+            sink.put(item)
+            if isinstance(item, RigAt):
+                num_rigs += 1
+            else:
+                counts[item.entry.topic if isinstance(item, Copied) else item.topic] += 1
+            if num % _EVERY == 0:
+                progress(num)
+        sink.close()
+    finally:
+        sink.discard()
+    messages = dict(sorted(counts.items()))
+    return Converted(target.path, log_id, _size(target.path), messages, num_rigs, sink.parts)
+
+
+def _size(path: Path) -> int:
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    return sum(file.stat().st_size for file in files)

@@ -1,0 +1,1 @@
+"""Tests of `fbench.replay.logs.convert`."""
