@@ -1,29 +1,45 @@
-"""What a log holds, counted by reading it once."""
+"""What a log holds, from its index where it has one; all times are those at which messages were recorded."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
-from fbench.replay.data import LogInfo, Message, Rig
-from fbench.replay.protocols import Reader
-from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference
+import numpy as np
+
+from fbench.replay.arrays import Int64
+from fbench.replay.data import LogInfo, Mount, Rig
+from fbench.replay.errors import FbenchError
+from fbench.replay.logs.codec import MESSAGES
+from fbench.replay.logs.partial_rig import PartialRig, partial_rig
+from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.storage import Storage, read_log_times, span_ns, storage
+from fbench.replay.sync import SyncParams, choose_reference
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic, whether fbench has a use for it or not."""
+
+    topic: str
+    schema: str
+    encoding: str
+    kind: str
+    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`, `detections`; empty: unused."""
+    num_messages: int
 
 
 @dataclass(frozen=True)
 class Stream:
-    """The messages of one sensor."""
+    """The messages of one sensor, or of poses."""
 
     sensor: str
     kind: str
     num_messages: int
-    first_stamp_ns: int
-    last_stamp_ns: int
+    first_log_ns: int | None
+    """`None` where the index doesn't tell, or without messages; so are the others."""
+    last_log_ns: int | None
     median_period_ns: int | None
-    """`None` with fewer than two messages."""
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Messages a second, from the median period."""
-        return 1e9 / self.median_period_ns if self.median_period_ns else None
+    rate_hz: float | None
+    """From the median period, else from number and duration."""
 
 
 @dataclass(frozen=True)
@@ -31,38 +47,103 @@ class Survey:
     """What a log holds."""
 
     info: LogInfo
-    rig: Rig
-    reference: str
+    storage: Storage
+    known: PartialRig
+    reference: str | None
+    """`None` where no sensor has messages."""
     streams: tuple[Stream, ...]
+    topics: tuple[Topic, ...]
     num_truths: int
-    num_frames: int
-    breaks: tuple[str, ...]
-    """Where a new segment begins, and why."""
+    """Messages of ground truth."""
+    span_ns: tuple[int, int] | None
+    """Log times of the first and the last message."""
+    breaks: tuple[str, ...] | None
+    """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
+
+    @property
+    def num_frames(self) -> int:
+        """Messages of the reference sensor."""
+        return next((s.num_messages for s in self.streams if s.sensor == self.reference), 0)
 
 
-def survey(reader: Reader, params: SyncParams) -> Survey:
-    """Read a log once and count; only stamps are kept."""
-    reference = choose_reference(reader.rig, reader.info, reader.num_messages, params)
-    buffer = FrameBuffer((), reference, params)
-    stamps: dict[str, list[int]] = {}
-    kinds: dict[str, str] = {}
-    for message in reader.messages():
-        stamps.setdefault(message.sensor, []).append(message.stamp_ns)
-        kinds.setdefault(message.sensor, _kind(reader.rig, message))
-        if message.sensor == reference:
-            for _ in buffer.open_frame(message):
-                pass
-    streams = tuple(_stream(name, kinds[name], stamps[name]) for name in sorted(stamps))
-    num_truths = sum(1 for _ in reader.truths())
-    return Survey(reader.info, reader.rig, reference, streams, num_truths, buffer.num_frames, tuple(buffer.breaks))
+def survey(reader: LogReader, params: SyncParams) -> Survey:
+    """Survey a log; one without an index is read once, without decoding it.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    container = reader.container
+    by_channel = container.log_times()
+    form, known = storage(container, by_channel), partial_rig(reader)
+    if by_channel is None and not form.is_indexed:
+        by_channel = read_log_times(container)
+    span = span_ns(container, by_channel)
+    reference = reference_of(reader, known, params)
+    times = None if by_channel is None else _by_sensor(reader, by_channel)
+    return Survey(
+        reader.info, form, known, reference, _streams(reader, known, times, span), topics_of(reader),
+        sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
+        _breaks(times, reference, params.max_gap_ns),
+    )  # fmt: skip
 
 
-def _kind(rig: Rig, message: Message) -> str:
-    mount = rig.mounts.get(message.sensor)
-    return mount.kind if mount is not None else type(message).__name__.lower()
+def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
+    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one."""
+    nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
+    try:
+        return choose_reference(Rig(nowhere, {}), reader.info, reader.num_messages, params)
+    except FbenchError:
+        return None
 
 
-def _stream(sensor: str, kind: str, stamps_ns: list[int]) -> Stream:
-    steps = sorted(b - a for a, b in pairwise(stamps_ns))
-    period = steps[len(steps) // 2] if steps else None
-    return Stream(sensor, kind, len(stamps_ns), min(stamps_ns), max(stamps_ns), period)
+def _by_sensor(reader: LogReader, by_channel: Mapping[int, Int64]) -> dict[str, Int64]:
+    parts: dict[str, list[Int64]] = {}
+    for id_, role in sorted(reader.roles.items()):
+        if role.kind in MESSAGES:
+            parts.setdefault(role.sensor, []).append(by_channel.get(id_, np.zeros(0, np.int64)))
+    return {sensor: np.sort(np.concatenate(times), kind="stable") for sensor, times in sorted(parts.items())}
+
+
+def _streams(
+    reader: LogReader, known: PartialRig, times: Mapping[str, Int64] | None, span: tuple[int, int] | None
+) -> tuple[Stream, ...]:
+    kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **known.kinds}
+    nums = reader.num_messages
+    if times is None:
+        return tuple(_counted(name, kinds[name], nums.get(name, 0), span) for name in sorted(kinds))
+    return tuple(_timed(name, kinds[name], times.get(name, np.zeros(0, np.int64))) for name in sorted(kinds))
+
+
+def _counted(sensor: str, kind: str, num: int, span: tuple[int, int] | None) -> Stream:
+    duration_ns = 0 if span is None else span[1] - span[0]
+    rate = (num - 1) * 1e9 / duration_ns if num > 1 and duration_ns else None
+    return Stream(sensor, kind, num, None, None, None, rate)
+
+
+def _timed(sensor: str, kind: str, log_ns: Int64) -> Stream:
+    if len(log_ns) == 0:
+        return Stream(sensor, kind, 0, None, None, None, None)
+    first, last = int(log_ns[0]), int(log_ns[-1])
+    steps = np.sort(np.diff(log_ns), kind="stable")
+    period = int(steps[len(steps) // 2]) if len(steps) else None
+    rate = 1e9 / period if period else _counted(sensor, kind, len(log_ns), (first, last)).rate_hz
+    return Stream(sensor, kind, len(log_ns), first, last, period, rate)
+
+
+def topics_of(reader: LogReader) -> tuple[Topic, ...]:
+    """All topics of a log, by name."""
+    container = reader.container
+    channels = sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0]))
+    return tuple(
+        Topic(c.topic, c.schema_name, c.encoding, reader.roles[id_].kind if id_ in reader.roles else "",
+              container.counts.get(id_, 0))
+        for id_, c in channels
+    )  # fmt: skip
+
+
+def _breaks(times: Mapping[str, Int64] | None, reference: str | None, max_gap_ns: int) -> tuple[str, ...] | None:
+    if times is None:
+        return None
+    log_ns = times.get(reference or "", np.zeros(0, np.int64))
+    steps = np.diff(log_ns)
+    return tuple(f"gap of {steps[i] / 1e9:.3f} s before frame {i + 1}" for i in np.flatnonzero(steps > max_gap_ns))

@@ -1,6 +1,7 @@
 """What `fbench log info` prints."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from fbench.replay.data import CameraModel, Mount
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
+from fbench.replay.logs.storage import Storage
 from fbench.replay.survey import Stream, Survey, survey
 from fbench.replay.sync import SyncParams
 
@@ -29,18 +31,25 @@ def show_info(log: Path, as_json: bool) -> int:
 
 
 def _content(result: Survey, faults: FaultLog) -> dict[str, object]:
+    breaks = result.breaks
     return {
         "name": result.info.name,
         "log_id": result.info.log_id,
-        "metadata": dict(result.info.metadata),
+        "metadata": dict(sorted(result.info.metadata.items())),
+        "storage": asdict(result.storage),
+        "first_log_ns": None if result.span_ns is None else result.span_ns[0],
+        "last_log_ns": None if result.span_ns is None else result.span_ns[1],
         "reference": result.reference,
-        "streams": [{**asdict(s), "rate_hz": s.rate_hz} for s in result.streams],
-        "mounts": {name: _mount(m) for name, m in sorted(result.rig.mounts.items())},
-        "cameras": {name: _camera(c) for name, c in sorted(result.rig.cameras.items())},
+        "streams": [asdict(s) for s in result.streams],
+        "topics": [asdict(t) for t in result.topics],
+        "mounts": {name: _mount(m) for name, m in sorted(result.known.rig.mounts.items())},
+        "cameras": {name: _camera(c) for name, c in sorted(result.known.rig.cameras.items())},
+        "uncalibrated": dict(sorted(result.known.problems.items())),
         "truth": result.num_truths,
         "frames": result.num_frames,
-        "segments": len(result.breaks) + 1,
-        "breaks": list(result.breaks),
+        "segments": None if breaks is None else len(breaks) + 1,
+        "breaks": None if breaks is None else list(breaks),
+        "verified": False,
         "faults": faults.rows(),
     }
 
@@ -50,39 +59,87 @@ def _mount(m: Mount) -> dict[str, object]:
 
 
 def _camera(c: CameraModel) -> dict[str, object]:
-    return {"size_wh": c.size_wh, "K": c.K.tolist(), "distortion_model": c.distortion_model}
+    return {
+        "size_wh": c.size_wh, "K": c.K.tolist(), "distortion_model": c.distortion_model,
+        "distortion": c.distortion.tolist(),
+    }  # fmt: skip
 
 
 def _print(log: Path, result: Survey, faults: FaultLog) -> None:
     out = console()
-    out.print(f"{log}: {_duration_s(result.streams):.1f} s, {result.num_frames} frames by {result.reference}, "
-              f"{len(result.breaks) + 1} segments, truth for {result.num_truths}", markup=False)  # fmt: skip
-    out.print(f"id: {result.info.log_id}", markup=False, soft_wrap=True)
+
+    def say(line: str) -> None:
+        out.print(line, markup=False, soft_wrap=True)
+
+    say(f"{log}: {_summary(result)}")
+    say(f"id: {result.info.log_id}")
+    say(f"stored: {_form(result.storage)}")
     out.print(_streams(result))
-    for line in [f"{key}: {value}" for key, value in sorted(result.info.metadata.items())]:
-        out.print(line, markup=False, soft_wrap=True)
-    for line in [f"new segment: {why}" for why in result.breaks]:
-        out.print(line, markup=False, soft_wrap=True)
+    out.print(_topics(result))
+    for line in _notes(result, faults):
+        say(line)
+
+
+def _summary(result: Survey) -> str:
+    first, last = result.span_ns or (0, 0)
+    frames = f"{result.num_frames} frames by {result.reference}" if result.reference else "no frames"
+    truths = f"{result.num_truths} messages of truth" if result.num_truths else "no truth"
+    return f"{(last - first) / 1e9:.1f} s, {frames}, {_segments(result.breaks)}, {truths}"
+
+
+def _segments(breaks: tuple[str, ...] | None) -> str:
+    if breaks is None:
+        return "segments unknown without reading"
+    return "1 segment" if not breaks else f"{len(breaks) + 1} segments by log time"
+
+
+def _form(form: Storage) -> str:
+    parts = [form.form, *(["compression " + ", ".join(form.compression)] if form.compression else [])]
+    parts += [] if form.num_blocks is None else [f"{form.num_blocks} chunks"]
+    return ", ".join([*parts, f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"])
+
+
+def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
+    yield from (f"{key}: {value}" for key, value in sorted(result.info.metadata.items()))
+    yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
+    yield from (f"new segment by log time: {why}" for why in result.breaks or ())
     for row in faults.rows():
         if row["count"]:
-            out.print(
-                f"fault: {row['code']} {row['text']}: {row['count']} {row['places']}", markup=False, soft_wrap=True
-            )
-
-
-def _duration_s(streams: tuple[Stream, ...]) -> float:
-    first, last = (s.first_stamp_ns for s in streams), (s.last_stamp_ns for s in streams)
-    return (max(last, default=0) - min(first, default=0)) / 1e9
+            yield f"fault: {row['code']} {row['text']}: {row['count']} {row['places']}"
+    yield "not verified; see fbench log check"
 
 
 def _streams(result: Survey) -> Table:
     table = Table(box=None, pad_edge=False)
-    for column in ("sensor", "kind", "messages", "Hz", "x, y, z on the body [m]", "camera"):
+    for column in ("sensor", "kind", "messages", "Hz", r"x, y, z on the body \[m]", "camera"):
         table.add_column(column)
     for s in result.streams:
-        mount, camera = result.rig.mounts.get(s.sensor), result.rig.cameras.get(s.sensor)
-        position = "" if mount is None else ", ".join(f"{v:.2f}" for v in mount.translation_m)
-        size = "" if camera is None else f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
-        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
-        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, position, size)
+        table.add_row(s.sensor, s.kind, str(s.num_messages), _rate(s), _position(result, s.sensor), _lens(result, s))
+    return table
+
+
+def _rate(s: Stream) -> str:
+    return "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
+
+
+def _position(result: Survey, sensor: str) -> str:
+    mount = result.known.rig.mounts.get(sensor)
+    if mount is None:
+        return "no calibration" if sensor in result.known.problems else ""
+    return ", ".join(f"{v:.2f}" for v in mount.translation_m)
+
+
+def _lens(result: Survey, s: Stream) -> str:
+    camera = result.known.rig.cameras.get(s.sensor)
+    if camera is None:
+        return "no calibration" if s.kind == "camera" else ""
+    return f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
+
+
+def _topics(result: Survey) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("topic", "schema", "messages", "use"):
+        table.add_column(column, overflow="fold")
+    for t in result.topics:
+        table.add_row(t.topic, t.schema or t.encoding, str(t.num_messages), t.kind or "none")
     return table

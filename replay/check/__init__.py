@@ -1,0 +1,1 @@
+"""Reading a whole log to find what is wrong with it."""

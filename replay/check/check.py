@@ -1,0 +1,200 @@
+"""Reading a whole log once, every checksum verified and every payload decoded, to say what is wrong with it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from fbench.replay.check.finding import Finding, finding, sort_key
+from fbench.replay.check.frames import FrameCheck, FrameStats
+from fbench.replay.check.payload import bad_pose, checked
+from fbench.replay.check.stats import StreamStats, stream_stats
+from fbench.replay.check.stream import Times, timeline
+from fbench.replay.check.time_rules import time_findings
+from fbench.replay.check.trial import Trial, missing_findings
+from fbench.replay.check.truth import TruthCheck
+from fbench.replay.data import Frame, LogInfo, Message, Rig, RigChange
+from fbench.replay.errors import LogError
+from fbench.replay.faults import FAULTS, FaultLog
+from fbench.replay.logs.container import Entry
+from fbench.replay.logs.partial_rig import PartialRig, partial_rig
+from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.storage import Storage, storage
+from fbench.replay.logs.truth_part import TruthPart
+from fbench.replay.protocols import Pipeline
+from fbench.replay.restamp import StampParams
+from fbench.replay.survey import Topic, reference_of, topics_of
+from fbench.replay.sync import SyncParams
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """What to check and how."""
+
+    sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    decode_images: bool = False
+    """Decode all images, not only their headers."""
+    pipeline: tuple[str, Pipeline] | None = None
+    """Name and pipeline, to say what it would miss."""
+    ignored: tuple[str, ...] = ()
+    """Codes that count as information only."""
+    progress: Callable[[int], None] = lambda num_messages: None
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What was found."""
+
+    info: LogInfo
+    storage: Storage
+    reference: str | None
+    streams: tuple[StreamStats, ...]
+    topics: tuple[Topic, ...]
+    frames: FrameStats | None
+    """`None` where no sensor can be the reference."""
+    num_truths: int
+    """Messages of ground truth; `num_labelled` frames have some."""
+    num_labelled: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def num_problems(self) -> int:
+        """Errors and warnings."""
+        return sum(f.severity != "info" for f in self.findings)
+
+
+def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> CheckResult:
+    """Check a log; memory grows by some 24 bytes a message.
+
+    Args:
+        reader: The log.
+        faults: Where the reader counts; they become findings.
+        options: What to check.
+
+    Raises:
+        LogError: where the log can't be read.
+        ConfigError: where a sensor with an offset isn't in the log.
+        FbenchError: where the pipeline's configuration is wrong.
+    """
+    job = _Check(reader, faults, options)
+    job.run()
+    return job.result()
+
+
+class _Check:
+    """The state of one check."""
+
+    def __init__(self, reader: LogReader, faults: FaultLog, options: CheckOptions) -> None:
+        self._reader, self._faults, self._options = reader, faults, options
+        self._known: PartialRig = partial_rig(reader)
+        self._rig = self._known.rig
+        self._reference = reference_of(reader, self._known, options.sync)
+        expected = (*self._known.kinds, *reader.poses)
+        options.stamps.require_known(expected)
+        self._kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **self._known.kinds}
+        self._frames = None if self._reference is None else FrameCheck(expected, self._reference, options.sync)
+        self._trial = None if options.pipeline is None else Trial(*options.pipeline)
+        self._times = {name: Times() for name in sorted(self._kinds)}
+        self._truth = TruthCheck()
+        self._bad_poses: dict[str, tuple[int, int]] = {}
+        self._found: list[Finding] = []
+
+    def run(self) -> None:
+        """Read the log."""
+        if self._trial is not None:
+            self._start(self._trial)
+        for num, (entry, item) in enumerate(self._reader.everything()):
+            self._take(entry, item)
+            if num % 256 == 0:
+                self._options.progress(num)
+        if self._frames is not None:
+            self._offer(self._frames.flush())
+        if self._trial is not None:
+            self._trial.finish()
+
+    def _start(self, trial: Trial) -> None:
+        rig: Rig | None = None
+        with suppress(LogError):  # what is missing of the rig is a finding already
+            rig = self._reader.rig
+        if rig is None:
+            trial.problems.append(finding("CHK008", "", f"{trial.name} can't start: the rig is incomplete"))
+        else:
+            trial.start(rig, self._reader.info)
+
+    def _take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
+        if isinstance(item, RigChange):
+            self._change(item)
+        elif isinstance(item, TruthPart):
+            if self._reader.roles[entry.channel].kind == "truth":
+                self._truth.add(item.truth)
+        elif item is not None:
+            self._message(entry, item)
+
+    def _change(self, change: RigChange) -> None:
+        self._faults.add("CAL002", f"calibration of {', '.join(change.sensors)} changes at {change.log_ns} ns")
+        self._rig = change.rig
+        if self._frames is not None:
+            self._offer(self._frames.change(change))
+
+    def _message(self, entry: Entry, recorded: Message) -> None:
+        message = self._options.stamps.restamped(recorded)
+        self._times.setdefault(message.sensor, Times()).add(entry, message)
+        if bad_pose(message):
+            first, num = self._bad_poses.get(message.sensor, (message.stamp_ns, 0))
+            self._bad_poses[message.sensor] = (first, num + 1)
+        usable = checked(message, self._rig, self._faults, self._options.decode_images)
+        if self._frames is not None:
+            self._offer(self._frames.add(recorded, message, usable))
+
+    def _offer(self, frames: Iterator[Frame]) -> None:
+        for frame in frames:
+            if self._trial is not None:
+                self._trial.offer(frame)
+
+    def result(self) -> CheckResult:
+        """Judge what was read."""
+        sync = self._options.sync
+        lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
+        stats = {
+            name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns) for name, line in lines.items()
+        }
+        reference = stats.get(self._reference or "")
+        frames = None if self._frames is None else self._frames.stats
+        found = [*self._faulty(), *self._incomplete(list(stats.values()))]
+        for name, line in lines.items():
+            found += time_findings(stats[name], line, reference)
+        num_labelled = 0
+        if self._frames is not None:
+            stamps = self._frames.stamps
+            found += self._truth.findings(*stamps)
+            num_labelled = int(self._truth.labelled(*stamps).sum())
+        if self._trial is not None:
+            found += self._trial.problems
+            found += missing_findings(self._trial, frames, sync) if frames is not None else []
+        container = self._reader.container
+        return CheckResult(
+            self._reader.info, storage(container, container.log_times()), self._reference, tuple(stats.values()),
+            topics_of(self._reader), frames, self._truth.num_messages, num_labelled,
+            tuple(sorted((self._judged(f) for f in found), key=sort_key)),
+        )  # fmt: skip
+
+    def _judged(self, found: Finding) -> Finding:
+        return replace(found, severity="info") if found.code in self._options.ignored else found
+
+    def _faulty(self) -> Iterator[Finding]:
+        """What was counted while reading."""
+        for code, num in sorted(self._faults.counts.items()):
+            places = self._faults.places.get(code, [])
+            yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")
+
+    def _incomplete(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
+        for sensor, why in sorted(self._known.problems.items()):
+            yield finding("CAL001", sensor, why)
+        for s in stats:
+            if s.num_messages == 0:
+                yield finding("CHK005", s.sensor, "the rig has it, but the log has no message of it", 0)
+        for sensor, (stamp_ns, num) in sorted(self._bad_poses.items()):
+            text = f"{num} poses aren't finite or have no rotation"
+            yield finding("CHK006", sensor, text, num, f"stamp {stamp_ns} ns")
+        if self._reference is None:
+            yield finding("CHK007", "", "no frames: no sensor has messages")

@@ -1,0 +1,121 @@
+"""What `fbench log check` prints."""
+
+import json
+import sys
+from contextlib import redirect_stdout
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from fbench.replay.check.check import CheckOptions, CheckResult, check_log
+from fbench.replay.check.finding import Finding, require_codes
+from fbench.replay.check.stats import StreamStats
+from fbench.replay.cli.job import explained, short_name
+from fbench.replay.cli.progress import message_progress
+from fbench.replay.cli.show import console
+from fbench.replay.errors import EXIT_NO, EXIT_OK
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+from fbench.replay.plugins import make_pipeline
+from fbench.replay.restamp import StampParams
+from fbench.replay.sync import SyncParams
+
+
+@dataclass(frozen=True)
+class CheckJob:
+    """Everything that `fbench log check` was asked for."""
+
+    log: Path
+    pipeline: str | None = None
+    settings: list[str] = field(default_factory=list)
+    sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    topics: list[str] = field(default_factory=list)
+    ignored: list[str] = field(default_factory=list)
+    decode_images: bool = False
+    as_json: bool = False
+
+
+def run_check(job: CheckJob) -> int:
+    """Check a log and print what was found; returns the exit code."""
+    require_codes(job.ignored)
+    pipeline = None
+    if job.pipeline is not None:
+        pipeline = (short_name(job.pipeline), make_pipeline(job.pipeline, job.settings)[0])
+    faults = FaultLog()
+    # What a plug-in prints must not get between the lines of --json.
+    with explained(faults), redirect_stdout(sys.stderr):
+        reader = open_log(job.log, faults, job.topics)
+        total = sum(reader.container.counts.values())
+        with message_progress(f"{job.log.name}: reading all", total) as progress:
+            options = CheckOptions(job.sync, job.stamps, job.decode_images, pipeline, tuple(job.ignored), progress)
+            result = check_log(reader, faults, options)
+    if job.as_json:
+        print(json.dumps(_content(result), indent=1, allow_nan=False))  # noqa: T201
+    else:
+        _print(job.log, result)
+    return EXIT_NO if result.num_problems else EXIT_OK
+
+
+def _content(result: CheckResult) -> dict[str, object]:
+    return {
+        "name": result.info.name,
+        "log_id": result.info.log_id,
+        "clean": result.num_problems == 0,
+        "findings": [asdict(f) for f in result.findings],
+        "storage": asdict(result.storage),
+        "reference": result.reference,
+        "streams": [asdict(s) for s in result.streams],
+        "frames": None if result.frames is None else asdict(result.frames),
+        "truth": {"messages": result.num_truths, "frames": result.num_labelled},
+        "topics": [asdict(t) for t in result.topics],
+    }
+
+
+def _print(log: Path, result: CheckResult) -> None:
+    out = console()
+    out.print(f"{log}: {_summary(result)}", markup=False, soft_wrap=True)
+    out.print(_streams(result))
+    for f in result.findings:
+        _print_finding(out, f)
+    num = result.num_problems
+    out.print("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}", markup=False)
+
+
+def _summary(result: CheckResult) -> str:
+    frames = result.frames
+    if frames is None:
+        return "no frames"
+    segments = f"{len(frames.breaks) + 1} {'segments' if frames.breaks else 'segment'}"
+    complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
+    return f"{complete}, {segments}, {result.num_labelled} with truth"
+
+
+def _print_finding(out: Console, found: Finding) -> None:
+    source = f" {found.source}" if found.source else ""
+    first = f" (first: {found.first})" if found.first else ""
+    out.print(f"{found.severity} {found.code}{source}: {found.text}{first}", markup=False, soft_wrap=True)
+    if found.severity != "info":
+        out.print(f"    → {found.advice}", markup=False, soft_wrap=True)
+
+
+def _streams(result: CheckResult) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in ("sensor", "kind", "messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms"):
+        table.add_column(column, justify="left" if column in ("sensor", "kind") else "right")
+    for s in result.streams:
+        table.add_row(
+            s.sensor, s.kind, str(s.num_messages), "–" if s.rate_hz is None else f"{s.rate_hz:.1f}",
+            _ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns), _skew(s),
+        )  # fmt: skip
+    return table
+
+
+def _ms(value_ns: int | None) -> str:
+    return "–" if value_ns is None else f"{value_ns / 1e6:.1f}"
+
+
+def _skew(s: StreamStats) -> str:
+    return f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"

@@ -1,0 +1,116 @@
+"""What a pipeline would miss."""
+
+from dataclasses import replace
+
+import pytest
+
+from fbench.replay.data import PointCloud, RadarScan, Rig
+from fbench.replay.sync import SyncParams
+
+from ..fakes import Echo
+from .logs import MS, RIG, START, changed, checked, clean, found, problems
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "log.mcap"
+
+
+def late(sensor, by_ns, numbers):
+    """Messages of a sensor arrive later than they should."""
+
+    def change(item):
+        hit = getattr(item, "sensor", "") == sensor and (item.stamp_ns - START) // (100 * MS) in numbers
+        return replace(item, log_ns=item.log_ns + by_ns) if hit else item
+
+    return change
+
+
+def lost(kind, numbers):
+    def change(item):
+        return None if isinstance(item, kind) and (item.stamp_ns - START) // (100 * MS) in numbers else item
+
+    return change
+
+
+def test_nothing_is_missing(path):
+    result = checked(path, clean(), pipeline=("echo", Echo()))
+    assert result.findings == ()
+
+
+class EchoOfRadar(Echo):
+    """A box at the first LiDAR point, and nothing without radar."""
+
+    def step(self, frame):
+        return super().step(frame if "radar" in frame.messages else replace(frame, messages={}))
+
+
+def test_late_and_lost_messages_of_a_sensor_that_it_uses(path):
+    items = changed(lost(RadarScan, (9,)), changed(late("radar", 50 * MS, (4, 6)), clean()))
+    result = checked(path, items, pipeline=("echo", EchoOfRadar()))
+    one = found(result, "CHK009")
+    assert (one.source, one.severity, one.count) == ("radar", "warning", 3)
+    # Radar arrives 2 + 50 ms after the stamp, the LiDAR that opens the frame 10 ms after it, and the frame waits 30 ms.
+    assert one.text == "missing from 3 of 20 frames: 2 late by 12.0 ms (median) to 12.0 ms, 1 never came"
+    assert one.advice == "--timeout-ms 42 would wait for all that were late"
+    assert result.frames.num_complete == 17
+
+
+def test_the_advice_is_right(path):
+    items = changed(late("radar", 50 * MS, (4, 6)), clean())
+    assert problems(checked(path, items, pipeline=("echo", EchoOfRadar()), sync=SyncParams(timeout_ns=41 * MS)))
+    assert not problems(checked(path, items, pipeline=("echo", EchoOfRadar()), sync=SyncParams(timeout_ns=42 * MS)))
+
+
+def test_sensor_that_it_does_not_use_is_information(path):
+    result = checked(path, changed(late("radar", 50 * MS, (4,)), clean()), pipeline=("echo", Echo()))
+    assert found(result, "CHK009").severity == "info"
+    assert found(result, "CHK009").text.endswith("echo doesn't use it")
+
+
+def test_unused_messages_are_information(path):
+    extra = [
+        replace(m, stamp_ns=m.stamp_ns + 50 * MS, log_ns=m.log_ns + 50 * MS)
+        for m in clean(19)
+        if isinstance(m, RadarScan)
+    ]
+    result = checked(path, [*clean(), *extra], pipeline=("echo", Echo()))
+    assert (found(result, "CHK010").source, found(result, "CHK010").count) == ("radar", 19)
+
+
+def test_pipeline_that_cannot_use_the_rig(path):
+    from fbench.pipelines.lidar3d import Lidar3D
+
+    items = [m for m in clean() if not isinstance(m, PointCloud)]
+    mounts = {name: mount for name, mount in RIG.mounts.items() if name != "lidar"}
+    result = checked(path, items, Rig(mounts, RIG.cameras), pipeline=("lidar3d", Lidar3D()))
+    one = found(result, "CHK008")
+    assert one.severity == "error"
+    assert "lidar3d can't start: log 'log': lidar3d needs" in one.text
+
+
+def test_incomplete_rig_keeps_a_pipeline_from_starting(path):
+    result = checked(path, clean(), Rig(RIG.mounts, {}), pipeline=("echo", Echo()))
+    assert problems(result) == [("CAL001", "cam"), ("CHK008", "")]
+
+
+class Broken(Echo):
+    def step(self, frame):
+        raise ValueError("no good")
+
+
+class BrokenAtStart(Echo):
+    def start(self, rig, log_info):
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize(("pipeline", "text"), [(Broken(), "ValueError: no good"), (BrokenAtStart(), "can't start")])
+def test_pipeline_that_fails(path, pipeline, text):
+    one = found(checked(path, clean(), pipeline=("mine", pipeline)), "PRD002")
+    assert text in one.text
+    assert one.severity == "error"
+
+
+def test_no_complete_frame_is_tried_all_the_same(path):
+    items = [m for m in clean() if not isinstance(m, RadarScan)]
+    assert ("PRD002", "") in problems(checked(path, items, pipeline=("mine", Broken())))

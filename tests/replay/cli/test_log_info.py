@@ -1,0 +1,46 @@
+"""`fbench log info`, as a user calls it."""
+
+from fbench.replay.data import Rig
+
+from .conftest import messages, rig, truths, write_log
+
+
+def test_table_and_json(fbench, log):
+    text, content = fbench("log", "info", log), fbench("log", "info", log, "--json")
+    assert text.code == content.code == 0
+    assert "6 frames by lidar, 1 segment, 6 messages of truth" in text.out
+    assert "stored: MCAP, compression zstd, 1 chunks" in text.out
+    assert "80x60, f 60 px" in text.out
+    assert "x, y, z on the body [m]" in text.out
+    assert "/truth/boxes" in text.out
+    assert text.out.endswith("not verified; see fbench log check\n")
+    info = content.json()
+    assert info["storage"]["is_indexed"] is True
+    assert info["uncalibrated"] == {}
+    assert info["verified"] is False
+    assert [t["kind"] for t in info["topics"]] == ["calibration", "camera", "lidar", "radar", "transform", "truth"]
+    assert info["first_log_ns"] == 1_000_000_000
+    assert info["streams"][1]["median_period_ns"] == 100_000_000
+
+
+def test_incomplete_rig_does_not_keep_it_from_showing_the_rest(fbench, tmp_path):
+    full = rig()
+    log = write_log(tmp_path / "log.mcap", messages(), Rig(full.mounts, {}))
+    result = fbench("log", "info", log)
+    assert result.code == 0
+    assert "no calibration: camera 'camera' has no calibration" in result.out
+    assert "6 frames by lidar" in result.out
+    assert list(fbench("log", "info", log, "--json").json()["uncalibrated"]) == ["camera"]
+
+
+def test_damaged_and_foreign_files(fbench, tmp_path):
+    log = write_log(tmp_path / "log.mcap", [*messages(), *truths()])
+    log.write_bytes(log.read_bytes()[:-40])
+    result = fbench("log", "info", log)
+    assert result.code == 4
+    assert "fault: LOG002" in result.out
+    assert "no index" in result.out
+    other = tmp_path / "other.mcap"
+    other.write_bytes(b"hello")
+    assert fbench("log", "info", other).code == 3
+    assert fbench("log", "info", tmp_path / "none.mcap").code == 3
