@@ -1,0 +1,54 @@
+"""What `fbench verify` does and prints."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.table import Table
+
+from fbench.replay.cli.job import short_name
+from fbench.replay.cli.progress import replay_progress
+from fbench.replay.cli.show import console
+from fbench.replay.errors import EXIT_NO, EXIT_OK
+from fbench.replay.verify.run import Verified, verify, workplace
+from fbench.replay.verify.task import Task
+
+
+def run_verify(task: Task, num_repeats: int, quick: bool, keep: Path | None, as_json: bool) -> int:
+    """Verify and print what was found; returns the exit code."""
+    title = f"{task.log.name} → {short_name(task.pipeline)}"
+    with workplace(keep) as folder, replay_progress(title) as progress:
+        found = verify(task, num_repeats, quick, folder, progress)
+    if as_json:
+        print(json.dumps(_content(task, found), indent=1))  # noqa: T201
+    else:
+        _print(found)
+    return EXIT_OK if found.identical else EXIT_NO
+
+
+def _content(task: Task, found: Verified) -> dict[str, object]:
+    rows = [{**asdict(verdict), "identical": verdict.identical} for verdict in found.verdicts]
+    return {
+        "log": str(task.log),
+        "pipeline": task.pipeline,
+        "identical": found.identical,
+        "stages": dict(found.digests),
+        "variants": rows,
+    }
+
+
+def _print(found: Verified) -> None:
+    out = console()
+    table = Table(box=None, pad_edge=False)
+    table.add_column("stage")
+    table.add_column("digest")
+    for stage, text in found.digests.items():
+        table.add_row(stage, text)
+    out.print(table)
+    out.print()
+    for verdict in found.verdicts:
+        differs = f"{verdict.difference} under {verdict.variant}"
+        out.print(f"{verdict.variant}: identical" if verdict.identical else differs, markup=False, soft_wrap=True)
+    num = sum(not verdict.identical for verdict in found.verdicts)
+    out.print()
+    out.print(f"DIVERGED: {num} of {len(found.verdicts)}" if num else f"identical: all {len(found.verdicts)}")

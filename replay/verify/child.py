@@ -1,0 +1,92 @@
+"""One replay in a fresh process: `python -m fbench.replay.verify.child`, the task as JSON on stdin.
+
+Where the task can't be done, the last line of stdout is the error. The exit code is that of `fbench replay`. Threads
+are those of the environment, not those that `fbench` sets.
+"""
+
+import json
+import locale
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
+
+from fbench.replay.clock import make_clock
+from fbench.replay.errors import EXIT_OK, FbenchError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_container, open_log
+from fbench.replay.plugins import make_pipeline
+from fbench.replay.read_ahead import opened_ahead
+from fbench.replay.run import Plan, replay
+from fbench.replay.scores import ScoreOptions
+from fbench.replay.verify.forms import converted
+from fbench.replay.verify.task import WATCH, Task
+from fbench.replay.verify.watch import WatchedPipeline, WatchedReader
+
+
+def main() -> int:
+    """Do what stdin says."""
+    out = sys.stdout
+    try:
+        with redirect_stdout(sys.stderr):  # a plug-in may print
+            run(Task.from_json(sys.stdin.read()))
+    except FbenchError as error:
+        out.write(f"{error}\n")
+        return error.exit_code
+    return EXIT_OK
+
+
+def run(task: Task) -> None:
+    """Replay, score, and note what the frames were made of."""
+    _prepare(task.num_threads)
+    faults = FaultLog()
+    pipeline, parameters = make_pipeline(task.pipeline, task.settings)
+    with _log(task) as log, opened_ahead(lambda met: open_log(log, met, task.topics), faults, task.read_ahead) as ahead:
+        reader = WatchedReader(ahead)
+        watched = WatchedPipeline(pipeline, reader)
+        plan = Plan(
+            watched,
+            "verified",
+            parameters,
+            sync=task.sync,
+            stamps=task.stamps,
+            excerpt=task.excerpt,
+            topics=task.topics,
+            clock=make_clock(task.rate, task.sync.max_gap_ns),
+            num_media=0,
+        )
+        replay(reader, plan, task.folder, faults, complete=lambda folder: _complete(folder, watched))
+
+
+def _complete(folder: Path, watched: WatchedPipeline) -> None:
+    from fbench.replay.cli.scoring import score_folder
+
+    (folder / WATCH).write_text(json.dumps(watched.rows))
+    score_folder(folder, ScoreOptions())
+
+
+def _prepare(num_threads: int) -> None:
+    import cv2
+
+    cv2.setNumThreads(num_threads)
+    with suppress(locale.Error):  # a locale that this machine doesn't have changes nothing
+        locale.setlocale(locale.LC_ALL, "")
+
+
+@contextmanager
+def _log(task: Task) -> Iterator[Path]:
+    """Give the log, converted if that is wanted; the converted one is removed at the end."""
+    if task.form is None:
+        yield task.log
+        return
+    beside = task.folder.with_name(f"{task.folder.name}.log")
+    beside.mkdir(parents=True)
+    try:
+        yield converted(open_container(task.log, FaultLog()), beside, task.form)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

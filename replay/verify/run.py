@@ -1,0 +1,170 @@
+"""Replays one task under all circumstances, each in a process of its own, and compares."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from fbench.replay.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
+from fbench.replay.store import Run
+from fbench.replay.verify.difference import Difference, Outcome, first_difference
+from fbench.replay.verify.task import Task
+from fbench.replay.verify.variants import BASE, Variant, variants
+
+_AT_ONCE = 2
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a variant gave."""
+
+    variant: str
+    difference: Difference | None
+
+    @property
+    def identical(self) -> bool:
+        """Whether it gave the same bits as the reference."""
+        return self.difference is None
+
+
+@dataclass(frozen=True)
+class Verified:
+    """All that was found."""
+
+    digests: Mapping[str, str]
+    """Of the reference, by stage."""
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def identical(self) -> bool:
+        """Whether all gave the same bits."""
+        return all(verdict.identical for verdict in self.verdicts)
+
+
+def verify(
+    task: Task, num_repeats: int, quick: bool, folder: Path, told: Callable[[int, int], None] = lambda done, of: None
+) -> Verified:
+    """Replay under all circumstances; runs go into folders within `folder`.
+
+    Args:
+        task: What to replay; `folder` and circumstances in it don't matter.
+        num_repeats: How often the same is replayed, the reference included.
+        quick: Only the circumstances that find most.
+        folder: An empty folder.
+        told: Told how many replays are done, of how many.
+
+    Raises:
+        ConfigError, LogError: where the reference itself can't be replayed.
+    """
+    children = _Children(replace(task, log=task.log.resolve(), pipeline=_absolute(task.pipeline),
+                                 settings=[_absolute_value(s) for s in task.settings]), folder.resolve())  # fmt: skip
+    with children.ended():
+        failed = children.replay(BASE)
+        if failed is not None:
+            raise failed
+        base = Outcome(children.folder(BASE))
+        others = variants(num_repeats, _span_s(base.run), quick)
+        told(1, len(others) + 1)
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            futures = [pool.submit(children.verdict, variant, base) for variant in others]
+            for num, _ in enumerate(as_completed(futures), 2):
+                told(num, len(others) + 1)
+        return Verified(base.digests, tuple(future.result() for future in futures))
+
+
+class _Children:
+    """Processes that replay."""
+
+    def __init__(self, task: Task, folder: Path) -> None:
+        self._task, self._folder = task, folder
+        self._running: list[subprocess.Popen[str]] = []
+        self._elsewhere = folder / "elsewhere"
+        self._elsewhere.mkdir(parents=True)
+
+    def folder(self, variant: Variant) -> Path:
+        """Where a variant's run goes."""
+        return self._folder / "".join(c if c.isalnum() or c in ".-" else "_" for c in variant.name)
+
+    def verdict(self, variant: Variant, base: Outcome) -> Verdict:
+        """Replay and compare; a replay that fails where the reference didn't is a difference too."""
+        failed = self.replay(variant)
+        if failed is not None:
+            return Verdict(variant.name, Difference("replay", f"failed: {failed}"))
+        try:
+            return Verdict(
+                variant.name, first_difference(base, Outcome(self.folder(variant)), same_container=variant.form is None)
+            )
+        except FbenchError as error:
+            return Verdict(variant.name, Difference("replay", f"failed: {error}"))
+
+    def replay(self, variant: Variant) -> FbenchError | None:
+        """Replay in a fresh process; returns why it failed."""
+        task = variant.task(self._task, self.folder(variant))
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "fbench.replay.verify.child"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            env={**os.environ, **variant.variables()}, cwd=self._elsewhere if variant.elsewhere else None,
+        )  # fmt: skip
+        self._running.append(process)
+        out, err = process.communicate(task.to_json())
+        return None if process.returncode == 0 else _error(process.returncode, out, err)
+
+    @contextmanager
+    def ended(self) -> Iterator[None]:
+        """End all processes where the `with` block ends early."""
+        try:
+            yield
+        finally:
+            for process in self._running:
+                if process.poll() is None:
+                    process.kill()
+
+
+def _error(code: int, out: str, err: str) -> FbenchError:
+    last = next((line for text in (out, err) for line in reversed(text.splitlines()) if line.strip()), "no message")
+    return ConfigError(last) if code == EXIT_USAGE else LogError(last if out else f"exit code {code}: {last}")
+
+
+def _span_s(run: Run) -> float:
+    """How long a run is in log time, without pauses between segments."""
+    steps = (b.stamp_ns - a.stamp_ns for a, b in pairwise(run.frames) if a.segment == b.segment)
+    return sum(steps) / 1e9
+
+
+def _absolute(name: str) -> str:
+    """A pipeline `FILE.py:CLASS` as seen from any folder."""
+    file, colon, cls = name.rpartition(":")
+    return f"{Path(file).resolve()}{colon}{cls}" if file else name
+
+
+def _absolute_value(setting: str) -> str:
+    """`NAME=FILE` as seen from any folder."""
+    name, equals, value = setting.partition("=")
+    return f"{name}{equals}{Path(value).resolve()}" if value and Path(value).is_file() else setting
+
+
+@contextmanager
+def workplace(keep: Path | None) -> Iterator[Path]:
+    """Give an empty folder, which goes away unless it is to be kept.
+
+    Raises:
+        ConfigError: where the folder to keep isn't empty or can't be made.
+    """
+    if keep is None:
+        with tempfile.TemporaryDirectory(prefix="fbench-verify-") as folder:
+            yield Path(folder)
+        return
+    try:
+        keep.mkdir(parents=True, exist_ok=True)
+        used: Sequence[Path] = list(keep.iterdir())
+    except OSError as error:
+        raise ConfigError(f"{keep}: can't be written ({error.strerror})") from error
+    if used:
+        raise ConfigError(f"{keep}: isn't empty; choose another with --keep")
+    yield keep

@@ -1,0 +1,49 @@
+"""What a fresh process is asked to replay; travels as JSON."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from pydantic import TypeAdapter
+
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.read_ahead import DEFAULT
+from fbench.replay.restamp import StampParams
+from fbench.replay.sync import SyncParams
+
+Form = Literal["unchunked", "lz4", "small chunks", "parquet"]
+
+
+@dataclass(frozen=True)
+class Task:
+    """One replay."""
+
+    log: Path
+    pipeline: str
+    folder: Path
+    """Where the run goes; what else the process writes goes beside it."""
+    settings: list[str] = field(default_factory=list)
+    sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    excerpt: Excerpt = field(default_factory=Excerpt)
+    topics: list[str] = field(default_factory=list)
+    rate: str = "max"
+    read_ahead: int | None = DEFAULT
+    form: Form | None = None
+    """Container to which the log is converted first."""
+    num_threads: int = 1
+    """Of OpenCV; other libraries read the environment."""
+
+    def to_json(self) -> str:
+        """For another process."""
+        return _ADAPTER.dump_json(self).decode()
+
+    @staticmethod
+    def from_json(text: str) -> "Task":
+        """Read what `to_json` gave."""
+        return _ADAPTER.validate_json(text)
+
+
+_ADAPTER = TypeAdapter(Task)
+WATCH = "watch.json"
+"""In the run folder: what each frame was made of."""
