@@ -13,10 +13,11 @@ from mcap.reader import make_reader
 from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Rig
 from fbench.replay.faults import FaultLog
 from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.logs.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
-NUM_FRAMES, NUM_POINTS = 100, 50_000
+NUM_FRAMES, NUM_POINTS = 850, 50_000
+"""About 1 GB."""
 UPRIGHT = np.array([0.0, 0, 0, 1])
 RIG = Rig(
     {"lidar": Mount("lidar", np.zeros(3), UPRIGHT), "camera": Mount("camera", np.zeros(3), UPRIGHT)},

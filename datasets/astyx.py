@@ -32,7 +32,7 @@ from fbench.datasets.astyx_files import (
 )  # fmt: skip
 from fbench.replay.data import Float32, Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.errors import LogError
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.logs.mcap.write import McapWriter
 
 VELOCITY_PERIOD_MPS = 10.3936
 """The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""

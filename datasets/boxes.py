@@ -9,7 +9,7 @@ import numpy as np
 from fbench.datasets.boxes_world import BODIES, EGO_SPEED_MPS, MISS, Scene, cast, ego_x_m, scene
 from fbench.replay.data import Boxes3D, Float64, Int64, LogInfo, Message, Mount, PointCloud, Pose, RadarScan, Rig, Truth
 from fbench.replay.errors import ConfigError
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.logs.mcap.write import McapWriter
 
 _START_NS = 1_000_000_000_000_000_000
 _LIDAR_NS, _RADAR_NS, _RADAR_PHASE_NS = 100_000_000, 50_000_000, 7_000_000

@@ -166,5 +166,6 @@ def _require_unique_ids(view: View) -> None:
                 image = f", camera {scene.stream}" if scene.stream else ""
                 raise MetricError(
                     f"{view.run.folder}: frame {scene.frame}{image}: {what} has id {twice} twice; "
-                    "an id names one object of a frame"
+                    "an id names one object of a frame",
+                    "GT003",
                 )

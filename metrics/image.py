@@ -36,7 +36,7 @@ class ImageSpace:
     @classmethod
     def of(cls, run: Run, options: ScoreOptions) -> "ImageSpace":
         """Use the 2D truth of the run's log where it has any, with the cameras that it names; else 3D truth."""
-        recorded = [t for t in (run.truth2d(i) for i in range(len(run.frames))) if t is not None]
+        recorded = [t for t in (run.truth2d(frame.index) for frame in run.frames) if t is not None]
         rig = run.manifest.rig
         named = {str(name) for truth in recorded for name in np.unique(truth.camera)}
         ranged = any(t.distance_m is not None and bool(np.isfinite(t.distance_m).any()) for t in recorded)

@@ -1,7 +1,7 @@
 """From a run to what the matcher needs: scored frames, and one problem a frame and image."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,7 +75,7 @@ class View:
     @cached_property
     def num_scored(self) -> int:
         """Frames that have truth."""
-        return sum(self.space.truth(self.run, i) is not None for i in range(len(self.run.frames)))
+        return sum(self.space.truth(self.run, frame.index) is not None for frame in self.run.frames)
 
     @property
     def reason(self) -> str | None:
@@ -94,12 +94,18 @@ class View:
         """Yield one problem a scene for one class."""
         return (_problem(self.space, scene, group) for scene in self.scenes)
 
+    def _space_of(self, segment: int) -> GroundSpace | ImageSpace:
+        """The space with the calibration of a segment."""
+        manifest = self.run.manifest
+        return replace(self.space, rig=manifest.rig_of(segment)) if manifest.rig_changes else self.space
+
     def _scenes(self) -> Iterator[Scene]:
-        for i, record in enumerate(self.run.frames if self.space.reason is None else ()):
-            truth = self.space.truth(self.run, i)
+        for record in self.run.frames if self.space.reason is None else ():
+            truth = self.space.truth(self.run, record.index)
             if truth is None:
                 continue
-            for stream, boxes, estimates in self.space.split(truth, self.table.at(record.index)):
+            space = self._space_of(record.segment)
+            for stream, boxes, estimates in space.split(truth, self.table.at(record.index)):
                 good = boxes[boxes.valid]
                 yield Scene(record.index, record.segment, stream, good, estimates, len(boxes) - len(good))
 

@@ -41,7 +41,7 @@ class Camera2D:
         """Take all cameras of the rig."""
         self._cameras = rig.sensors("camera")
         if not self._cameras:
-            raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none")
+            raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")
         self.reset("start")
 
     def reset(self, reason: str) -> None:

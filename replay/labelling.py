@@ -1,31 +1,45 @@
 """Which truth belongs to which frame."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.replay.arrays import Int64
 from fbench.replay.data import Truth
-from fbench.replay.store import FrameRecord
 
 TOLERANCE_NS = 10_000_000
 """Truth without a frame number belongs to the nearest frame not farther away than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """A frame that was opened, chosen or not."""
+
+    index: int
+    stamp_ns: int
+    """Of the reference's message as recorded, which truth refers to."""
+    frame_number: int | None
+    is_chosen: bool
 
 
 class Labelling:
     """Finds the frame of each truth: by frame number where both have one, else by nearest stamp.
 
     Numbers may start again in another segment: of several frames of one number the one with the nearest stamp is meant.
+
+    Args:
+        instants: Of all frames, the first one's first.
     """
 
-    def __init__(self, records: Sequence[FrameRecord]) -> None:
-        self._stamps = np.array([r.stamp_ns for r in records], np.int64)
+    def __init__(self, instants: Sequence[Instant]) -> None:
+        self._stamps = np.array([i.stamp_ns for i in instants], np.int64)
         self._order = np.argsort(self._stamps, kind="stable")
         self._sorted = self._stamps[self._order]
         self._by_number: dict[int, list[int]] = {}
-        for record in records:
-            if record.frame_number is not None:
-                self._by_number.setdefault(record.frame_number, []).append(record.index)
+        for instant in instants:
+            if instant.frame_number is not None:
+                self._by_number.setdefault(instant.frame_number, []).append(instant.index)
 
     def frame_of(self, truth: Truth) -> int | None:
         """Index of the frame, or `None` where there is none."""

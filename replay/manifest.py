@@ -22,7 +22,7 @@ class LogEntry(_Strict):
     name: str
     log_id: str
     digest: str
-    """blake2b over all messages in canonical order."""
+    """blake2b over all messages that were read, in canonical order."""
     metadata: dict[str, str]
 
 
@@ -43,6 +43,26 @@ class CameraEntry(_Strict):
     distortion: list[float]
 
 
+class RigEntry(_Strict):
+    """The rig from a segment on."""
+
+    segment: int
+    mounts: dict[str, MountEntry]
+    cameras: dict[str, CameraEntry]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as data."""
+        mounts = {
+            n: Mount(m.kind, np.array(m.translation_m), np.array(m.rotation_xyzw)) for n, m in self.mounts.items()
+        }
+        cameras = {
+            n: CameraModel(np.array(c.K), c.size_wh, c.distortion_model, np.array(c.distortion, np.float64))
+            for n, c in self.cameras.items()
+        }
+        return Rig(mounts, cameras)
+
+
 class FrameEntry(_Strict):
     """How messages were put into frames."""
 
@@ -51,6 +71,14 @@ class FrameEntry(_Strict):
     tolerance_ns: int
     max_gap_ns: int
     max_jump_ns: int = 1_000_000_000
+    stamps: str = "header"
+    """Which time counts as the instant of measurement: `header` or `log`."""
+    offsets_ns: dict[str, int] = {}
+    """Added to the stamps of a sensor."""
+    topics: list[str] = []
+    """Patterns of those that were read; empty: all."""
+    excerpt: str = "all"
+    """Which frames were replayed: `all`, or half-open ranges such as `from +5ns to 90ns frames 30:40`."""
 
 
 class Manifest(_Strict):
@@ -65,6 +93,8 @@ class Manifest(_Strict):
     frames: FrameEntry
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
+    rig_changes: list[RigEntry] = []
+    """Where mounts or cameras changed within the log."""
     num_frames: int
     num_segments: int
     digest: str
@@ -73,15 +103,13 @@ class Manifest(_Strict):
 
     @property
     def rig(self) -> Rig:
-        """The rig as data."""
-        mounts = {
-            n: Mount(m.kind, np.array(m.translation_m), np.array(m.rotation_xyzw)) for n, m in self.mounts.items()
-        }
-        cameras = {
-            n: CameraModel(np.array(c.K), c.size_wh, c.distortion_model, np.array(c.distortion, np.float64))
-            for n, c in self.cameras.items()
-        }
-        return Rig(mounts, cameras)
+        """The rig of the first segment."""
+        return RigEntry(segment=0, mounts=self.mounts, cameras=self.cameras).rig
+
+    def rig_of(self, segment: int) -> Rig:
+        """The rig of a segment."""
+        held = [entry for entry in self.rig_changes if entry.segment <= segment]
+        return held[-1].rig if held else self.rig
 
     @property
     def log_info(self) -> LogInfo:
@@ -89,7 +117,7 @@ class Manifest(_Strict):
         return LogInfo(self.log.name, self.log.log_id, self.log.metadata)
 
 
-def rig_entries(rig: Rig) -> tuple[dict[str, MountEntry], dict[str, CameraEntry]]:
+def rig_entry(segment: int, rig: Rig) -> RigEntry:
     """Return a rig in the manifest's form."""
     mounts = {
         n: MountEntry(kind=m.kind, translation_m=m.translation_m.tolist(), rotation_xyzw=m.rotation_xyzw.tolist())
@@ -104,7 +132,7 @@ def rig_entries(rig: Rig) -> tuple[dict[str, MountEntry], dict[str, CameraEntry]
         )
         for n, c in sorted(rig.cameras.items())
     }
-    return mounts, cameras
+    return RigEntry(segment=segment, mounts=mounts, cameras=cameras)
 
 
 def save_manifest(path: Path, manifest: Manifest) -> None:

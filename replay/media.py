@@ -52,12 +52,13 @@ class MediaKeeper:
     """
 
     def __init__(self, rig: Rig, num: int = 8) -> None:
-        self._rig, self._num, self._stride = rig, num, 1
+        self._rig, self._num, self._stride, self._num_offered = rig, num, 1, 0
         self._kept: list[MediaFrame] = []
 
     def offer(self, frame: Frame) -> None:
         """Keep the frame if its turn has come."""
-        if self._num == 0 or frame.index % self._stride:
+        self._num_offered += 1
+        if self._num == 0 or (self._num_offered - 1) % self._stride:
             return
         self._kept.append(keep(self._rig, frame))
         if len(self._kept) >= 2 * self._num:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, Truth
+from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Truth
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 
@@ -19,7 +19,7 @@ class Reader(Protocol):
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration."""
+        """Sensors and their calibration, as the log begins."""
         ...
 
     @property
@@ -32,8 +32,11 @@ class Reader(Protocol):
         """Names of the streams of poses, which frames wait for like for sensors."""
         ...
 
-    def messages(self) -> Iterator[Message]:
-        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream)."""
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream).
+
+        Between them come the changes of the rig.
+        """
         ...
 
     def truths(self) -> Iterator[Truth]:
@@ -61,7 +64,7 @@ class Pipeline(Protocol):
     """
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Prepare for one log.
+        """Prepare for one log; called again where the rig changes within it, before `reset`.
 
         Raises:
             LogError: where the rig lacks a sensor that the pipeline can't do without.

@@ -2,7 +2,7 @@
 
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,20 +10,23 @@ from typing import Any
 import numpy as np
 
 from fbench.replay.boxes import finite
-from fbench.replay.clean import Skipped, clean
+from fbench.replay.clean import Skipped
 from fbench.replay.clock import Clock, VirtualClock
-from fbench.replay.data import Boxes, Frame, Message, Output, Truth
-from fbench.replay.digest import START, Digest, digest, link
-from fbench.replay.errors import FbenchError, LogError, RunError
+from fbench.replay.data import Boxes, Frame, Output
+from fbench.replay.digest import START, digest, link
+from fbench.replay.errors import FbenchError, RunError
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
+from fbench.replay.frames import FrameStream
 from fbench.replay.host import package_versions
-from fbench.replay.labelling import Labelling
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entries
+from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
 from fbench.replay.protocols import Pipeline, Reader
+from fbench.replay.restamp import StampParams
 from fbench.replay.store import FrameRecord, RunWriter
-from fbench.replay.sync import NOT_THERE, FrameBuffer, SyncCounts, SyncParams, choose_reference
+from fbench.replay.sync import NOT_THERE, SyncCounts, SyncParams
 
 MAX_FAILURES_IN_A_ROW = 10
 """A pipeline that fails on so many frames in a row is given up."""
@@ -37,9 +40,13 @@ class Plan:
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    excerpt: Excerpt = field(default_factory=Excerpt)
+    topics: Sequence[str] = ()
+    """Patterns with which the log was opened, for the manifest."""
     clock: Clock = field(default_factory=VirtualClock)
-    tolerant: bool = False
-    """Data loss is counted, but the run is complete all the same."""
+    budget: FaultBudget = field(default_factory=FaultBudget)
+    """So much data may be lost without the run being incomplete."""
     num_media: int = 8
     """So many frames at least keep images and points for reports, where the log has as many."""
     progress: Callable[[int], None] = lambda num_frames: None
@@ -73,9 +80,9 @@ def replay(
     with RunWriter(folder, overwrite) as writer:
         loop = _Loop(reader, plan, faults, writer)
         loop.start()
-        for frame in loop.frames(reader):
+        for num_frames, frame in enumerate(loop.stream.frames(reader), 1):
             loop.step(frame)
-            plan.progress(frame.index + 1)
+            plan.progress(num_frames)
         loop.require_results()
         loop.finish(reader)
         return writer.finish(loop.manifest(), complete)
@@ -87,14 +94,11 @@ class _Loop:
     def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
         self._rig, self._info = reader.rig, reader.info
         self._plan, self._faults, self._writer = plan, faults, writer
-        self.reference = choose_reference(self._rig, self._info, reader.num_messages, plan.sync)
-        expected = (*self._rig.sensors("camera", "lidar", "radar"), *reader.poses)
-        self._buffer = FrameBuffer(expected, self.reference, plan.sync)
+        self.stream = FrameStream(reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults)
         self._media = MediaKeeper(self._rig, plan.num_media)
         self._check = OutputCheck(self._rig)
-        self._log_digest = Digest()
-        self._chain, self._segment, self._failures = START, 0, 0
-        self._skipped: list[Skipped] = []
+        self._chain, self._failures = START, 0
+        self._segment: int | None = None
 
     def start(self) -> None:
         """Start the pipeline.
@@ -109,27 +113,6 @@ class _Loop:
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             raise RunError(f"pipeline '{self._plan.name}' can't start: {_why(error)}") from error
 
-    def frames(self, reader: Reader) -> Iterator[Frame]:
-        """Read the log and yield its frames."""
-        for message in reader.messages():
-            self._log_digest.add(message)
-            yield from self._buffer.advance(message.log_ns)
-            if message.sensor == self.reference:
-                yield from self._opened(message)
-            self._plan.clock.wait_until(message.log_ns)
-            usable = clean(message, self._rig, self._faults)
-            if isinstance(usable, Skipped):
-                self._skipped.append(usable)
-            else:
-                yield from self._buffer.add(usable)
-        yield from self._buffer.flush()
-
-    def _opened(self, message: Message) -> Iterator[Frame]:
-        num_breaks = len(self._buffer.breaks)
-        yield from self._buffer.open_frame(message)
-        for why in self._buffer.breaks[num_breaks:]:
-            self._faults.add("TIM007" if why.startswith("gap") else "TIM005", why)
-
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
         start = time.perf_counter_ns()
@@ -141,9 +124,11 @@ class _Loop:
     def _guarded(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
         try:
+            if self._rig is not self.stream.rig:
+                self._plan.pipeline.start(self.stream.rig, self._info)
+                self._rig = self.stream.rig
             if frame.segment != self._segment:
-                self._segment = frame.segment
-                self._plan.pipeline.reset(self._buffer.breaks[frame.segment - 1])
+                self._enter(frame)
             output = self._check(self._plan.pipeline.step(frame))
         except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
             self._failures += 1
@@ -157,6 +142,13 @@ class _Loop:
         for fault in output.faults:
             self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")
         return output, None
+
+    def _enter(self, frame: Frame) -> None:
+        """Begin a segment, or an excerpt in the middle of one."""
+        is_first, self._segment = self._segment is None, frame.segment
+        if frame.index:
+            begins = f"replay begins with frame {frame.index}"
+            self._plan.pipeline.reset(begins if is_first else self.stream.breaks[frame.segment - 1])
 
     def _record(self, frame: Frame, output: Output | None, failed: str | None, total_ns: int) -> None:
         results = None if output is None else (output.detections, output.tracks)
@@ -185,30 +177,33 @@ class _Loop:
             RunError: where the pipeline failed on every frame.
         """
         records = self._writer.records
-        if not records:
-            hint = "choose another with --reference"
-            raise LogError(f"log '{self._info.name}' gives no frames: no message of '{self.reference}', {hint}")
+        self.stream.require_frames(self._info.name)
         if all(record.failed is not None for record in records):
             raise RunError(f"pipeline '{self._plan.name}' failed on all {len(records)} frames: {records[0].failed}")
 
     def finish(self, reader: Reader) -> None:
         """Attach truth, explain what was missing, and write what isn't a table."""
-        for index, truth in Labelling(self._writer.records).matched(self._digested(reader.truths())):
-            if index is None:
-                self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
-            else:
-                self._writer.label_frame(index, truth)
-        counts = self._buffer.counts
+        for index, truth in self.stream.labels(reader):
+            self._writer.label_frame(index, truth)
+        counts = self.stream.counts
         if counts.disordered:
-            self._faults.add("TIM001", self.reference, counts.disordered)
+            self._faults.add("TIM001", self.stream.reference, counts.disordered)
         self._writer.explain_missing(lambda record: self._explained(record, counts))
         self._writer.write_media(self._media.frames)
-        faults = {"lost": self._faults.lost, "unused_messages": counts.unused, "rows": self._faults.rows()}
+        faults = {
+            "lost": self._faults.lost,
+            "late_messages": counts.late,
+            "unused_messages": counts.unused,
+            "rows": self._faults.rows(),
+        }
         self._writer.write_json("faults.json", faults)
 
     def _explained(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never."""
-        skipped = {m.sensor: m.reason for m in self._skipped if self._near(m, record)}
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never.
+
+        What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.
+        """
+        skipped = {m.sensor: m.reason for m in self.stream.skipped if self._near(m, record)}
 
         def why(sensor: str, reason: str) -> str:
             late = counts.late_ms.get((record.index, sensor))
@@ -216,7 +211,9 @@ class _Loop:
                 return f"late by {late:.1f} ms"
             if not reason.startswith(NOT_THERE):
                 return reason
-            return f"skipped: {skipped[sensor]}" if sensor in skipped else "never came"
+            if sensor in skipped:
+                return f"skipped: {skipped[sensor]}"
+            return reason if self.stream.is_cut else "never came"
 
         return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
 
@@ -225,36 +222,36 @@ class _Loop:
             return message.frame_number == record.frame_number
         return abs(message.stamp_ns - record.stamp_ns) <= self._plan.sync.tolerance_ns
 
-    def _digested(self, truths: Iterator[Truth]) -> Iterator[Truth]:
-        for truth in truths:
-            self._log_digest.add(truth)
-            yield truth
-
     def manifest(self) -> Manifest:
         """Say what ran."""
-        mounts, cameras = rig_entries(self._rig)
+        first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
         info, sync = self._info, self._plan.sync
         return Manifest(
-            complete=self._plan.tolerant or self._faults.lost == 0,
+            complete=not self._plan.budget.exceeded(self._faults),
             log=LogEntry(
                 name=info.name,
                 log_id=info.log_id,
-                digest=self._log_digest.hex(),
+                digest=self.stream.log_digest,
                 metadata=dict(sorted(info.metadata.items())),
             ),
             pipeline=self._plan.name,
             parameters=dict(self._plan.parameters),
             frames=FrameEntry(
-                reference=self.reference,
+                reference=self.stream.reference,
                 timeout_ns=sync.timeout_ns,
                 tolerance_ns=sync.tolerance_ns,
                 max_gap_ns=sync.max_gap_ns,
                 max_jump_ns=sync.max_jump_ns,
+                stamps=self._plan.stamps.source,
+                offsets_ns=dict(self._plan.stamps.offsets_ns),
+                topics=list(self._plan.topics),
+                excerpt=str(self._plan.excerpt),
             ),
-            mounts=mounts,
-            cameras=cameras,
+            mounts=first.mounts,
+            cameras=first.cameras,
+            rig_changes=changed,
             num_frames=len(self._writer.records),
-            num_segments=self._segment + 1,
+            num_segments=len({record.segment for record in self._writer.records}),
             digest=self._chain,
             versions=package_versions(),
         )

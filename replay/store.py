@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -10,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+import numpy as np
 import pyarrow as pa
 
 from fbench.replay.boxes import Boxes2D, Boxes3D
@@ -21,9 +23,10 @@ from fbench.replay.scores import Score, load_scores
 from fbench.replay.tables import BoxTable, BoxWriter, read_boxes, read_table, write_table
 
 B = TypeVar("B", Boxes2D, Boxes3D)
+_FRAMES_AT_ONCE = 256
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameRecord:
     """One frame of a run."""
 
@@ -56,7 +59,8 @@ class RunWriter:
         except OSError as error:
             raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
         self._records: list[FrameRecord] = []
-        self._timings: list[tuple[int, str, int]] = []
+        self._rows: dict[int, int] = {}
+        self._timings = _Timings()
         self._writers: dict[str, BoxWriter] = {}
 
     def __enter__(self) -> Self:
@@ -76,8 +80,9 @@ class RunWriter:
 
     def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int]) -> None:
         """Append one frame."""
+        self._rows[record.index] = len(self._records)
         self._records.append(record)
-        self._timings += [(record.index, stage, ns) for stage, ns in stage_ns.items()]
+        self._timings.add(record.index, stage_ns)
 
     def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
         """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
@@ -93,7 +98,8 @@ class RunWriter:
         """Attach truth to frame `index`."""
         named = (("3d", truth.boxes3d), ("2d", truth.boxes2d))
         spaces = " ".join(name for name, boxes in named if boxes is not None)
-        self._records[index] = replace(self._records[index], truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
+        row = self._rows[index]
+        self._records[row] = replace(self._records[row], truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
         if truth.boxes3d is not None:
             self.add_boxes("truth", index, truth.boxes3d)
         if truth.boxes2d is not None:
@@ -113,13 +119,7 @@ class RunWriter:
             writer.close()
         self._writers = {}
         write_table(self.partial / "frames.parquet", _frame_columns(self._records))
-        frames, stages, ns = (list(c) for c in zip(*self._timings, strict=True)) if self._timings else ([], [], [])
-        columns = {
-            "frame": pa.array(frames, pa.int64()),
-            "stage": pa.array(stages, pa.string()),
-            "ns": pa.array(ns, pa.int64()),
-        }
-        write_table(self.partial / "timings.parquet", columns)
+        write_table(self.partial / "timings.parquet", self._timings.columns())
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
         _swap(self.partial, self.folder)
@@ -143,6 +143,32 @@ def _swap(new: Path, folder: Path) -> None:
         folder.rename(old)
     new.rename(folder)
     shutil.rmtree(old, ignore_errors=True)
+
+
+class _Timings:
+    """Wall time of each stage in each frame, as compact columns."""
+
+    def __init__(self) -> None:
+        self._frames, self._stages, self._ns = array("q"), array("q"), array("q")
+        self._names: dict[str, int] = {}
+
+    def add(self, frame: int, stage_ns: Mapping[str, int]) -> None:
+        for stage, ns in stage_ns.items():
+            self._frames.append(frame)
+            self._stages.append(self._names.setdefault(stage, len(self._names)))
+            self._ns.append(ns)
+
+    def columns(self) -> dict[str, pa.Array]:
+        stages = pa.DictionaryArray.from_arrays(_int64(self._stages), pa.array(list(self._names), pa.string()))
+        return {"frame": _int64(self._frames), "stage": stages.dictionary_decode(), "ns": _int64(self._ns)}
+
+
+def _int64(values: "array[int]") -> pa.Array:
+    return pa.array(np.frombuffer(values, np.int64), pa.int64())
+
+
+def _record(row: dict[str, Any]) -> FrameRecord:
+    return FrameRecord(**{**row, "missing": json.loads(row["missing"])})
 
 
 def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
@@ -176,10 +202,18 @@ class Run:
     def frames(self) -> tuple[FrameRecord, ...]:
         """All frames, in order."""
         path = self.folder / "frames.parquet"
-        rows = read_table(path).to_pylist()
-        if rows and sorted(rows[0]) != sorted(f.name for f in fields(FrameRecord)):
+        table = read_table(path)
+        names = [f.name for f in fields(FrameRecord)]
+        if sorted(table.column_names) != sorted(names):
             raise RunError(f"{path}: can't be read (not a table of frames)")
-        return tuple(FrameRecord(**{**row, "missing": json.loads(row["missing"])}) for row in rows)
+        # In small pieces: Python objects of whole columns would take more memory than all else.
+        batches = table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE)
+        return tuple(_record(row) for batch in batches for row in batch.to_pylist())
+
+    @cached_property
+    def _spaces(self) -> dict[int, str]:
+        """What is labelled, by frame index; a run of a part of a log doesn't begin with 0."""
+        return {frame.index: frame.truth_spaces for frame in self.frames}
 
     @cached_property
     def detections(self) -> BoxTable:
@@ -210,7 +244,7 @@ class Run:
         return self._at("truth_2d.parquet", self._truth2d, index, "2d", Boxes2D)
 
     def _at(self, name: str, table: BoxTable | None, index: int, space: str, kind: type[B]) -> B | None:
-        if space not in self.frames[index].truth_spaces.split():
+        if space not in self._spaces.get(index, "").split():
             return None
         boxes = None if table is None else table.at(index)
         if not isinstance(boxes, kind):
@@ -222,8 +256,9 @@ class Run:
         """Wall time [ns] of each stage over the frames in which it ran, and `total` of every frame."""
         table = read_table(self.folder / "timings.parquet")
         stages: dict[str, list[int]] = {}
-        for stage, ns in zip(table.column("stage").to_pylist(), table.column("ns").to_pylist(), strict=True):
-            stages.setdefault(str(stage), []).append(int(ns))
+        for batch in table.select(["stage", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
+            for stage, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+                stages.setdefault(str(stage), []).append(int(ns))
         return stages
 
     @cached_property

@@ -5,6 +5,7 @@ one, else by nearest stamp within a tolerance. A frame is released whole when ev
 or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronisation).
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -105,11 +106,17 @@ class SyncCounts:
     """What became of the messages that are in no frame, and what was late."""
 
     late_ms: dict[tuple[int, str], float]
-    """How much too late a message came, by frame index and sensor."""
+    """How much too late a message came for a frame that lacks it, by frame index and sensor."""
     unused: dict[str, int]
     """Messages that no frame needed, by sensor."""
     disordered: int
     """Messages of the reference sensor that opened no frame, since a later one had come before them."""
+
+    @property
+    def late(self) -> dict[str, int]:
+        """Messages that came after the release of the frame that lacks them, by sensor."""
+        sensors = Counter(sensor for _, sensor in self.late_ms)
+        return {sensor: sensors[sensor] for sensor in self.unused}
 
 
 class FrameBuffer:
@@ -120,7 +127,7 @@ class FrameBuffer:
         self._open: list[_Open] = []
         self._pending: list[Message] = []
         self._released: list[_Released] = []
-        self._num_frames, self._segment = 0, 0
+        self._num_frames, self._segment, self._first_of_segment = 0, 0, 0
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
         self._late_ms: dict[tuple[int, str], float] = {}
@@ -142,9 +149,7 @@ class FrameBuffer:
         stamp = message.stamp_ns
         step = None if self._last_stamp_ns is None else stamp - self._last_stamp_ns
         if step is not None and (why := self._border(step)):
-            yield from self._release_all()
-            self.breaks.append(f"{why} before frame {self._num_frames}")
-            self._segment, self._periods, self._released = self._segment + 1, _Periods(), []
+            yield from self.break_off(why)
         elif step is not None and step <= 0:
             self._disordered += 1
             return
@@ -154,6 +159,14 @@ class FrameBuffer:
         self._num_frames += 1
         self._open.append(frame)
         self._adopt(frame)
+
+    def break_off(self, why: str) -> Iterator[Frame]:
+        """Release all frames and begin a new segment with the next one, where there were frames already."""
+        yield from self._release_all()
+        self._periods, self._released = _Periods(), []
+        if self._num_frames and self._num_frames != self._first_of_segment:
+            self.breaks.append(f"{why} before frame {self._num_frames}")
+            self._segment, self._first_of_segment = self._segment + 1, self._num_frames
 
     def add(self, message: Message) -> Iterator[Frame]:
         """Put one message into the frame that it belongs to, or keep it until that frame opens."""
@@ -175,6 +188,11 @@ class FrameBuffer:
         for message in self._pending:
             self._unused[message.sensor] += 1
         self._pending = []
+
+    @property
+    def segment(self) -> int:
+        """Segment of the frame that opens next, as far as it is known."""
+        return self._segment
 
     @property
     def num_frames(self) -> int:

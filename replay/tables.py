@@ -15,6 +15,7 @@ from fbench.replay.data import Boxes
 from fbench.replay.errors import RunError
 
 _ROWS_PER_GROUP = 16384
+_JOINED_FRAMES = 64
 _TYPES = {
     "center_m": pa.list_(pa.float64(), 3), "size_lwh_m": pa.list_(pa.float64(), 3), "yaw_rad": pa.float64(),
     "roll_rad": pa.float64(), "pitch_rad": pa.float64(), "velocity_mps": pa.list_(pa.float64(), 3),
@@ -47,6 +48,7 @@ class BoxWriter:
     def __init__(self, path: Path, kind: type[Boxes2D] | type[Boxes3D]) -> None:
         self._schema = _schema(kind)
         self._writer = pq.ParquetWriter(path, self._schema, compression="zstd", write_page_checksum=True)
+        self._joined: list[pa.RecordBatch] = []
         self._pending: list[pa.RecordBatch] = []
         self._num_rows = 0
         self._present: dict[str, None] = {}
@@ -61,7 +63,9 @@ class BoxWriter:
         columns += [_column(arrays.get(f.name), f.type, len(boxes)) for f in list(self._schema)[1:]]
         self._pending.append(pa.RecordBatch.from_arrays(columns, schema=self._schema))
         self._num_rows += len(boxes)
-        if self._num_rows >= _ROWS_PER_GROUP or len(self._pending) >= _ROWS_PER_GROUP // 8:
+        if len(self._pending) == _JOINED_FRAMES:
+            self._join()
+        if self._num_rows >= _ROWS_PER_GROUP:
             self._flush()
 
     def close(self) -> None:
@@ -70,10 +74,17 @@ class BoxWriter:
         self._writer.add_key_value_metadata({"present": ",".join(sorted(self._present))})
         self._writer.close()
 
+    def _join(self) -> None:
+        """Copy many small batches into one: each costs kilobytes beside its rows."""
+        if self._pending:
+            self._joined += pa.Table.from_batches(self._pending).combine_chunks().to_batches()
+        self._pending = []
+
     def _flush(self) -> None:
+        self._join()
         if self._num_rows:
-            self._writer.write_table(pa.Table.from_batches(self._pending).combine_chunks())
-        self._pending, self._num_rows = [], 0
+            self._writer.write_table(pa.Table.from_batches(self._joined).combine_chunks())
+        self._joined, self._num_rows = [], 0
 
 
 def _schema(kind: type[Boxes2D] | type[Boxes3D]) -> pa.Schema:
@@ -132,7 +143,7 @@ def read_table(path: Path) -> pa.Table:
         RunError: where it is missing or damaged.
     """
     try:
-        return pq.read_table(path, page_checksum_verification=True)
+        return pq.read_table(path, page_checksum_verification=True, use_threads=False, pre_buffer=False)
     except (OSError, pa.ArrowException) as error:
         raise RunError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
 

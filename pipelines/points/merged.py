@@ -89,7 +89,7 @@ def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo)
     words = {"lidar": "a LiDAR", "radar": "a radar", "camera": "a camera"}
     wanted = " or ".join(words[kind] for kind in kinds)
     present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
-    raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}")
+    raise LogError(f"log '{log_info.name}': {pipeline} needs {wanted}; the log has: {present}", "CFG001")
 
 
 def _in_order(frame: Frame) -> Iterator[object]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import compare, demo, examples, log, plugins, replay, report, score
+from fbench.replay.cli import compare, demo, examples, log, plugins, replay, report, score, verify
 from fbench.replay.errors import EXIT_DATA, EXIT_USAGE, FbenchError
 
 app = typer.Typer(
@@ -22,6 +22,7 @@ app.command("replay", epilog=examples.REPLAY)(replay.replay)
 app.command("score", epilog=examples.SCORE)(score.score)
 app.command("report", epilog=examples.REPORT)(report.report)
 app.command("compare", epilog=examples.COMPARE)(compare.compare)
+app.command("verify", epilog=examples.VERIFY)(verify.verify)
 app.command("plugins", epilog=examples.PLUGINS)(plugins.plugins)
 app.add_typer(log.app, name="log")
 
@@ -50,6 +51,8 @@ def main() -> None:
     """Run the command line; foreseen errors become one line on stderr and an exit code."""
     # One BLAS thread, so that sums never depend on the number of cores; must be set before numpy is imported.
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    # Arrow's own allocator keeps what it once had, and tens of megabytes add up.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     # So that a cancelled job cleans up behind itself.
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     arguments = sys.argv[1:]
@@ -74,6 +77,7 @@ def _line(error: Exception) -> str:
         text = f"{error.filename or 'output'}: {error.strerror or error}"
     else:
         text = error.format_message() if isinstance(error, _UsageError) else str(error)
+        text += f" [{error.code}]" if isinstance(error, FbenchError) and error.code else ""
     return "".join(c if c.isprintable() else " " for c in text)
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from fbench.replay.cli.job import Job, run_job, show_run
 from fbench.replay.cli.show import console
+from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.plugins import load
 
 PIPELINES = ("lidar3d", "radar3d", "late3d")
@@ -21,7 +22,7 @@ def run_demo(folder: Path) -> None:
     runs = []
     for pipeline in PIPELINES:
         out.print(f"\n[bold]{pipeline}[/bold]")
-        runs.append(run_job(Job(log, pipeline, out=folder / pipeline, overwrite=True, tolerant=True)))
+        runs.append(run_job(Job(log, pipeline, out=folder / pipeline, overwrite=True, budget=FaultBudget(None))))
         show_run(runs[-1], as_json=False)
     report = folder / "report.html"
     load("reports", "html")().write(runs, report)

@@ -11,6 +11,19 @@ REPLAY = (
 SCORE = f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around"
 REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
 COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
+VERIFY = (
+    f"{_HEAD}fbench verify log.mcap -p lidar3d\n\n"
+    "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50"
+)
 PLUGINS = f"{_HEAD}fbench plugins\n\nfbench plugins pipelines late3d"
 LOG_INFO = f"{_HEAD}fbench log info log.mcap\n\nfbench log info log.mcap --json"
+LOG_CHECK = (
+    f"{_HEAD}fbench log check log.mcap\n\nfbench log check log.mcap -p late3d --timeout-ms 50\n\n"
+    "fbench log check log.bag --ignore LOG006 --json"
+)
+LOG_CONVERT = (
+    f"{_HEAD}fbench log convert drive.mcap -o drive.parquet\n\n"
+    "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'\n\n"
+    "fbench log convert drive.mcap -o drive --split-s 60"
+)
 LOG_IMPORT = f"{_HEAD}fbench log import astyx path/to/astyx -o astyx.mcap"

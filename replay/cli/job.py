@@ -10,17 +10,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fbench.replay.cli.progress import frame_progress
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.cli.show import console, fault_lines, latency_table, null_reasons, score_table
-from fbench.replay.clock import make_clock
+from fbench.replay.clock import Pace, make_clock
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FAULTS, FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
 from fbench.replay.logs.open import open_log
 from fbench.replay.plugins import load, make_pipeline
+from fbench.replay.read_ahead import DEFAULT, opened_ahead
+from fbench.replay.restamp import StampParams
 from fbench.replay.run import Plan, replay
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.store import Run
@@ -38,7 +43,12 @@ class Job:
     overwrite: bool = False
     rate: str = "max"
     sync: SyncParams = field(default_factory=SyncParams)
-    tolerant: bool = False
+    stamps: StampParams = field(default_factory=StampParams)
+    excerpt: Excerpt = field(default_factory=Excerpt)
+    topics: list[str] = field(default_factory=list)
+    read_ahead: int | None = DEFAULT
+    """Messages to decode in advance; `None`: as many as fit into the memory set aside for it."""
+    budget: FaultBudget = field(default_factory=FaultBudget)
     scoring: ScoreOptions = field(default_factory=ScoreOptions)
     report: bool = False
     debug: bool = False
@@ -64,7 +74,8 @@ def run_job(job: Job) -> Run:
     start = time.monotonic()
 
     def complete(folder: Path) -> None:
-        host = {**describe_host(), "rate": job.rate, "wall_s": round(time.monotonic() - start, 3)}
+        wall_s = round(time.monotonic() - start, 3)
+        host = {**describe_host(), "rate": job.rate, "wall_s": wall_s, **_measured(clock.pace)}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         score_folder(folder, job.scoring)
 
@@ -72,18 +83,21 @@ def run_job(job: Job) -> Run:
     name = short_name(job.pipeline)
     # What a plug-in prints must not get between the lines of --json.
     with explained(faults), frame_progress(f"{job.log.name} → {name}") as progress, redirect_stdout(sys.stderr):
-        reader = open_log(job.log, faults)
         plan = Plan(
             pipeline,
             name,
             parameters,
-            job.sync,
-            clock,
-            job.tolerant,
+            sync=job.sync,
+            stamps=job.stamps,
+            excerpt=job.excerpt,
+            topics=job.topics,
+            clock=clock,
+            budget=job.budget,
             progress=progress,
             failed=_first_traceback(job.debug),
         )
-        replay(reader, plan, job.folder, faults, job.overwrite, complete)
+        with opened_ahead(lambda met: open_log(job.log, met, job.topics), faults, job.read_ahead) as reader:
+            replay(reader, plan, job.folder, faults, job.overwrite, complete)
     run = Run(job.folder)
     if job.report:
         load("reports", "html")().write([run], job.folder / "report.html")
@@ -111,7 +125,7 @@ def explained(faults: FaultLog) -> Iterator[None]:
         first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in sorted(faults.places.items())), None)
         if first is None:
             raise
-        raise LogError(f"{error}; before that: {first}") from error
+        raise LogError(f"{error}; before that: {first}", error.code) from error
 
 
 def to_ns(value: float, unit_ns: float) -> int:
@@ -146,13 +160,33 @@ def _status(run: Run) -> list[str]:
     lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
     lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
-    unused = run.json("faults.json")["unused_messages"]
-    lines += [f"unused: {num} messages of {sensor}, which frames don't need" for sensor, num in unused.items() if num]
+    counts = run.json("faults.json")
+    for sensor, num in counts["late_messages"].items():
+        lines += [f"late: {num} messages of {sensor} came after their frame was released"] if num else []
+    for sensor, num in counts["unused_messages"].items():
+        lines += [f"unused: {num} messages of {sensor}, which frames don't need"] if num else []
     lines += [f"fault: {line}" for line in fault_lines(run)]
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
     report = run.folder / "report.html"
+    lines.append(_pace(run.json("host.json")))
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
+
+
+def _measured(pace: Pace) -> dict[str, float]:
+    """What is known of the pace, for host.json."""
+    values = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+    return {name: round(value, 3) for name, value in values.items() if value is not None}
+
+
+def _pace(host: dict[str, Any]) -> str:
+    achieved = f"{host['achieved_rate']:.3g}x" if "achieved_rate" in host else "–"
+    if host["rate"] == "max":
+        return f"pace: {achieved} real time"
+    return (
+        f"pace: asked {host['rate']}x, achieved {achieved}, "
+        f"p99 late {host['p99_late_ms']:.2g} ms, max {host['max_late_ms']:.2g} ms"
+    )
 
 
 def _kind(reason: str) -> str:

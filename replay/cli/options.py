@@ -5,11 +5,35 @@ from typing import Annotated
 
 import typer
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file.")]
+Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing run.")]
-RangeM = Annotated[float, typer.Option("--range-m", min=0, help="Score objects within this distance [m].")]
+RangeM = Annotated[float, typer.Option("--range-m", min=0, help="Score objects within this distance, in m.")]
 InView = Annotated[bool, typer.Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
-DistanceM = Annotated[float, typer.Option("--distance-m", min=0, help="3D match: centres this near on the ground [m].")]
+DistanceM = Annotated[
+    float, typer.Option("--distance-m", min=0, help="3D match: centres this near on the ground, in m.")
+]
+From = Annotated[
+    str | None,
+    typer.Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
+]
+To = Annotated[str | None, typer.Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
+Frames = Annotated[str | None, typer.Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
+Topics = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."
+    ),
+]
+Offset = Annotated[
+    list[str] | None,
+    typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; may be repeated."),
+]
+Stamps = Annotated[
+    str, typer.Option("--stamps", help="Instants are those of the 'header', or of the 'log', when it was recorded.")
+]
+ReadAhead = Annotated[
+    str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
+]
 Iou = Annotated[float, typer.Option("--iou", min=0, max=1, help="2D match: at least this overlap.")]

@@ -5,7 +5,22 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli.options import DistanceM, InView, Iou, Json, Log, Overwrite, RangeM
+from fbench.replay.cli.options import (
+    DistanceM,
+    Frames,
+    From,
+    InView,
+    Iou,
+    Json,
+    Log,
+    Offset,
+    Overwrite,
+    RangeM,
+    ReadAhead,
+    Stamps,
+    To,
+    Topics,
+)  # fmt: skip
 
 
 def replay(
@@ -19,12 +34,23 @@ def replay(
     overwrite: Overwrite = False,
     rate: Annotated[str, typer.Option(help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")] = "max",
     reference: Annotated[str | None, typer.Option(help="Sensor whose stamps are the frames' instants.")] = None,
-    timeout_ms: Annotated[float, typer.Option(min=0, help="How long a frame waits for its sensors [ms].")] = 30.0,
-    tolerance_ms: Annotated[float, typer.Option(min=0, help="How far stamps may lie from the instant [ms].")] = 50.0,
-    max_gap_s: Annotated[float, typer.Option(min=0, help="A longer pause begins a new segment [s].")] = 2.0,
+    timeout_ms: Annotated[float, typer.Option(min=0, help="How long a frame waits for its sensors, in ms.")] = 30.0,
+    tolerance_ms: Annotated[float, typer.Option(min=0, help="How far stamps may lie from the instant, in ms.")] = 50.0,
+    max_gap_s: Annotated[float, typer.Option(min=0, help="A longer pause begins a new segment, in s.")] = 2.0,
+    from_: From = None,
+    to: To = None,
+    frames: Frames = None,
+    topics: Topics = None,
+    offset: Offset = None,
+    stamps: Stamps = "header",
+    read_ahead: ReadAhead = "auto",
     on_fault: Annotated[
         str, typer.Option(help="'strict': lost data mean exit 4; 'tolerant': only counted.")
     ] = "strict",
+    fault_budget: Annotated[
+        list[str] | None,
+        typer.Option(metavar="[CODE=]N", help="So many faults that lose data are allowed, of one code or in all."),
+    ] = None,
     range_m: RangeM = 50.0,
     in_view: InView = True,
     distance_m: DistanceM = 2.0,
@@ -34,12 +60,14 @@ def replay(
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
     from fbench.replay.cli.job import Job, run_job, show_run, to_ns
-    from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+    from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
+    from fbench.replay.excerpt import make_excerpt
+    from fbench.replay.fault_budget import parse_budget
+    from fbench.replay.read_ahead import make_limit
+    from fbench.replay.restamp import make_stamp_params
     from fbench.replay.scores import ScoreOptions
     from fbench.replay.sync import SyncParams
 
-    if on_fault not in ("strict", "tolerant"):
-        raise ConfigError(f"--on-fault {on_fault}: expected 'strict' or 'tolerant'")
     sync = SyncParams(reference, to_ns(timeout_ms, 1e6), to_ns(tolerance_ms, 1e6), to_ns(max_gap_s, 1e9))
     job = Job(
         log=log,
@@ -49,7 +77,11 @@ def replay(
         overwrite=overwrite,
         rate=rate,
         sync=sync,
-        tolerant=on_fault == "tolerant",
+        stamps=make_stamp_params(stamps, offset or []),
+        excerpt=make_excerpt(from_, to, frames),
+        topics=topics or [],
+        read_ahead=make_limit(read_ahead),
+        budget=parse_budget(on_fault, fault_budget or []),
         scoring=ScoreOptions(range_m, in_view, distance_m, iou),
         report=report,
         debug=bool(context.find_root().params["debug"]),

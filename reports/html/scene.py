@@ -11,7 +11,7 @@ from fbench.replay.data import Boxes, Kind, Rig
 from fbench.replay.media import MediaFrame, Points
 from fbench.replay.store import Run
 from fbench.reports.html.boxes import box_rows
-from fbench.reports.html.timeline import timeline
+from fbench.reports.html.timeline import row_numbers, timeline
 
 MAX_POINTS = 4000
 """Of one cloud; more can't be told apart at the size of the view."""
@@ -42,12 +42,16 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
 
 
 def _run(run: Run, label: str, pictures: _Pool, clouds: _Pool) -> dict[str, Any]:
-    rig = run.manifest.rig
+    rig, rows = run.manifest.rig, row_numbers(run)
     return {
         "label": label,
         "timeline": timeline(run),
         "cameras": {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())},
-        "frames": [_frame(run, rig, kept, pictures, clouds) for kept in run.media if kept.index < len(run.frames)],
+        "frames": [
+            {"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)}
+            for kept in run.media
+            if kept.index in rows
+        ],
     }
 
 
@@ -56,7 +60,6 @@ def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: _Pool, clouds: _Pool)
     truth: Boxes | None = run.truth3d(kept.index)
     truth = run.truth2d(kept.index) if truth is None else truth
     return {
-        "index": kept.index,
         "pictures": {name: pictures.add(picture.jpeg) for name, picture in sorted(kept.pictures.items())},
         "clouds": [_cloud(rig, name, points, clouds) for name, points in sorted(kept.points.items())],
         "labelled": truth is not None,

@@ -13,15 +13,22 @@ def timeline(run: Run) -> dict[str, Any]:
     """Return counts, segments, missing sensors and failures of all frames."""
     frames = run.frames
     start_ns = frames[0].stamp_ns if frames else 0
+    rows = row_numbers(run)
     return {
+        "first": frames[0].index if frames else 0,
         "t": [(f.stamp_ns - start_ns) / 1e9 for f in frames],
         "segment": [f.segment for f in frames],
         "truth": [_num_truth(run, f) for f in frames],
-        "detections": _counts(run.detections, len(frames)) if frames else [],
-        "tracks": _counts(run.tracks, len(frames)) if frames else [],
-        "missing": [[f.index, sensor, why] for f in frames for sensor, why in sorted(f.missing.items())],
-        "failed": [[f.index, f.failed] for f in frames if f.failed is not None],
+        "detections": _counts(run.detections, rows) if frames else [],
+        "tracks": _counts(run.tracks, rows) if frames else [],
+        "missing": [[rows[f.index], sensor, why] for f in frames for sensor, why in sorted(f.missing.items())],
+        "failed": [[rows[f.index], f.failed] for f in frames if f.failed is not None],
     }
+
+
+def row_numbers(run: Run) -> dict[int, int]:
+    """Position of each frame in a run, by its index; a part of a log doesn't begin with frame 0."""
+    return {frame.index: row for row, frame in enumerate(run.frames)}
 
 
 def frame_times(run: Run) -> list[float]:
@@ -30,8 +37,10 @@ def frame_times(run: Run) -> list[float]:
     return [ns / 1e6 for ns in total] if len(total) == len(run.frames) else []
 
 
-def _counts(table: BoxTable, num_frames: int) -> list[int]:
-    return [int(n) for n in np.bincount(table.frames, minlength=num_frames)[:num_frames]]
+def _counts(table: BoxTable, rows: dict[int, int]) -> list[int]:
+    last = max(rows) + 1
+    counts = np.bincount(table.frames, minlength=last)
+    return [int(counts[index]) for index in rows]
 
 
 def _num_truth(run: Run, frame: FrameRecord) -> int | None:

@@ -11,7 +11,7 @@ import pytest
 from fbench.replay.arrays import Text
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes, CameraModel, Mount, Rig, Truth
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entries
+from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
 from fbench.replay.store import FrameRecord, Run, RunWriter
 
 Names = str | list[str] | None
@@ -90,15 +90,15 @@ class Case:
 
 def make_manifest(rig: Rig = NO_CAMERA, **changes: Any) -> Manifest:
     """A manifest; `changes` are fields of it."""
-    mounts, cameras = rig_entries(rig)
+    entry = rig_entry(0, rig)
     fields: dict[str, Any] = {
         "complete": True,
         "log": LogEntry(name="log", log_id="id", digest="d" * 32, metadata={}),
         "pipeline": "lidar3d",
         "parameters": {},
         "frames": FrameEntry(reference="lidar", timeout_ns=1, tolerance_ns=1, max_gap_ns=1),
-        "mounts": mounts,
-        "cameras": cameras,
+        "mounts": entry.mounts,
+        "cameras": entry.cameras,
         "num_frames": 1,
         "num_segments": 1,
         "digest": "",
@@ -107,7 +107,7 @@ def make_manifest(rig: Rig = NO_CAMERA, **changes: Any) -> Manifest:
     return Manifest(**{**fields, **changes})
 
 
-def write_run(folder: Path, cases: Sequence[Case], rig: Rig = NO_CAMERA) -> Run:
+def write_run(folder: Path, cases: Sequence[Case], rig: Rig = NO_CAMERA, **changes: Any) -> Run:
     """Write cases as a run and read it back."""
     with RunWriter(folder) as writer:
         for i, case in enumerate(cases):
@@ -116,7 +116,7 @@ def write_run(folder: Path, cases: Sequence[Case], rig: Rig = NO_CAMERA) -> Run:
             writer.add_boxes("tracks", i, case.estimates if case.tracks is None else case.tracks)
             if case.truth is not None or case.truth2d is not None:
                 writer.label_frame(i, Truth(i * 100, i * 100, case.truth, case.truth2d))
-        return Run(writer.finish(make_manifest(rig)))
+        return Run(writer.finish(make_manifest(rig, **changes)))
 
 
 class MakeRun(Protocol):

@@ -1,20 +1,24 @@
 """All scores of a run: order, the same rows whatever was found, and bytes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fbench.metrics.clear import Clear
 from fbench.metrics.detection import Detection
 from fbench.metrics.score import score_run
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import Rig
 from fbench.replay.errors import ConfigError
+from fbench.replay.manifest import rig_entry
 from fbench.replay.protocols import Metric
 from fbench.replay.scores import Score, ScoreOptions, load_scores, save_scores
 from fbench.replay.store import Run
 
-from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
+from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
 METRICS: tuple[Metric, ...] = (Clear(), Detection())
 PRIMARY = ["f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw"]
@@ -74,3 +78,16 @@ def test_equal_runs_give_equal_bytes_and_read_back(make_run: MakeRun, tmp_path: 
 def test_options_that_mean_nothing_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="score options"):
         ScoreOptions(**options)  # type: ignore[arg-type]
+
+
+def test_a_changed_calibration_holds_from_its_segment_on(tmp_path: Path) -> None:
+    """A box ahead is in view of a camera that looks ahead, and not of one that is turned by 180 degrees."""
+    ahead = boxes3d((20, 0), label="car", ids=[1])
+    rig = front_camera()
+    x, y, z, w = rig.mounts["front"].rotation_xyzw
+    turned = replace(rig.mounts["front"], rotation_xyzw=np.array([-y, x, w, -z]))
+    change = rig_entry(1, Rig({**rig.mounts, "front": turned}, rig.cameras))
+    cases = [Case(ahead, ahead), Case(ahead, ahead, segment=1)]
+    same = write_run(tmp_path / "same", cases, rig)
+    changed = write_run(tmp_path / "changed", cases, rig, rig_changes=[change])
+    assert [all_scores(run)[0].counts["tp"] for run in (same, changed)] == [2, 1]

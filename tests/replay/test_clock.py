@@ -1,6 +1,6 @@
 import pytest
 
-from fbench.replay.clock import PacedClock, VirtualClock, make_clock
+from fbench.replay.clock import Pace, PacedClock, VirtualClock, make_clock
 from fbench.replay.errors import ConfigError
 
 S = 1_000_000_000
@@ -56,3 +56,46 @@ def test_make_clock():
 def test_bad_rates(rate):
     with pytest.raises(ConfigError, match="expected 'max' or a positive number"):
         make_clock(rate, S)
+
+
+def test_pace_says_what_was_achieved_and_how_late():
+    wall = Wall()
+    clock = PacedClock(2.0, 5 * S, wall.now_ns, wall.sleep_s)
+    assert clock.pace == Pace(2.0, None)
+    for second in range(10):
+        clock.wait_until(second * S)
+    assert clock.pace == Pace(2.0, 2.0, 0.0, 0.0)
+    wall.ns += round(1.5 * S)  # the pipeline takes three times as long as it may
+    clock.wait_until(10 * S)
+    assert clock.pace == Pace(2.0, pytest.approx(10 / 6), 1000.0, 1000.0)
+
+
+def test_sleep_that_returns_late_is_jitter_and_no_drift():
+    wall = Wall()
+
+    def sleep_s(seconds):
+        wall.sleep_s(seconds + 0.001)
+
+    clock = PacedClock(1.0, 5 * S, wall.now_ns, sleep_s)
+    for i in range(100_000):
+        clock.wait_until(i * S // 100)
+    assert wall.ns == (99_999 * S // 100) + S // 1000
+    assert clock.pace == Pace(1.0, pytest.approx(1.0, rel=1e-5), 1.0, 1.0)
+
+
+def test_pauses_do_not_count_as_pace():
+    wall = Wall()
+    clock = PacedClock(1.0, 5 * S, wall.now_ns, wall.sleep_s)
+    for second in (0, 4, 1000, 1002):
+        clock.wait_until(second * S)
+    assert clock.pace.achieved == pytest.approx(1.0)
+
+
+def test_virtual_clock_knows_its_pace_too():
+    wall = Wall()
+    clock = VirtualClock(5 * S, wall.now_ns)
+    assert clock.pace == Pace(None, None)
+    for second in (0, 4, 1000, 1002):
+        clock.wait_until(second * S)
+        wall.ns += S // 10
+    assert clock.pace == Pace(None, pytest.approx(6 / 0.2))

@@ -16,6 +16,7 @@ import pytest
 from fbench.replay.clock import PacedClock
 from fbench.replay.data import Boxes2D, Boxes3D, Fault, Output, PointCloud, Pose, Truth
 from fbench.replay.errors import ConfigError, LogError, RunError
+from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.run import Plan, replay
 from fbench.replay.store import Run
@@ -140,7 +141,7 @@ def test_failing_frame_is_counted_and_the_rest_goes_on(tmp_path):
 
 
 def test_tolerated_loss_leaves_the_run_complete(tmp_path):
-    run = play(drive(), tmp_path / "run", Flaky({4}), tolerant=True)
+    run = play(drive(), tmp_path / "run", Flaky({4}), budget=FaultBudget(None))
     assert run.manifest.complete
     assert run.json("faults.json")["lost"] == 1
 

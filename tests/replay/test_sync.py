@@ -1,5 +1,6 @@
 """The frame buffer: the thesis's worked example, nearest stamps, segments."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,13 @@ from hypothesis import strategies as st
 
 from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.run import Plan
+from fbench.replay.run import replay as play_log
+from fbench.replay.store import Run
 from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference
+
+from .fakes import Echo, FakeLog
 
 MS = 1_000_000
 SENSORS = ("camera", "lidar", "radar")
@@ -59,6 +66,33 @@ def test_thesis_example_with_frame_numbers():
     ]
     assert buffer.counts.late_ms == {(2, "lidar"): 15.0}
     assert [f.frame_number for f in frames] == [0, 1, 2, 3]
+
+
+THESIS = (
+    {"camera": 5, "lidar": 5, "radar": 5},  # all on time
+    {"camera": 0, "lidar": 15, "radar": 29},  # staggered, but in time
+    {"camera": 0, "lidar": 45, "radar": 10},  # LiDAR 15 ms too late
+    {"camera": 0, "lidar": 5, "radar": None},  # radar missing
+)
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_thesis_example_through_a_replay(tmp_path, numbered):
+    messages = [m for i, offsets in enumerate(THESIS) for m in thesis_frame(i, offsets)]
+    log = FakeLog(
+        [m if numbered else replace(m, frame_number=None) for m in messages],
+        rig=rig(camera="camera", lidar="lidar", radar="radar"),
+    )
+    run = Run(play_log(log, Plan(Echo(), "echo", sync=SyncParams("camera")), tmp_path / "run", FaultLog()))
+    assert [(f.stamp_ns // MS, f.frame_number, dict(f.missing)) for f in run.frames] == [
+        (0, 0 if numbered else None, {}),
+        (100, 1 if numbered else None, {}),
+        (200, 2 if numbered else None, {"lidar": "late by 15.0 ms"}),
+        (300, 3 if numbered else None, {"radar": "never came"}),
+    ]
+    faults = run.json("faults.json")
+    assert faults["late_messages"] == {"camera": 0, "lidar": 1, "radar": 0}
+    assert faults["unused_messages"] == {"camera": 0, "lidar": 0, "radar": 0}
 
 
 def test_message_at_the_deadline_is_in_time():

@@ -14,7 +14,7 @@ from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes, CameraModel, Mount, Rig, Truth
 from fbench.replay.faults import FaultLog
 from fbench.replay.images import encode_jpeg
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entries
+from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
 from fbench.replay.media import MediaFrame, Picture, Points
 from fbench.replay.scores import Score, save_scores
 from fbench.replay.store import FrameRecord, Run, RunWriter
@@ -149,7 +149,7 @@ def _add_frame(writer: RunWriter, plan: Plan, index: int) -> None:
 
 
 def _manifest(plan: Plan) -> Manifest:
-    mounts, cameras = rig_entries(RIG)
+    entry = rig_entry(0, RIG)
     return Manifest(
         complete=plan.complete,
         log=LogEntry(name=plan.log, log_id="id-1", digest=plan.log_digest, metadata=dict(plan.metadata)),
@@ -162,8 +162,8 @@ def _manifest(plan: Plan) -> Manifest:
             max_gap_ns=2_000_000_000,
             max_jump_ns=1_000_000_000,
         ),
-        mounts=mounts,
-        cameras=cameras,
+        mounts=entry.mounts,
+        cameras=entry.cameras,
         num_frames=plan.num_frames,
         num_segments=2 if plan.num_frames else 0,
         digest="99887766554433221100",

@@ -12,7 +12,7 @@ from fbench.replay.boxes import Boxes3D
 from fbench.replay.cli import main
 from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap_write import McapWriter
+from fbench.replay.logs.mcap.write import McapWriter
 
 MS = 1_000_000
 UPRIGHT = np.array([0.0, 0, 0, 1])

@@ -1,0 +1,163 @@
+"""Messages of a log in, the chosen frames out."""
+
+from collections.abc import Iterator, Sequence
+
+from fbench.replay.clean import Skipped, clean
+from fbench.replay.clock import Clock
+from fbench.replay.data import Frame, Message, Rig, RigChange, Truth
+from fbench.replay.digest import Digest
+from fbench.replay.errors import LogError
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.faults import FaultLog
+from fbench.replay.labelling import Instant, Labelling
+from fbench.replay.protocols import Reader
+from fbench.replay.restamp import ClockCheck, StampParams
+from fbench.replay.sync import FrameBuffer, SyncCounts, SyncParams, choose_reference
+
+
+class FrameStream:
+    """Reads a log from its beginning, so that a frame's index and content don't depend on which ones are chosen, and
+    up to the last chosen one.
+
+    Raises:
+        ConfigError: where the reference or a sensor with an offset isn't in the log.
+        LogError: where the log has no message of any sensor with calibration.
+    """
+
+    def __init__(
+        self, reader: Reader, sync: SyncParams, stamps: StampParams, excerpt: Excerpt, clock: Clock, faults: FaultLog
+    ) -> None:
+        self.rig: Rig = reader.rig
+        self.rigs: dict[int, Rig] = {0: self.rig}
+        """Rig of the first segment and of those from which on another one holds."""
+        self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
+        self._max_gap_ns = sync.max_gap_ns
+        self.reference = choose_reference(self.rig, reader.info, reader.num_messages, sync)
+        self._expected = (*self.rig.sensors("camera", "lidar", "radar"), *reader.poses)
+        stamps.require_known(self._expected)
+        self._buffer = FrameBuffer(self._expected, self.reference, sync)
+        self._clocks = ClockCheck(self.reference, stamps)
+        self._digest = Digest()
+        self._start_ns: int | None = None
+        self._num_released = 0
+        self._stop = excerpt.stop
+        self._waits = excerpt.is_whole
+        self._instants: list[Instant] = []
+        self.skipped: list[Skipped] = []
+        self.is_cut = False
+        """Whether reading stopped before the log's end."""
+
+    def frames(self, reader: Reader) -> Iterator[Frame]:
+        """Read the log and yield the chosen frames.
+
+        Raises:
+            LogError: where the clocks of sensors differ.
+        """
+        for frame in self._released(reader):
+            self._num_released = frame.index + 1
+            if self._instants[frame.index].is_chosen:
+                yield frame
+
+    def labels(self, reader: Reader) -> Iterator[tuple[int, Truth]]:
+        """Read the truth and yield that of chosen frames, with their indices."""
+        for index, truth in Labelling(self._instants).matched(self._truths(reader)):
+            if index is None:
+                self._count_unmatched(truth)
+            elif self._instants[index].is_chosen:
+                yield index, truth
+
+    @property
+    def counts(self) -> SyncCounts:
+        """What was late or unused."""
+        return self._buffer.counts
+
+    @property
+    def breaks(self) -> Sequence[str]:
+        """Why each segment after the first begins."""
+        return self._buffer.breaks
+
+    @property
+    def log_digest(self) -> str:
+        """Digest of all messages and truth that were read."""
+        return self._digest.hex()
+
+    def require_frames(self, log: str) -> None:
+        """Refuse to go on without a frame.
+
+        Raises:
+            LogError: saying why there is none.
+        """
+        if not self._instants:
+            hint = "choose another with --reference"
+            raise LogError(f"log '{log}' gives no frames: no message of '{self.reference}', {hint}")
+        if not any(instant.is_chosen for instant in self._instants):
+            there = f"it has {len(self._instants)} over {self._span_s():.3f} s"
+            raise LogError(f"log '{log}' has no frames {self._excerpt}; {there}")
+
+    def _span_s(self) -> float:
+        stamps = [instant.stamp_ns for instant in self._instants]
+        return (max(stamps) - min(stamps)) / 1e9
+
+    def _released(self, reader: Reader) -> Iterator[Frame]:
+        for recorded in reader.messages():
+            self._digest.add(recorded)
+            if isinstance(recorded, RigChange):
+                yield from self._changed(recorded)
+            else:
+                yield from self._taken(recorded, self._stamps.restamped(recorded))
+            if self._stop is not None and self._num_released >= self._stop:
+                self.is_cut = True
+                return
+        yield from self._buffer.flush()
+
+    def _taken(self, recorded: Message, message: Message) -> Iterator[Frame]:
+        if message.sensor in self._expected:
+            self._clocks.check(message)
+            self._start_ns = message.stamp_ns if self._start_ns is None else self._start_ns
+        yield from self._buffer.advance(message.log_ns)
+        if message.sensor == self.reference:
+            yield from self._opened(recorded, message)
+        if self._waits:
+            self._clock.wait_until(message.log_ns)
+        usable = clean(message, self.rig, self._faults)
+        if isinstance(usable, Skipped):
+            self.skipped.append(usable)
+        else:
+            yield from self._buffer.add(usable)
+
+    def _changed(self, change: RigChange) -> Iterator[Frame]:
+        """End the segment: what comes next was measured by other sensors."""
+        why = f"calibration of {', '.join(change.sensors)} changes"
+        yield from self._buffer.break_off(why)
+        self._faults.add("CAL002", f"{why} at {change.log_ns} ns")
+        self.rig = self.rigs[self._buffer.segment] = change.rig
+
+    def _opened(self, recorded: Message, message: Message) -> Iterator[Frame]:
+        num_breaks, num_frames = len(self._buffer.breaks), self._buffer.num_frames
+        yield from self._buffer.open_frame(message)
+        for why in self._buffer.breaks[num_breaks:]:
+            self._faults.add("TIM007" if why.startswith("gap") else "TIM005", why)
+        if self._buffer.num_frames > num_frames:
+            self._note(num_frames, recorded, message.stamp_ns)
+
+    def _note(self, index: int, recorded: Message, stamp_ns: int) -> None:
+        """Decide whether a frame is chosen, and whether it is the first behind the chosen ones."""
+        start_ns = stamp_ns if self._start_ns is None else self._start_ns
+        chosen = self._excerpt.has(index, stamp_ns, start_ns)
+        if self._waits and self._excerpt.is_past(index, stamp_ns, start_ns):
+            self._stop = index if self._stop is None else min(index, self._stop)
+        self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen))
+        self._waits = self._waits or chosen
+
+    def _truths(self, reader: Reader) -> Iterator[Truth]:
+        last_ns = max((instant.stamp_ns for instant in self._instants), default=0)
+        for truth in reader.truths():
+            if self.is_cut and truth.stamp_ns > last_ns + self._max_gap_ns:
+                return
+            self._digest.add(truth)
+            yield truth
+
+    def _count_unmatched(self, truth: Truth) -> None:
+        chosen = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
+        if self._excerpt.is_whole or min(chosen) <= truth.stamp_ns <= max(chosen):
+            self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
