@@ -14,7 +14,7 @@ from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes
 from fbench.replay.errors import RunError
 
-_ROWS_PER_GROUP = 16384
+_ROWS_PER_GROUP = 4096
 _JOINED_FRAMES = 64
 _TYPES = {
     "center_m": pa.list_(pa.float64(), 3), "size_lwh_m": pa.list_(pa.float64(), 3), "yaw_rad": pa.float64(),

@@ -1,0 +1,61 @@
+"""What digests of messages and outputs cost a replay through lidar3d: with and without them, in one process."""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from unittest.mock import patch
+
+from bench_memory import clouds, write
+
+from fbench.replay.digest import START
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+from fbench.replay.plugins import make_pipeline
+from fbench.replay.run import Plan, replay
+
+NUM_BYTES = 100e6
+"""About 90 frames of 50,000 points and one image."""
+
+
+class NoDigest:
+    def add(self, value: object) -> None: ...
+
+    def hex(self) -> str:
+        return START
+
+
+@contextmanager
+def without_digests() -> Iterator[None]:
+    with patch("fbench.replay.frames.Digest", NoDigest), patch("fbench.replay.run.digest", lambda content: START):
+        yield
+
+
+def seconds(log: Path, folder: Path) -> float:
+    pipeline, parameters = make_pipeline("lidar3d", [])
+    faults = FaultLog()
+    reader = open_log(log, faults)
+    start = time.perf_counter()
+    replay(reader, Plan(pipeline, "lidar3d", parameters), folder, faults, overwrite=True)
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = folder / "log.mcap"
+        write(log, NUM_BYTES, clouds(folder))
+        seconds(log, folder / "run")
+        pairs = []
+        for _ in range(5):
+            with without_digests():
+                bare = seconds(log, folder / "run")
+            pairs.append((seconds(log, folder / "run"), bare))
+        with_digests, bare = (min(column) for column in zip(*pairs, strict=True))
+        share = with_digests / bare - 1
+        print(f"lidar3d with digests {with_digests:.2f} s, without {bare:.2f} s: {share:+.1%} (at most 5 % wanted)")
+
+
+if __name__ == "__main__":
+    main()
