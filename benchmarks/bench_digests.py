@@ -7,16 +7,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
-from bench_memory import clouds, write
-
+from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.digest import START
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
 from fbench.replay.plugins import make_pipeline
 from fbench.replay.run import Plan, replay
 
-NUM_BYTES = 100e6
-"""About 90 frames of 50,000 points and one image."""
+LOG_S = 10.0
+"""100 frames."""
 
 
 class NoDigest:
@@ -45,7 +44,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = folder / "log.mcap"
-        write(log, NUM_BYTES, clouds(folder))
+        write_boxes_log(log, LOG_S)
         seconds(log, folder / "run")
         pairs = []
         for _ in range(5):

@@ -1,29 +1,15 @@
 """What must never reach a pipeline: points that aren't finite, images that don't fit their calibration."""
 
-from dataclasses import fields, replace
-from typing import Any, NamedTuple, TypeVar
-
 import numpy as np
 
 from fbench.replay.arrays import Float32
 from fbench.replay.data import Image, Message, PointCloud, RadarScan, Rig
 from fbench.replay.faults import FaultLog
-
-C = TypeVar("C", PointCloud, RadarScan)
+from fbench.replay.finite import C, only_finite
+from fbench.replay.skipped import Skipped
 
 MAX_LOST_SHARE = 0.5
 """A cloud with a larger share of non-finite points is skipped whole."""
-
-
-class Skipped(NamedTuple):
-    """A message that can't be used."""
-
-    sensor: str
-    stamp_ns: int
-    frame_number: int | None
-    reason: str
-
-
 MAX_RANGE_M = 1000.0
 """Points farther away are taken as they are, but no sensor of a vehicle sees so far."""
 
@@ -60,16 +46,14 @@ def _clean_cloud(cloud: C, faults: FaultLog) -> C | Skipped:
     if np.isfinite(cloud.xyz).all():
         _flag_far(where, cloud.xyz, faults)
         return cloud
-    good = np.isfinite(cloud.xyz).all(axis=1)
-    lost = num - int(np.count_nonzero(good))
+    finite = only_finite(cloud)
+    lost = num - len(finite.xyz)
     if lost > MAX_LOST_SHARE * num:
         faults.add("DAT001", f"{where}: {lost} of {num} points")
         return Skipped(cloud.sensor, cloud.stamp_ns, cloud.frame_number, "mostly non-finite points")
     faults.add("DAT004", f"{where}: {lost} of {num} points")
-    values = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
-    points: dict[str, Any] = {name: v[good] for name, v in values.items() if isinstance(v, np.ndarray)}
-    _flag_far(where, cloud.xyz[good], faults)
-    return replace(cloud, **points)
+    _flag_far(where, finite.xyz, faults)
+    return finite
 
 
 def _flag_far(where: str, xyz: Float32, faults: FaultLog) -> None:

@@ -5,10 +5,10 @@ Time is `int` nanoseconds. Body: x forward, y left, z up; camera: x right, y dow
 Lengths m, angles rad, image px with pixel centres at integers.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import IntFlag
-from typing import Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from fbench.replay.errors import DataError
 from fbench.replay.geometry.transforms import pose_matrix
 
 __all__ = [
-    "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "Fault", "Float32", "Float64", "Frame",
-    "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output", "PointCloud", "Pose", "RadarScan", "Rig",
-    "RigChange", "Source", "Text", "Truth",
+    "KINDS", "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "Fault", "Float32",
+    "Float64", "Frame", "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output", "PointCloud", "Pose",
+    "RadarScan", "Rig", "RigChange", "Source", "Text", "Truth",
 ]  # fmt: skip
 
 LABELS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "other")
@@ -28,6 +28,8 @@ VEHICLES = ("car", "van", "truck", "bus", "trailer", "motorcycle")
 
 Kind: TypeAlias = Literal["camera", "lidar", "radar"]
 Boxes: TypeAlias = Boxes2D | Boxes3D
+KINDS: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
+"""Kinds of sensors by their names, to read what is only a text."""
 T = TypeVar("T", "Mount", "CameraModel")
 
 
@@ -212,6 +214,13 @@ class Rig:
         """Names of all sensors of these kinds, sorted."""
         return tuple(sorted(name for name, mount in self.mounts.items() if mount.kind in kinds))
 
+    def without(self, sensors: Collection[str]) -> "Rig":
+        """Return the rig without some of its sensors."""
+        return Rig(
+            {name: mount for name, mount in self.mounts.items() if name not in sensors},
+            {name: camera for name, camera in self.cameras.items() if name not in sensors},
+        )
+
     def changed_since(self, old: "Rig") -> tuple[str, ...]:
         """Names of the sensors whose mount or camera model isn't the same as in `old`, bit for bit; sorted."""
         names = sorted({*self.mounts, *self.cameras, *old.mounts, *old.cameras})
@@ -235,6 +244,11 @@ class RigChange:
     rig: Rig
     sensors: tuple[str, ...]
     """Whose calibration changed."""
+
+    @property
+    def reason(self) -> str:
+        """Why a segment ends here."""
+        return f"calibration of {', '.join(self.sensors)} changes"
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,8 @@
 """Errors and exit codes: every failure that fbench foresees is one `FbenchError` with one clear line."""
 
+import traceback
+from pathlib import Path
+
 EXIT_OK = 0
 EXIT_NO = 1
 EXIT_USAGE = 2
@@ -62,3 +65,10 @@ class RunError(FbenchError):
 
 class MetricError(FbenchError):
     """Truth or results that can't be scored."""
+
+
+def one_line(error: BaseException) -> str:
+    """What a plug-in raised, with the place where it did."""
+    what = str(error).splitlines()[0] if str(error) else "no message"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"

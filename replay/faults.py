@@ -51,6 +51,7 @@ FAULTS: dict[str, FaultKind] = {
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
     "TIM007": FaultKind("degrade", "gap, new segment"),
     "TIM008": FaultKind("fatal", "clocks of two sensors differ"),
+    "TIM011": FaultKind("degrade", "topic without stamps, those of recording taken"),
     "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),
     "GT006": FaultKind("degrade", "truth that belongs to no frame"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),

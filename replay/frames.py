@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from fbench.replay.clean import Skipped, clean
+from fbench.replay.clean import clean
 from fbench.replay.clock import Clock
 from fbench.replay.data import Frame, Message, Rig, RigChange, Truth
 from fbench.replay.digest import Digest
@@ -12,6 +12,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.labelling import Instant, Labelling
 from fbench.replay.protocols import Reader
 from fbench.replay.restamp import ClockCheck, StampParams
+from fbench.replay.skipped import Skipped, SkippedMessages
 from fbench.replay.sync import FrameBuffer, SyncCounts, SyncParams, choose_reference
 
 
@@ -43,7 +44,7 @@ class FrameStream:
         self._stop = excerpt.stop
         self._waits = excerpt.is_whole
         self._instants: list[Instant] = []
-        self.skipped: list[Skipped] = []
+        self.skipped = SkippedMessages(sync.tolerance_ns)
         self.is_cut = False
         """Whether reading stopped before the log's end."""
 
@@ -60,9 +61,11 @@ class FrameStream:
 
     def labels(self, reader: Reader) -> Iterator[tuple[int, Truth]]:
         """Read the truth and yield that of chosen frames, with their indices."""
+        first_ns, last_ns = self._chosen_ns()
         for index, truth in Labelling(self._instants).matched(self._truths(reader)):
             if index is None:
-                self._count_unmatched(truth)
+                if self._excerpt.is_whole or first_ns <= truth.stamp_ns <= last_ns:
+                    self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
             elif self._instants[index].is_chosen:
                 yield index, truth
 
@@ -92,7 +95,7 @@ class FrameStream:
             raise LogError(f"log '{log}' gives no frames: no message of '{self.reference}', {hint}")
         if not any(instant.is_chosen for instant in self._instants):
             there = f"it has {len(self._instants)} over {self._span_s():.3f} s"
-            raise LogError(f"log '{log}' has no frames {self._excerpt}; {there}")
+            raise LogError(f"log '{log}' has no frames in the range '{self._excerpt}'; {there}")
 
     def _span_s(self) -> float:
         stamps = [instant.stamp_ns for instant in self._instants]
@@ -121,15 +124,14 @@ class FrameStream:
             self._clock.wait_until(message.log_ns)
         usable = clean(message, self.rig, self._faults)
         if isinstance(usable, Skipped):
-            self.skipped.append(usable)
+            self.skipped.add(usable)
         else:
             yield from self._buffer.add(usable)
 
     def _changed(self, change: RigChange) -> Iterator[Frame]:
         """End the segment: what comes next was measured by other sensors."""
-        why = f"calibration of {', '.join(change.sensors)} changes"
-        yield from self._buffer.break_off(why)
-        self._faults.add("CAL002", f"{why} at {change.log_ns} ns")
+        yield from self._buffer.break_off(change.reason)
+        self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
         self.rig = self.rigs[self._buffer.segment] = change.rig
 
     def _opened(self, recorded: Message, message: Message) -> Iterator[Frame]:
@@ -157,7 +159,7 @@ class FrameStream:
             self._digest.add(truth)
             yield truth
 
-    def _count_unmatched(self, truth: Truth) -> None:
-        chosen = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
-        if self._excerpt.is_whole or min(chosen) <= truth.stamp_ns <= max(chosen):
-            self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
+    def _chosen_ns(self) -> tuple[int, int]:
+        """Stamps of the first and the last chosen frame."""
+        stamps = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
+        return min(stamps, default=0), max(stamps, default=-1)

@@ -1,12 +1,16 @@
 """Which truth belongs to which frame."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fbench.replay.arrays import Int64
-from fbench.replay.data import Truth
+from fbench.replay.boxes import concatenate
+from fbench.replay.data import Boxes2D, Boxes3D, Truth
+
+B = TypeVar("B", Boxes2D, Boxes3D)
 
 TOLERANCE_NS = 10_000_000
 """Truth without a frame number belongs to the nearest frame not farther away than this."""
@@ -54,7 +58,8 @@ class Labelling:
         return abs(int(self._stamps[index]) - truth.stamp_ns)
 
     def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
-        """Yield every truth with its frame; of several truths of one frame the nearest gets it, others get `None`.
+        """Yield every truth with its frame. Several truths of one frame are joined where they complement each other (3D
+        and 2D, or different cameras); else the nearest gets it, and others get `None`.
 
         Truths come by stamp, so those of one frame follow each other and only one needs to be kept.
         """
@@ -66,8 +71,10 @@ class Labelling:
                 yield None, truth
             elif kept is not None and kept[0] == index:
                 nearer, farther = sorted((kept, (index, truth)), key=lambda pair: self.distance_ns(*pair))
-                yield None, farther[1]
-                kept = nearer
+                both = joined(nearer[1], farther[1])
+                kept = nearer if both is None else (index, both)
+                if both is None:
+                    yield None, farther[1]
             else:
                 if kept is not None:
                     done[kept[0]] = None
@@ -79,3 +86,23 @@ class Labelling:
     def _nearest(self, candidates: Int64, stamp_ns: int) -> int | None:
         rows = [int(i) for i in candidates]
         return min(rows, key=lambda i: (abs(int(self._stamps[i]) - stamp_ns), i), default=None)
+
+
+def joined(nearer: Truth, farther: Truth) -> Truth | None:
+    """What both say of one frame, with the stamp of the first; `None` where both label the same."""
+    boxes2d = [boxes for boxes in (nearer.boxes2d, farther.boxes2d) if boxes is not None]
+    boxes3d = [boxes for boxes in (nearer.boxes3d, farther.boxes3d) if boxes is not None]
+    if len(boxes3d) > 1 or (len(boxes2d) > 1 and np.isin(boxes2d[0].camera, boxes2d[1].camera).any()):
+        return None
+    return replace(
+        nearer, boxes3d=boxes3d[0] if boxes3d else None, boxes2d=concatenate(_alike(boxes2d)) if boxes2d else None
+    )
+
+
+def _alike(parts: list[B]) -> list[B]:
+    """Drop what only some of the parts tell: ids, say."""
+    full = [part for part in parts if len(part)]
+    unshared: dict[str, Any] = {
+        f.name: None for part in full for f in fields(part) if any(getattr(other, f.name) is None for other in full)
+    }
+    return [replace(part, **unshared) if len(part) else part for part in parts]

@@ -11,14 +11,14 @@ from fbench.replay.names import did_you_mean
 MAX_SKEW_NS = 60_000_000_000
 """Clocks that differ by more can't be one clock with a delay [ns]."""
 
-Source = Literal["header", "log"]
+StampSource = Literal["header", "log"]
 
 
 @dataclass(frozen=True)
 class StampParams:
     """How the stamps of frames are made from those that were recorded."""
 
-    source: Source = "header"
+    source: StampSource = "header"
     """`header`: when the sensor says it measured; `log`: when the message was recorded."""
     offsets_ns: Mapping[str, int] = field(default_factory=dict)
     """Added to the stamps of one sensor, by its name [ns]."""
@@ -46,7 +46,7 @@ def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
     Raises:
         ConfigError: where one can't be understood, or a sensor has two offsets.
     """
-    if source not in get_args(Source):
+    if source not in get_args(StampSource):
         raise ConfigError(f"--stamps {source}: expected 'header' or 'log'")
     given: dict[str, int] = {}
     for text in offsets:
@@ -97,8 +97,19 @@ class ClockCheck:
         skew_ns = self._skews_ns[name] - self._skews_ns[self._reference]
         if name in self._trusted or abs(skew_ns) <= MAX_SKEW_NS:
             return
+        advice = mending_offset(name, self._skews_ns[name], self._reference, self._skews_ns[self._reference])
         raise LogError(
             f"sensor '{name}': its clock differs from that of '{self._reference}' by {skew_ns / 1e9:.3f} s; "
-            f"give --offset {name}={-skew_ns / 1e6:.0f} or --stamps log",
+            f"give {advice} or --stamps log",
             "TIM008",
         )
+
+
+def mending_offset(name: str, skew_ns: int, reference: str, reference_skew_ns: int) -> str:
+    """Return the option that makes the clocks of a sensor and the reference one: it moves the sensor whose stamps are
+    farther from the times of recording; skews are stamp minus time of recording.
+    """
+    difference_ns = skew_ns - reference_skew_ns
+    if abs(reference_skew_ns) > abs(skew_ns):
+        return f"--offset {reference}={difference_ns / 1e6:.0f}"
+    return f"--offset {name}={-difference_ns / 1e6:.0f}"

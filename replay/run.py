@@ -1,7 +1,6 @@
 """The one loop: log -> frames -> pipeline -> run folder."""
 
 import time
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from fbench.replay.boxes import finite
-from fbench.replay.clean import Skipped
 from fbench.replay.clock import Clock, VirtualClock
 from fbench.replay.data import Boxes, Frame, Output
 from fbench.replay.digest import START, digest, link
-from fbench.replay.errors import FbenchError, RunError
+from fbench.replay.errors import FbenchError, RunError, one_line
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
@@ -111,7 +109,7 @@ class _Loop:
         except FbenchError:
             raise
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            raise RunError(f"pipeline '{self._plan.name}' can't start: {_why(error)}") from error
+            raise RunError(f"pipeline '{self._plan.name}' can't start: {one_line(error)}") from error
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
@@ -133,7 +131,7 @@ class _Loop:
         except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
             self._failures += 1
             self._plan.failed(error)
-            why, times = _why(error), self._failures
+            why, times = one_line(error), self._failures
             if times >= MAX_FAILURES_IN_A_ROW:
                 raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
             self._faults.add("PRD002", f"frame {frame.index}: {why}")
@@ -203,7 +201,6 @@ class _Loop:
 
         What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.
         """
-        skipped = {m.sensor: m.reason for m in self.stream.skipped if self._near(m, record)}
 
         def why(sensor: str, reason: str) -> str:
             late = counts.late_ms.get((record.index, sensor))
@@ -211,16 +208,12 @@ class _Loop:
                 return f"late by {late:.1f} ms"
             if not reason.startswith(NOT_THERE):
                 return reason
-            if sensor in skipped:
-                return f"skipped: {skipped[sensor]}"
+            skipped = self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number)
+            if skipped is not None:
+                return f"skipped: {skipped}"
             return reason if self.stream.is_cut else "never came"
 
         return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
-
-    def _near(self, message: Skipped, record: FrameRecord) -> bool:
-        if message.frame_number is not None and record.frame_number is not None:
-            return message.frame_number == record.frame_number
-        return abs(message.stamp_ns - record.stamp_ns) <= self._plan.sync.tolerance_ns
 
     def manifest(self) -> Manifest:
         """Say what ran."""
@@ -255,10 +248,3 @@ class _Loop:
             digest=self._chain,
             versions=package_versions(),
         )
-
-
-def _why(error: BaseException) -> str:
-    """One line about an exception, with the place where it was raised."""
-    what = str(error).splitlines()[0] if str(error) else "no message"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"

@@ -17,6 +17,7 @@ import pyarrow as pa
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes, Truth
 from fbench.replay.errors import ConfigError, RunError
+from fbench.replay.files import swap
 from fbench.replay.manifest import Manifest, load_manifest, save_manifest
 from fbench.replay.media import MediaFrame, read_media, write_media
 from fbench.replay.scores import Score, load_scores
@@ -122,7 +123,7 @@ class RunWriter:
         write_table(self.partial / "timings.parquet", self._timings.columns())
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
-        _swap(self.partial, self.folder)
+        swap(self.partial, self.folder)
         return self.folder
 
 
@@ -134,15 +135,6 @@ def _require_replaceable(folder: Path, overwrite: bool) -> None:
         load_manifest(folder / "manifest.json")
     except RunError:
         raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
-
-
-def _swap(new: Path, folder: Path) -> None:
-    """Put `new` in the place of `folder`; at no moment is there half of either."""
-    old = new.with_name(f"{new.name}.old")
-    if folder.exists():
-        folder.rename(old)
-    new.rename(folder)
-    shutil.rmtree(old, ignore_errors=True)
 
 
 class _Timings:

@@ -1,5 +1,6 @@
 """What a log holds, from its index where it has one; all times are those at which messages were recorded."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from fbench.replay.arrays import Int64
 from fbench.replay.data import LogInfo, Mount, Rig
-from fbench.replay.errors import FbenchError
+from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.logs.codec import MESSAGES
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
 from fbench.replay.logs.reader import LogReader
@@ -88,12 +89,20 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
 
 
 def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
-    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one."""
+    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one.
+
+    Raises:
+        ConfigError: where the sensor that was asked for isn't in the log.
+    """
     nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
     try:
         return choose_reference(Rig(nowhere, {}), reader.info, reader.num_messages, params)
-    except FbenchError:
+    except LogError:
         return None
+    except ConfigError:
+        if params.reference is not None:
+            raise
+        return None  # what the log's metadata name isn't there
 
 
 def _by_sensor(reader: LogReader, by_channel: Mapping[int, Int64]) -> dict[str, Int64]:
@@ -131,14 +140,13 @@ def _timed(sensor: str, kind: str, log_ns: Int64) -> Stream:
 
 
 def topics_of(reader: LogReader) -> tuple[Topic, ...]:
-    """All topics of a log, by name."""
+    """All topics of a log, by name, over all parts of the recording."""
     container = reader.container
-    channels = sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0]))
-    return tuple(
-        Topic(c.topic, c.schema_name, c.encoding, reader.roles[id_].kind if id_ in reader.roles else "",
-              container.counts.get(id_, 0))
-        for id_, c in channels
-    )  # fmt: skip
+    nums: Counter[tuple[str, str, str, str]] = Counter()
+    for id_, c in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
+        kind = reader.roles[id_].kind if id_ in reader.roles else ""
+        nums[c.topic, c.schema_name, c.encoding, kind] += container.counts.get(id_, 0)
+    return tuple(Topic(*key, num) for key, num in nums.items())
 
 
 def _breaks(times: Mapping[str, Int64] | None, reference: str | None, max_gap_ns: int) -> tuple[str, ...] | None:

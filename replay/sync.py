@@ -35,6 +35,27 @@ class SyncParams:
     """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
 
 
+def make_sync_params(reference: str | None, timeout_ms: float, tolerance_ms: float, max_gap_s: float) -> SyncParams:
+    """Read `--reference`, `--timeout-ms`, `--tolerance-ms` and `--max-gap-s`.
+
+    Raises:
+        ConfigError: where a duration isn't a number, or negative.
+    """
+    return SyncParams(
+        reference,
+        timeout_ns=_to_ns("--timeout-ms", timeout_ms, 1e6),
+        tolerance_ns=_to_ns("--tolerance-ms", tolerance_ms, 1e6),
+        max_gap_ns=_to_ns("--max-gap-s", max_gap_s, 1e9),
+    )
+
+
+def _to_ns(option: str, value: float, unit_ns: float) -> int:
+    """Infinity becomes longer than any log."""
+    if not value >= 0:
+        raise ConfigError(f"{option} {value}: expected a duration, such as 20")
+    return round(min(value * unit_ns, 1e18))
+
+
 def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
     """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
 

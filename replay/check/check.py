@@ -73,7 +73,7 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
 
     Raises:
         LogError: where the log can't be read.
-        ConfigError: where a sensor with an offset isn't in the log.
+        ConfigError: where the reference or a sensor with an offset isn't in the log.
         FbenchError: where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
@@ -131,7 +131,7 @@ class _Check:
             self._message(entry, item)
 
     def _change(self, change: RigChange) -> None:
-        self._faults.add("CAL002", f"calibration of {', '.join(change.sensors)} changes at {change.log_ns} ns")
+        self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
         self._rig = change.rig
         if self._frames is not None:
             self._offer(self._frames.change(change))

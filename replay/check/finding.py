@@ -34,7 +34,7 @@ RULES: Mapping[str, Rule] = {
     "DAT002": Rule("warning", "look at the sensor: was it covered or starting up?"),
     "DAT004": Rule("warning", "drop such points when recording; fbench drops them when replaying"),
     "LIM003": Rule("error", "record the calibration of this image size"),
-    "CAL001": Rule("error", "record the calibration, or leave the sensor out with --topics"),
+    "CAL001": Rule("error", "record the calibration, or leave the sensor out with --topics '!NAME'"),
     "CAL002": Rule("info", "nothing, if the calibration was meant to change; trackers start afresh"),
     "TIM001": Rule("warning", "stamp messages in the order of measurement; fbench drops those that run back"),
     "TIM003": Rule(
@@ -55,6 +55,7 @@ RULES: Mapping[str, Rule] = {
         "look at the sensor's latency and clock; raise --timeout-ms if frames lack it",
         "header stamps and arrival differ by more than a period",
     ),
+    "TIM011": Rule("warning", "let the driver stamp its messages"),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),

@@ -9,8 +9,8 @@ import numpy as np
 
 from fbench.replay.arrays import Int64
 from fbench.replay.check.stats import quantile
-from fbench.replay.clean import Skipped
 from fbench.replay.data import Frame, Message, RigChange
+from fbench.replay.skipped import Skipped
 from fbench.replay.sync import FrameBuffer, SyncParams
 
 
@@ -53,7 +53,7 @@ class FrameCheck:
 
     def change(self, change: RigChange) -> Iterator[Frame]:
         """End the segment where the rig changes."""
-        yield from self._counted(self._buffer.break_off(f"calibration of {', '.join(change.sensors)} changes"))
+        yield from self._counted(self._buffer.break_off(change.reason))
 
     def add(self, recorded: Message, message: Message, usable: Message | Skipped) -> Iterator[Frame]:
         """Add one message, as recorded, with the stamp that counts, and as a pipeline would get it; yields the frames

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from fbench.replay.clean import Skipped, clean
+from fbench.replay.clean import clean
 from fbench.replay.data import Image, Message, Pose, Rig
 from fbench.replay.errors import DecodeError
 from fbench.replay.faults import FaultLog
 from fbench.replay.images import decode, encoded_size
 from fbench.replay.raw_images import LAYOUTS
+from fbench.replay.skipped import Skipped
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024

@@ -9,7 +9,7 @@ from fbench.replay.check.finding import Finding, finding
 from fbench.replay.check.stats import StreamStats
 from fbench.replay.check.stream import Timeline, out_of_order, repeated
 from fbench.replay.logs.codec import SENSORS
-from fbench.replay.restamp import MAX_SKEW_NS
+from fbench.replay.restamp import MAX_SKEW_NS, mending_offset
 
 _MANY_LOST, _MANY_IRREGULAR = 0.05, 0.1
 _FEW = 10
@@ -86,7 +86,9 @@ def _clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[Findin
         text = (
             f"its clock is {_s(abs(other - skew))} {'behind' if skew > other else 'before'} that of {reference.sensor}"
         )
-        yield finding("TIM008", stats.sensor, text, stats.num_messages)
+        offset = mending_offset(stats.sensor, -skew, reference.sensor, -other)
+        advice = f"synchronise the clocks, or give {offset} or --stamps log"
+        yield finding("TIM008", stats.sensor, text, stats.num_messages, advice=advice)
     elif period is not None and abs(skew) > period:
         text = (f"header stamps are {_ms(abs(skew))} {'older' if skew > 0 else 'newer'} than arrival (median; "
                 f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}), "

@@ -1,15 +1,13 @@
 """Trying a pipeline on a few frames of a log: whether it starts, and which sensors it uses."""
 
-import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from fbench.replay.check.finding import Finding, finding
 from fbench.replay.check.frames import FrameStats, SensorFrames
 from fbench.replay.data import Frame, LogInfo, Rig
 from fbench.replay.digest import digest
-from fbench.replay.errors import FbenchError, LogError
+from fbench.replay.errors import FbenchError, LogError, one_line
 from fbench.replay.protocols import Pipeline
 from fbench.replay.sync import SyncParams
 
@@ -43,7 +41,7 @@ class Trial:
         except FbenchError:
             raise
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
-            self.problems.append(finding("PRD002", "", f"{self.name} can't start: {_why(error)}"))
+            self.problems.append(finding("PRD002", "", f"{self.name} can't start: {one_line(error)}"))
 
     def offer(self, frame: Frame) -> None:
         """Try the pipeline on this frame if it is among the first complete ones."""
@@ -73,7 +71,9 @@ class Trial:
                     rest = {name: m for name, m in frame.messages.items() if name != sensor}
                     self._used[sensor] = self._outcome(replace(frame, messages=rest)) != whole
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
-            self.problems.append(finding("PRD002", "", f"{self.name}: {_why(error)}", 1, f"stamp {frame.stamp_ns} ns"))
+            self.problems.append(
+                finding("PRD002", "", f"{self.name}: {one_line(error)}", 1, f"stamp {frame.stamp_ns} ns")
+            )
             self._used, self._is_ready = {}, False
 
     def _outcome(self, frame: Frame, first: bool = False) -> str:
@@ -81,7 +81,8 @@ class Trial:
         output = self.pipeline.step(frame)
         if first:
             for sensor, why in sorted(output.missing.items()):
-                self.problems.append(finding("CHK009", sensor, f"{self.name} can't use it: {why}"))
+                advice = f"see fbench plugins {self.name} for what it needs, and give it with --set"
+                self.problems.append(finding("CHK009", sensor, f"{self.name} can't use it: {why}", advice=advice))
         return digest([output.detections, output.tracks])
 
 
@@ -110,9 +111,3 @@ def _missing(trial: Trial, sensor: SensorFrames, num_frames: int, sync: SyncPara
         return finding("CHK009", sensor.sensor, f"{text}; {trial.name} doesn't use it", sensor.num_missing,
                        severity="info", advice="nothing, for this pipeline")  # fmt: skip
     return finding("CHK009", sensor.sensor, text, sensor.num_missing, advice=advice)
-
-
-def _why(error: BaseException) -> str:
-    what = str(error).splitlines()[0] if str(error) else "no message"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"

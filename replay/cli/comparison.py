@@ -1,14 +1,13 @@
 """What `fbench compare` prints."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from fbench.replay.cli.job import open_run
-from fbench.replay.cli.show import console, number
+from fbench.replay.cli.run_summary import open_run
+from fbench.replay.cli.show import console, number, print_json
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ def compare_runs(base: Path, head: Path, tolerance: float, as_json: bool) -> int
     if as_json:
         rows = [asdict(row) for row in comparison.rows]
         content = {"regressed": comparison.regressed, "tolerance": tolerance, "notes": notes, "rows": rows}
-        print(json.dumps(content, indent=1, allow_nan=False))  # noqa: T201
+        print_json(content)
     else:
         _print(comparison, notes)
     return EXIT_NO if comparison.regressed else EXIT_OK

@@ -1,6 +1,5 @@
 """What `fbench log convert` does and prints."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -8,9 +7,9 @@ from typing import Any
 
 from rich.table import Table
 
-from fbench.replay.cli.job import explained
+from fbench.replay.cli.fault_text import explained, fault_lines
 from fbench.replay.cli.progress import message_progress
-from fbench.replay.cli.show import console
+from fbench.replay.cli.show import console, print_json
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.convert.run import Converted, Wish, convert
@@ -31,7 +30,7 @@ def run_convert(source: Path, target: Target, wish: Wish, as_json: bool) -> int:
             result = convert(container, target, wish, progress)
     rows = [row for row in faults.rows() if row["code"] != _NO_USE]
     if as_json:
-        print(json.dumps({**_content(result), "faults": rows}, indent=1, allow_nan=False))  # noqa: T201
+        print_json({**_content(result), "faults": rows})
     else:
         _print(result, rows)
     return EXIT_LOSSY if faults.lost else EXIT_OK
@@ -56,9 +55,7 @@ def _print(result: Converted, rows: list[dict[str, Any]]) -> None:
 def _lines(result: Converted, rows: list[dict[str, Any]]) -> Iterator[str]:
     for topic, num in result.left_out.items():
         yield f"left out: {num} messages on {topic}, which fbench doesn't understand"
-    for row in rows:
-        if row["count"]:
-            yield f"fault: {row['code']} {row['text']}: {row['count']} {row['places']}"
+    yield from fault_lines(rows)
     rigs = f", {result.num_rigs} {'rig' if result.num_rigs == 1 else 'rigs'}" if result.num_rigs else ""
     parts = f" in {len(result.parts)} parts" if result.parts else ""
     total = sum(result.messages.values())

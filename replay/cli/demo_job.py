@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from fbench.replay.cli.job import Job, run_job, show_run
+from fbench.replay.cli.job import Job, run_job
+from fbench.replay.cli.run_summary import show_run
 from fbench.replay.cli.show import console
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.plugins import load

@@ -1,6 +1,5 @@
 """What `fbench log check` prints."""
 
-import json
 import sys
 from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass, field
@@ -12,9 +11,10 @@ from rich.table import Table
 from fbench.replay.check.check import CheckOptions, CheckResult, check_log
 from fbench.replay.check.finding import Finding, require_codes
 from fbench.replay.check.stats import StreamStats
-from fbench.replay.cli.job import explained, short_name
+from fbench.replay.cli.fault_text import explained
+from fbench.replay.cli.job import short_name
 from fbench.replay.cli.progress import message_progress
-from fbench.replay.cli.show import console
+from fbench.replay.cli.show import console, print_json
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -53,7 +53,7 @@ def run_check(job: CheckJob) -> int:
             options = CheckOptions(job.sync, job.stamps, job.decode_images, pipeline, tuple(job.ignored), progress)
             result = check_log(reader, faults, options)
     if job.as_json:
-        print(json.dumps(_content(result), indent=1, allow_nan=False))  # noqa: T201
+        print_json(_content(result))
     else:
         _print(job.log, result)
     return EXIT_NO if result.num_problems else EXIT_OK

@@ -5,21 +5,19 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli.options import Json
+from fbench.replay.cli.options import Json, Log
 
 
 def convert(
-    source: Annotated[
-        Path, typer.Argument(metavar="SRC", help="An MCAP file, ROS bag, Parquet log, or a folder of files.")
-    ],
+    source: Log,
     out: Annotated[Path, typer.Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing log.")] = False,
     compression: Annotated[
-        str | None, typer.Option(help="MCAP: zstd, lz4, none. Parquet: zstd, snappy, none. [default: zstd]")
-    ] = None,
-    chunk_size: Annotated[int | None, typer.Option(metavar="BYTES", help="Of MCAP [default: 1 MiB].")] = None,
+        str, typer.Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
+    ] = "zstd",
+    chunk_size: Annotated[int | None, typer.Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
     rows_per_group: Annotated[
-        int | None, typer.Option(metavar="N", help="Of Parquet [default: as many as make 8 MiB].")
+        int | None, typer.Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")
     ] = None,
     from_: Annotated[
         str | None,

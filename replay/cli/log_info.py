@@ -1,14 +1,13 @@
 """What `fbench log info` prints."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
 from rich.table import Table
 
-from fbench.replay.cli.job import explained
-from fbench.replay.cli.show import console
+from fbench.replay.cli.fault_text import explained, fault_lines
+from fbench.replay.cli.show import console, print_json
 from fbench.replay.data import CameraModel, Mount
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
@@ -24,7 +23,7 @@ def show_info(log: Path, as_json: bool) -> int:
     with explained(faults):
         result = survey(open_log(log, faults), SyncParams())
     if as_json:
-        print(json.dumps(_content(result, faults), indent=1, allow_nan=False))  # noqa: T201
+        print_json(_content(result, faults))
     else:
         _print(log, result, faults)
     return EXIT_LOSSY if faults.lost else EXIT_OK
@@ -103,9 +102,7 @@ def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
     yield from (f"{key}: {value}" for key, value in sorted(result.info.metadata.items()))
     yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
     yield from (f"new segment by log time: {why}" for why in result.breaks or ())
-    for row in faults.rows():
-        if row["count"]:
-            yield f"fault: {row['code']} {row['text']}: {row['count']} {row['places']}"
+    yield from fault_lines(faults.rows())
     yield "not verified; see fbench log check"
 
 

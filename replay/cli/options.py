@@ -6,13 +6,33 @@ from typing import Annotated
 import typer
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
+Pipeline = Annotated[
+    str, typer.Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins) or FILE.py:CLASS.")
+]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")
+]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing run.")]
-RangeM = Annotated[float, typer.Option("--range-m", min=0, help="Score objects within this distance, in m.")]
+RangeM = Annotated[
+    float, typer.Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")
+]
 InView = Annotated[bool, typer.Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, typer.Option("--distance-m", min=0, help="3D match: centres this near on the ground, in m.")
+    float, typer.Option("--distance-m", metavar="M", min=0, help="3D match: centres this near on the ground, in m.")
+]
+Reference = Annotated[
+    str | None, typer.Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
+]
+TimeoutMs = Annotated[
+    float, typer.Option("--timeout-ms", metavar="MS", min=0, help="How long a frame waits for its sensors, in ms.")
+]
+ToleranceMs = Annotated[
+    float, typer.Option("--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms.")
+]
+MaxGapS = Annotated[
+    float, typer.Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s.")
 ]
 From = Annotated[
     str | None,
@@ -28,12 +48,15 @@ Topics = Annotated[
 ]
 Offset = Annotated[
     list[str] | None,
-    typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; may be repeated."),
+    typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable."),
 ]
 Stamps = Annotated[
-    str, typer.Option("--stamps", help="Instants are those of the 'header', or of the 'log', when it was recorded.")
+    str,
+    typer.Option(
+        "--stamps", metavar="SOURCE", help="Instants are those of the 'header', or of the 'log', when it was recorded."
+    ),
 ]
 ReadAhead = Annotated[
     str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
-Iou = Annotated[float, typer.Option("--iou", min=0, max=1, help="2D match: at least this overlap.")]
+Iou = Annotated[float, typer.Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]

@@ -13,12 +13,18 @@ from fbench.replay.cli.options import (
     Iou,
     Json,
     Log,
+    MaxGapS,
     Offset,
     Overwrite,
+    Pipeline,
     RangeM,
     ReadAhead,
+    Reference,
+    Settings,
     Stamps,
+    TimeoutMs,
     To,
+    ToleranceMs,
     Topics,
 )  # fmt: skip
 
@@ -26,17 +32,17 @@ from fbench.replay.cli.options import (
 def replay(
     context: typer.Context,
     log: Log,
-    pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="A name (see fbench plugins) or FILE.py:CLASS.")],
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; may be repeated.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Run folder [default: runs/LOG-PIPELINE].")] = None,
+    pipeline: Pipeline,
+    settings: Settings = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")] = None,
     overwrite: Overwrite = False,
-    rate: Annotated[str, typer.Option(help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")] = "max",
-    reference: Annotated[str | None, typer.Option(help="Sensor whose stamps are the frames' instants.")] = None,
-    timeout_ms: Annotated[float, typer.Option(min=0, help="How long a frame waits for its sensors, in ms.")] = 30.0,
-    tolerance_ms: Annotated[float, typer.Option(min=0, help="How far stamps may lie from the instant, in ms.")] = 50.0,
-    max_gap_s: Annotated[float, typer.Option(min=0, help="A longer pause begins a new segment, in s.")] = 2.0,
+    rate: Annotated[
+        str, typer.Option(metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
+    ] = "max",
+    reference: Reference = None,
+    timeout_ms: TimeoutMs = 30.0,
+    tolerance_ms: ToleranceMs = 50.0,
+    max_gap_s: MaxGapS = 2.0,
     from_: From = None,
     to: To = None,
     frames: Frames = None,
@@ -45,11 +51,13 @@ def replay(
     stamps: Stamps = "header",
     read_ahead: ReadAhead = "auto",
     on_fault: Annotated[
-        str, typer.Option(help="'strict': lost data mean exit 4; 'tolerant': only counted.")
+        str, typer.Option(metavar="HOW", help="'strict': lost data mean exit 4; 'tolerant': only counted.")
     ] = "strict",
     fault_budget: Annotated[
         list[str] | None,
-        typer.Option(metavar="[CODE=]N", help="So many faults that lose data are allowed, of one code or in all."),
+        typer.Option(
+            metavar="[CODE=]N", help="So many faults that lose data are allowed, of one code or in all; repeatable."
+        ),
     ] = None,
     range_m: RangeM = 50.0,
     in_view: InView = True,
@@ -59,16 +67,16 @@ def replay(
     json: Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
-    from fbench.replay.cli.job import Job, run_job, show_run, to_ns
+    from fbench.replay.cli.job import Job, run_job
+    from fbench.replay.cli.run_summary import show_run
     from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.excerpt import make_excerpt
     from fbench.replay.fault_budget import parse_budget
     from fbench.replay.read_ahead import make_limit
     from fbench.replay.restamp import make_stamp_params
     from fbench.replay.scores import ScoreOptions
-    from fbench.replay.sync import SyncParams
+    from fbench.replay.sync import make_sync_params
 
-    sync = SyncParams(reference, to_ns(timeout_ms, 1e6), to_ns(tolerance_ms, 1e6), to_ns(max_gap_s, 1e9))
     job = Job(
         log=log,
         pipeline=pipeline,
@@ -76,7 +84,7 @@ def replay(
         out=out,
         overwrite=overwrite,
         rate=rate,
-        sync=sync,
+        sync=make_sync_params(reference, timeout_ms, tolerance_ms, max_gap_s),
         stamps=make_stamp_params(stamps, offset or []),
         excerpt=make_excerpt(from_, to, frames),
         topics=topics or [],

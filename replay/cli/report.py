@@ -8,11 +8,13 @@ import typer
 
 def report(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="One or several run folders.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file [default: report.html in RUN].")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The file; else report.html in the first RUN.")
+    ] = None,
     kind: Annotated[str, typer.Option(help="Which report plug-in writes it.")] = "html",
 ) -> None:
     """Write one self-contained report of one or several runs."""
-    from fbench.replay.cli.job import open_run
+    from fbench.replay.cli.run_summary import open_run
     from fbench.replay.cli.show import console
     from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.plugins import load

@@ -14,7 +14,7 @@ def score(
     json: Json = False,
 ) -> None:
     """Score a run again from its folder, without replaying the log."""
-    from fbench.replay.cli.job import open_run, show_run
+    from fbench.replay.cli.run_summary import open_run, show_run
     from fbench.replay.cli.scoring import score_folder
     from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, RunError
     from fbench.replay.scores import ScoreOptions

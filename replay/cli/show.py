@@ -1,5 +1,6 @@
-"""Tables on the terminal."""
+"""Tables on the terminal, and JSON for machines."""
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,7 +8,6 @@ from rich.console import Console
 from rich.table import Table
 
 from fbench.replay.scores import Score
-from fbench.replay.store import Run
 
 _COUNTS = ("idsw",)
 _SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw")
@@ -17,6 +17,11 @@ def console() -> Console:
     """A console that neither highlights nor breaks lines of what isn't a terminal."""
     plain = Console(highlight=False)
     return plain if plain.is_terminal else Console(highlight=False, width=120)
+
+
+def print_json(content: object) -> None:
+    """Print a value as JSON; numbers that JSON doesn't have are an error of ours."""
+    print(json.dumps(content, indent=1, allow_nan=False))  # noqa: T201
 
 
 def number(metric: str, value: float | None, unit: str) -> str:
@@ -68,14 +73,3 @@ def latency_table(latency: dict[str, Any]) -> Table:
         cells = (row[f"{name}_ms"] for name in ("p50", "p95", "p99", "max"))
         table.add_row(row["stage"], *("–" if c is None else f"{c:.2f}" for c in cells))
     return table
-
-
-def fault_lines(run: Run) -> list[str]:
-    """One line a kind of fault that was met."""
-    rows = run.json("faults.json")["rows"]
-    return [_fault_line(row) for row in rows if row["count"]]
-
-
-def _fault_line(row: dict[str, Any]) -> str:
-    first = f" (first: {row['places'][0]})" if row["places"] else ""
-    return f"{row['code']} {row['text']}: {row['count']}{first}"

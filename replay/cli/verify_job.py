@@ -1,6 +1,5 @@
 """What `fbench verify` does and prints."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -8,7 +7,7 @@ from rich.table import Table
 
 from fbench.replay.cli.job import short_name
 from fbench.replay.cli.progress import replay_progress
-from fbench.replay.cli.show import console
+from fbench.replay.cli.show import console, print_json
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 from fbench.replay.verify.run import Verified, verify, workplace
 from fbench.replay.verify.task import Task
@@ -20,7 +19,7 @@ def run_verify(task: Task, num_repeats: int, quick: bool, keep: Path | None, as_
     with workplace(keep) as folder, replay_progress(title) as progress:
         found = verify(task, num_repeats, quick, folder, progress)
     if as_json:
-        print(json.dumps(_content(task, found), indent=1))  # noqa: T201
+        print_json(_content(task, found))
     else:
         _print(found)
     return EXIT_OK if found.identical else EXIT_NO

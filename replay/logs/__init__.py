@@ -1,1 +1,1 @@
-"""Containers (MCAP) and message codecs (Foxglove)."""
+"""Logs: containers (MCAP, Parquet, recordings of ROS), codecs of messages (Foxglove, ROS), and conversion."""

@@ -6,14 +6,12 @@ MCAP protects no metadata record by a checksum, so the record carries its own.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import get_args
 
-from fbench.replay.data import Kind, LogInfo, Rig
+from fbench.replay.data import KINDS, Kind, LogInfo, Rig
 from fbench.replay.errors import DecodeError
 
 NAME = "fbench"
 _ID, _DIGEST, _METADATA, _SENSOR = "log_id", "digest", "metadata.", "sensor."
-_KINDS: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def read_header(record: Mapping[str, str]) -> LogHeader:
     return LogHeader(
         items[_ID],
         _under(_METADATA, items),
-        {name: _KINDS[kind] for name, kind in _under(_SENSOR, items).items() if kind in _KINDS},
+        {name: KINDS[kind] for name, kind in _under(_SENSOR, items).items() if kind in KINDS},
     )
 
 

@@ -1,6 +1,5 @@
 """Opening a log, whatever container it is in."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -41,6 +40,7 @@ def open_container(path: Path, faults: FaultLog) -> Container:
 
 
 def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
+    """Open one file, whose single messages may be compressed too."""
     start = _start(path)
     if start.startswith(b"SQLite format 3\x00"):
         from fbench.replay.logs.rosbag.sqlite import Db3File
@@ -52,10 +52,17 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
         return Ros1Bag(path, faults)
     from fbench.replay.logs.mcap.file import McapFile
 
-    return McapFile(path, faults)
+    file = McapFile(path, faults)
+    if not compression:
+        return file
+    from fbench.replay.logs.rosbag.zstd import UnpackedMessages
+
+    return UnpackedMessages(file)
 
 
 def _start(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+        raise LogError(f"{path}: not a regular file", "LOG001")
     try:
         with path.open("rb") as file:
             return file.read(16)
@@ -65,17 +72,12 @@ def _start(path: Path) -> bytes:
 
 def _folder(path: Path, faults: FaultLog) -> Container:
     """Open all files of a split recording as one log."""
-    from fbench.replay.logs.rosbag.folder import is_recording, rosbag2_files
+    from fbench.replay.logs.rosbag.folder import by_number, is_recording, rosbag2_files
 
     if is_recording(path):
         parts = rosbag2_files(path, faults)
         return Parts(path, [_file(part.path, faults, part.compression) for part in parts], faults)
-    bags = sorted((p for p in path.iterdir() if p.suffix == ".bag" and p.is_file()), key=_natural)
+    bags = by_number(p for p in path.iterdir() if p.suffix == ".bag" and p.is_file())
     if not bags:
         raise LogError(f"{path}: no log (a folder without {LOG_JSON} and without .mcap, .db3 or .bag files)", "LOG001")
     return Parts(path, [_file(bag, faults) for bag in bags], faults)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Key that puts part 10 behind part 9."""
-    return [(int(t), "") if t.isdecimal() else (-1, t) for t in re.split(r"(\d+)", path.name)]

@@ -3,13 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from fbench.replay.data import CameraModel, Kind, Mount, Rig
+from fbench.replay.data import KINDS, CameraModel, Kind, Mount, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.logs.codec import SENSORS
 from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.reader import LogReader
-
-_KINDS: Mapping[str, Kind] = {"camera": "camera", "lidar": "lidar", "radar": "radar"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +24,7 @@ class PartialRig:
 
 def partial_rig(reader: LogReader) -> PartialRig:
     """Return the rig of a log, and for each sensor that it lacks the reason; never fails for a missing calibration."""
-    heard = {r.sensor: _KINDS[r.kind] for _, r in sorted(reader.roles.items()) if r.kind in SENSORS}
+    heard = {r.sensor: KINDS[r.kind] for _, r in sorted(reader.roles.items()) if r.kind in SENSORS}
     try:
         rig = reader.rig
     except LogError as error:

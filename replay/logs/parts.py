@@ -10,7 +10,7 @@ from fbench.replay.data import Rig
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.header import LogHeader
-from fbench.replay.logs.merge import merged
+from fbench.replay.logs.order import merged
 
 T = TypeVar("T")
 _IDS = 2**32

@@ -5,17 +5,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.replay.data import CameraModel, Kind, Mount, Rig
+from fbench.replay.data import KINDS, CameraModel, Kind, Mount, Rig
 from fbench.replay.errors import DecodeError, LogError
 from fbench.replay.logs.codec import SENSORS
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.tree import BODY, TransformTree
 
-_KINDS: Mapping[str, Kind] = {"camera": "camera", "lidar": "lidar", "radar": "radar"}
 _MAX_MOVING = 2000
 """So many messages of moving transforms are searched for the way from a sensor to the body."""
-_LEAVE_OUT = "or leave the sensor out with --topics"
 
 
 @dataclass
@@ -86,7 +84,8 @@ class RigState:
             return self.tree.body(self.frames()) or BODY
         except DecodeError as error:
             raise LogError(
-                f"{self.container.path}: {error}; repair /tf_static, or leave sensors out with --topics", "CAL001"
+                f"{self.container.path}: {error}; repair /tf_static, or leave sensors out with --topics '!NAME'",
+                "CAL001",
             ) from error
 
     def frames(self) -> list[str]:
@@ -94,7 +93,7 @@ class RigState:
         return [frame for _, frame in self._sensors().values()]
 
     def _sensors(self) -> dict[str, tuple[Kind, str]]:
-        sensors = {r.sensor: (_KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
+        sensors = {r.sensor: (KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
         header = self.container.header
         silent = {} if header is None else {name: (kind, name) for name, kind in header.kinds.items()}
         return {name: found for name, found in {**silent, **sensors}.items() if name not in self.left_out}
@@ -112,12 +111,13 @@ class RigState:
             pose = self.tree.pose(frame, body)
         except DecodeError as error:
             raise LogError(
-                f"{path}: sensor '{name}': {error}; repair its transforms, {_LEAVE_OUT}", "CAL001"
+                f"{path}: sensor '{name}': {error}; repair its transforms, {_leave_out(name)}", "CAL001"
             ) from error
         if pose is None:
-            why = f"'{frame}' to '{body}' on /tf or /tf_static" if frame else "its messages name no frame_id"
+            to = "" if body == frame else f" to '{body}'"
+            why = f"'{frame}'{to} on /tf or /tf_static" if frame else "its messages name no frame_id"
             raise LogError(
-                f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_LEAVE_OUT}", "CAL001"
+                f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_leave_out(name)}", "CAL001"
             )
         if not (np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all() and np.any(pose[1])):
             raise LogError(
@@ -131,7 +131,7 @@ class RigState:
             return camera
         raise LogError(
             f"{self.container.path}: camera '{name}' has no calibration (CameraCalibration or CameraInfo for "
-            f"'{frame}'); add it, {_LEAVE_OUT}",
+            f"'{frame}'); add it, {_leave_out(name)}",
             "CAL001",
         )
 
@@ -167,6 +167,10 @@ def _search_calibrations(state: RigState, channels: frozenset[int]) -> None:
             state.take(entry)
             if id_ in state.calibrated:
                 break
+
+
+def _leave_out(sensor: str) -> str:
+    return f"or leave the sensor out with --topics '!{sensor}'"
 
 
 def _folder(topic: str) -> str:

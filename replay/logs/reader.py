@@ -2,9 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from hashlib import blake2b
 from itertools import groupby
+from typing import TypeVar
 
 from fbench.replay.data import LogInfo, Message, Rig, RigChange, Truth
 from fbench.replay.errors import DataError, DecodeError, LogError, PointsError
@@ -17,6 +19,8 @@ from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.logs.truth_frames import in_body
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.logs.truth_stream import joined
+
+T = TypeVar("T", bound=Message | Truth)
 
 _MAX_STAMP_NS = 2**63 - 1
 
@@ -51,7 +55,7 @@ class LogReader:
         Raises:
             LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
         """
-        return self._restricted(self.container.rigs[0][1]) if self.container.rigs else self._state.rig()
+        return self.container.rigs[0][1].without(self.left_out) if self.container.rigs else self._state.rig()
 
     @cached_property
     def num_messages(self) -> Mapping[str, int]:
@@ -109,7 +113,7 @@ class LogReader:
             _check(entry)
             if isinstance(entry.data, memoryview):
                 part = _codec(role).truth(entry.data, _origin(role, entry))
-                yield self._placed(part)
+                yield self._placed(replace(part, truth=self._stamped(entry, part.truth)))
             else:
                 yield self._placed(_truth(entry.data.read()))
         except (DecodeError, DataError) as error:
@@ -121,13 +125,6 @@ class LogReader:
 
     def _channels(self, *kinds: str) -> frozenset[int]:
         return frozenset(id_ for id_, role in self.roles.items() if role.kind in kinds)
-
-    def _restricted(self, rig: Rig) -> Rig:
-        """Leave out sensors that weren't selected."""
-        return Rig(
-            {name: m for name, m in rig.mounts.items() if name not in self.left_out},
-            {name: c for name, c in rig.cameras.items() if name not in self.left_out},
-        )
 
     def _placed(self, part: TruthPart) -> TruthPart:
         if not part.frame_id:
@@ -142,11 +139,19 @@ class LogReader:
         try:
             _check(entry)
             if isinstance(entry.data, memoryview):
-                return _codec(role).message(role.kind, entry.data, _origin(role, entry))
+                return self._stamped(entry, _codec(role).message(role.kind, entry.data, _origin(role, entry)))
             return _message(entry.data.read())
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None
+
+    def _stamped(self, entry: Entry, item: T) -> T:
+        """Give what another program left without a stamp the time of its recording; counted once a topic."""
+        if item.stamp_ns or not entry.log_ns or self.roles[entry.channel].is_own:
+            return item
+        self.container.once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
+        stamped: T = replace(item, stamp_ns=entry.log_ns)
+        return stamped
 
     def _try(self, entry: Entry, kind: str) -> None:
         """Count what can't be decoded of a transform or calibration that isn't followed."""
@@ -185,7 +190,7 @@ class _Changes:
 
     def __init__(self, reader: LogReader) -> None:
         stored = reader.container.rigs[1:]
-        self._stored = [(log_ns, reader._restricted(rig)) for log_ns, rig in stored]
+        self._stored = [(log_ns, rig.without(reader.left_out)) for log_ns, rig in stored]
         self._rig = _rig_of(reader)
         self._state = None if reader.container.rigs or self._rig is None else reader._state.copy()
         self.channels = frozenset(id_ for id_, role in reader.roles.items() if _tells_rig(role) and self._state)

@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from fbench.replay.errors import DecodeError, LogError, UnsupportedError
-from fbench.replay.logs.codec import SENSORS, Codec, Probe
+from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Probe
 from fbench.replay.logs.container import Channel, Container
 from fbench.replay.logs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
+from fbench.replay.logs.tree import BODIES
 
 STORED = "fbench"
 """Encoding of channels whose messages the container gives decoded."""
@@ -117,7 +118,8 @@ def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Rol
     for id_, (kind, frame) in probes.items():
         topic, codec = topics[id_], codecs[id_]
         if kind in SENSORS:
-            found[id_] = Role(kind, topic, frame if frame and shared[frame] == 1 else topic.strip("/"), frame, codec)
+            is_name = frame and frame not in BODIES and shared[frame] == 1
+            found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
         else:
             other = kind == "truth" and not _names_truth(topic)
             found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), "", codec)
@@ -131,9 +133,10 @@ def _names_truth(topic: str) -> bool:
 
 
 def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
-    """Kind and coordinate frame of a sensor's channel, from the first message that can be read; `None` where there is
-    none."""
-    if codec.kinds[0] not in SENSORS:
+    """Kind and coordinate frame of a channel with measurements or poses, from the first message that can be read;
+    `None` where there is none.
+    """
+    if codec.kinds[0] not in MESSAGES:
         return Probe(codec.kinds[0], "")
     topic = container.channels[channel].topic
     for tried, entry in enumerate(container.entries(frozenset([channel]))):

@@ -14,7 +14,6 @@ from fbench.replay.digest import START, digest, link
 from fbench.replay.store import FrameRecord, Run
 from fbench.replay.verify.task import WATCH
 
-STAGES = ("messages", "frames", "detections", "tracks", "faults", "scores")
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""
 

@@ -64,17 +64,16 @@ def verify(
     """
     children = _Children(replace(task, log=task.log.resolve(), pipeline=_absolute(task.pipeline),
                                  settings=[_absolute_value(s) for s in task.settings]), folder.resolve())  # fmt: skip
-    with children.ended():
+    with ThreadPoolExecutor(_AT_ONCE) as pool, children.ended(pool):
         failed = children.replay(BASE)
         if failed is not None:
             raise failed
         base = Outcome(children.folder(BASE))
         others = variants(num_repeats, _span_s(base.run), quick)
         told(1, len(others) + 1)
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            futures = [pool.submit(children.verdict, variant, base) for variant in others]
-            for num, _ in enumerate(as_completed(futures), 2):
-                told(num, len(others) + 1)
+        futures = [pool.submit(children.verdict, variant, base) for variant in others]
+        for num, _ in enumerate(as_completed(futures), 2):
+            told(num, len(others) + 1)
         return Verified(base.digests, tuple(future.result() for future in futures))
 
 
@@ -107,7 +106,7 @@ class _Children:
         """Replay in a fresh process; returns why it failed."""
         task = variant.task(self._task, self.folder(variant))
         process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "fbench.replay.verify.child"],
+            [sys.executable, "-P", "-m", "fbench.replay.cli.verify_child"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, **variant.variables()}, cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
@@ -116,11 +115,12 @@ class _Children:
         return None if process.returncode == 0 else _error(process.returncode, out, err)
 
     @contextmanager
-    def ended(self) -> Iterator[None]:
-        """End all processes where the `with` block ends early."""
+    def ended(self, pool: ThreadPoolExecutor) -> Iterator[None]:
+        """End all processes where the `with` block ends early, and begin none of those that wait in the pool."""
         try:
             yield
         finally:
+            pool.shutdown(wait=False, cancel_futures=True)
             for process in self._running:
                 if process.poll() is None:
                     process.kill()
@@ -146,7 +146,8 @@ def _absolute(name: str) -> str:
 def _absolute_value(setting: str) -> str:
     """`NAME=FILE` as seen from any folder."""
     name, equals, value = setting.partition("=")
-    return f"{name}{equals}{Path(value).resolve()}" if value and Path(value).is_file() else setting
+    looks_like_a_path = "/" in value or "." in value  # a word such as `fast` may be the name of a file by chance
+    return f"{name}{equals}{Path(value).resolve()}" if looks_like_a_path and Path(value).is_file() else setting
 
 
 @contextmanager

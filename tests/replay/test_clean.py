@@ -2,9 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.replay.clean import Skipped, clean
+from fbench.replay.clean import clean
 from fbench.replay.data import CameraModel, Image, PointCloud, RadarScan, Rig
 from fbench.replay.faults import FaultLog
+from fbench.replay.skipped import Skipped
 
 RIG = Rig({}, {"cam": CameraModel(np.eye(3), (8, 6))})
 

@@ -133,7 +133,7 @@ def test_what_comes_late_behind_the_end_is_not_called_absent(tmp_path):
 
 @pytest.mark.parametrize("frames", ["60:70", "1000"])
 def test_part_without_frames_is_an_error(tmp_path, frames):
-    with pytest.raises(LogError, match=r"log 'fake' has no frames frames \d+:\d+; it has 60 over 5.900 s"):
+    with pytest.raises(LogError, match=r"'fake' has no frames in the range 'frames \d+:\d+'; it has 60 over 5.900 s"):
         play(long_drive(), tmp_path / "run", excerpt=make_excerpt(None, None, frames))
     assert list(tmp_path.iterdir()) == []
 

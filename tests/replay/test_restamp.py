@@ -56,6 +56,14 @@ def test_the_advice_helps(tmp_path):
     play(skewed(-1_600_000_000 * S), tmp_path, offsets_ns={"radar": 1_600_000_000 * S})
 
 
+def test_the_advice_moves_the_sensor_whose_clock_is_wrong(tmp_path):
+    """Here it is the reference that counts from when it was switched on."""
+    log = skewed(-2 * S, lidar_skew_ns=-1_600_000_000 * S)
+    with pytest.raises(LogError, match="give --offset lidar=1599999998000 or --stamps log"):
+        play(log, tmp_path)
+    play(log, tmp_path, offsets_ns={"lidar": 1_599_999_998 * S})
+
+
 def test_log_time_is_one_clock(tmp_path):
     play(skewed(-1_600_000_000 * S), tmp_path, source="log")
 

@@ -109,3 +109,16 @@ def test_log_of_truth_alone_has_no_reference(tmp_path):
 def test_empty_log(tmp_path):
     result, _ = surveyed(write(tmp_path / "log.mcap", []))
     assert (result.reference, result.streams, result.num_truths) == (None, (), 0)
+
+
+def test_topics_of_all_parts_are_counted_together(tmp_path):
+    (tmp_path / "parts").mkdir()
+    items = sequence()
+    half = len(items) // 2
+    for i, part in enumerate((items[:half], items[half:])):
+        write(tmp_path / "parts" / f"log_{i}.mcap", part, the_rig())
+    whole, _ = surveyed(write(tmp_path / "log.mcap", items, the_rig()))
+    split, _ = surveyed(tmp_path / "parts")
+    assert [(t.topic, t.num_messages) for t in split.topics if t.kind in ("camera", "lidar", "radar")] == [
+        (t.topic, t.num_messages) for t in whole.topics if t.kind in ("camera", "lidar", "radar")
+    ]

@@ -14,7 +14,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.run import Plan
 from fbench.replay.run import replay as play_log
 from fbench.replay.store import Run
-from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference
+from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference, make_sync_params
 
 from .fakes import Echo, FakeLog
 
@@ -244,3 +244,11 @@ def test_unknown_reference_is_a_usage_error():
     for counts in ({}, {"cam": 0}):
         with pytest.raises(LogError, match="has no messages of a sensor with calibration"):
             choose(rig(cam="camera"), counts)
+
+
+def test_durations_are_read_and_refused():
+    params = make_sync_params("lidar", 20, 0.5, float("inf"))
+    assert params == SyncParams("lidar", 20 * MS, MS // 2, 10**18)
+    for arguments, option in (((float("nan"), 0, 0), "timeout-ms nan"), ((0, -1, 0), "tolerance-ms -1")):
+        with pytest.raises(ConfigError, match=f"--{option}: expected a duration, such as 20"):
+            make_sync_params(None, *arguments)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from fbench.replay.data import Rig
 from fbench.replay.logs.codec import MESSAGES
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.roles import Role
@@ -29,11 +28,3 @@ def left_out(roles: Mapping[int, Role], kept: frozenset[int]) -> frozenset[str]:
     """Sensors that weren't chosen."""
     sensors = {role.sensor for id_, role in roles.items() if id_ in kept}
     return frozenset(role.sensor for role in roles.values()) - sensors
-
-
-def restricted(rig: Rig, gone: frozenset[str]) -> Rig:
-    """Leave out sensors."""
-    return Rig(
-        {name: mount for name, mount in rig.mounts.items() if name not in gone},
-        {name: camera for name, camera in rig.cameras.items() if name not in gone},
-    )

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from fbench.replay.errors import DataError, DecodeError
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.convert.choose import restricted
 from fbench.replay.logs.convert.cut import cut, cut_rigs
 from fbench.replay.logs.convert.encode import Encoder
 from fbench.replay.logs.convert.exact import exactly_decoded
@@ -28,7 +27,7 @@ class Copying:
             told = told_rigs(source.container, source.reader.roles, self._encoder)
             self.rigs = told or []
             self._channels -= rig_channels(source.reader.roles) if told else frozenset()
-        self.rigs = [rig._replace(rig=restricted(rig.rig, source.gone)) for rig in cut_rigs(self.rigs, source.window)]
+        self.rigs = [rig._replace(rig=rig.rig.without(source.gone)) for rig in cut_rigs(self.rigs, source.window)]
 
     def items(self) -> Iterator[Item]:
         """Read the log once.

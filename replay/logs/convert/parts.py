@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.files import swap, synced
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.mcap.raw_write import RawMcapWriter
-from fbench.replay.logs.parquet.place import swap, synced
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, Message, Truth
 from fbench.replay.logs.codec import Codec, Origin, Probe
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.foxglove.messages import (
-    RADAR_FIELDS,
+    pose_frame,
     read_cloud,
     read_compressed_image,
     read_pose,
@@ -25,6 +25,7 @@ from fbench.replay.logs.foxglove.rig import read_calibration, read_transform
 from fbench.replay.logs.foxglove.topics import BOXES2D, HAS_BOXES2D
 from fbench.replay.logs.foxglove.truth import read_boxes
 from fbench.replay.logs.foxglove.wire import split
+from fbench.replay.logs.point_fields import is_radar
 from fbench.replay.logs.tree import Edge
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.raw_images import layout_name
@@ -66,13 +67,15 @@ class FoxgloveCodec:
     def probe(self, data: memoryview) -> Probe:
         """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
         kind = self.kinds[0]
+        if self.schema == "foxglove.PoseInFrame":
+            return Probe(kind, pose_frame(data))
         if self.schema not in _SENSORS:
             return Probe(kind, "")
         message = _SENSORS[self.schema]
         proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
-        if isinstance(proto, CloudProto) and any(f.name in RADAR_FIELDS for f in proto.fields):
+        if isinstance(proto, CloudProto) and is_radar(field.name for field in proto.fields):
             kind = "radar"
         return Probe(kind, proto.frame_id)
 

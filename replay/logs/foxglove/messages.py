@@ -11,13 +11,27 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 
 from fbench.replay.arrays import Array, Float32, Float64
 from fbench.replay.data import Image, PointCloud, Pose, RadarScan
-from fbench.replay.errors import DecodeError
+from fbench.replay.errors import DecodeError, UnsupportedError
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.images import RAW_CHANNELS, encoded_format, encoded_size
 from fbench.replay.logs.codec import Origin
 from fbench.replay.logs.foxglove.points import Columns, pack
 from fbench.replay.logs.foxglove.proto import nanoseconds, parse, timestamp
 from fbench.replay.logs.foxglove.wire import split
+from fbench.replay.logs.point_fields import (
+    ALTITUDE_FIELDS,
+    AZIMUTH_FIELDS,
+    DOPPLER_FIELDS,
+    INTENSITY_FIELDS,
+    RANGE_FIELDS,
+    RCS_FIELDS,
+    RING_FIELDS,
+    VECTOR_FIELDS,
+    along_ray,
+    ring_numbers,
+)
+from fbench.replay.logs.point_times import TIME_FIELDS, offset_ns
+from fbench.replay.logs.tree import BODIES
 from fbench.replay.raw_images import layout_name, packed
 
 WORLD = "world"
@@ -77,19 +91,19 @@ def cloud_proto(cloud: PointCloud) -> CloudProto:
 def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
     """Decode a LiDAR sweep; points are moved by the message's pose where it has one.
 
+    Times of points under other names than that of fbench are read as drivers write them; see `offset_ns`.
+
     Raises:
         DecodeError: where the message is damaged or has no coordinates.
     """
     proto, columns = _columns(data)
+    stamp_ns, offsets, times = _stamp_ns(proto, origin), columns.get(("offset_ns",), "i4"), columns.get(TIME_FIELDS)
+    if offsets is None and times is not None:
+        offsets = offset_ns(times, stamp_ns)
     return PointCloud(
-        origin.sensor, _stamp_ns(proto, origin), origin.log_ns, _xyz(proto, columns),
-        columns.get(("intensity", "reflectivity"), "f4"), columns.get(("ring",), "u2"),
-        columns.get(("offset_ns",), "i4"), origin.frame_number,
+        origin.sensor, stamp_ns, origin.log_ns, _xyz(proto, columns), columns.get(INTENSITY_FIELDS, "f4"),
+        ring_numbers(columns.get(RING_FIELDS)), offsets, origin.frame_number,
     )  # fmt: skip
-
-
-RADAR_FIELDS = ("velocity", "doppler", "radial_velocity")
-"""A cloud with one of these fields is a radar scan."""
 
 
 def radar_proto(scan: RadarScan) -> CloudProto:
@@ -113,8 +127,11 @@ def read_radar(data: memoryview, origin: Origin) -> RadarScan:
         DecodeError: where the message is damaged or has no coordinates.
     """
     proto, columns = _columns(data)
-    names = (RADAR_FIELDS, ("rcs",), ("range",), ("azimuth",), ("altitude", "elevation"))
+    names = (DOPPLER_FIELDS, RCS_FIELDS, RANGE_FIELDS, AZIMUTH_FIELDS, ALTITUDE_FIELDS)
     velocity, rcs, distance, azimuth, altitude = (columns.get(name, "f4") for name in names)
+    vx, vy = (columns.get((name,), "f8") for name in VECTOR_FIELDS)
+    if velocity is None and vx is not None and vy is not None:
+        velocity = along_ray(columns.xyz(), vx, vy)
     return RadarScan(
         origin.sensor, _stamp_ns(proto, origin), origin.log_ns, _xyz(proto, columns), velocity, rcs, distance, azimuth,
         altitude, origin.frame_number,
@@ -145,6 +162,19 @@ def pose_proto(pose: Pose) -> PoseInFrame:
         timestamp=timestamp(pose.stamp_ns), frame_id=WORLD,
         pose=PoseProto(position=vector(pose.translation_m), orientation=rotation(pose.rotation_xyzw)),
     )  # fmt: skip
+
+
+def pose_frame(data: memoryview) -> str:
+    """Tell the coordinate frame in which a pose is given.
+
+    Raises:
+        UnsupportedError: where it is that of the body, so that the pose doesn't say where the body is.
+        DecodeError: where the message is damaged.
+    """
+    frame_id: str = parse(PoseInFrame, data).frame_id
+    if frame_id in BODIES:
+        raise UnsupportedError(f"its poses are given in '{frame_id}', the body's own coordinate frame")
+    return frame_id
 
 
 def read_pose(data: memoryview, origin: Origin) -> Pose:

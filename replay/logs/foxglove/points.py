@@ -33,12 +33,14 @@ def pack(proto: CloudProto, xyz: Float32, columns: Mapping[str, Array | None]) -
 
 
 class Columns:
-    """The points of one message by column name."""
+    """The points of one message by column name in lower case; the first one of a name counts."""
 
     def __init__(self, proto: CloudProto, data: memoryview) -> None:
         self._data = data
         self._stride = proto.point_stride
-        self._fields = {field.name: field for field in proto.fields}
+        self._fields: dict[str, Field] = {}
+        for field in proto.fields:
+            self._fields.setdefault(field.name.lower(), field)
         if self._stride == 0 and self._data:
             raise PointsError("points of 0 bytes")
         if self._stride and len(self._data) % self._stride:
@@ -61,14 +63,16 @@ class Columns:
             return self._strided(x, "<f4", 3)
         return np.stack([_cast(self._column(field), "f4") for field in axes], axis=1)
 
-    def get(self, names: Sequence[str], dtype: DTypeLike) -> Array | None:
-        """The first of these columns that is there, (N,), converted to `dtype`; `None` where there is none.
+    def get(self, names: Sequence[str], dtype: DTypeLike | None = None) -> Array | None:
+        """The first of these columns that is there, (N,), converted to `dtype` if given; `None` where there is none.
 
         Raises:
             PointsError: where the column has an unknown type or lies outside the points.
         """
         field = next((self._fields[name] for name in names if name in self._fields), None)
-        return None if field is None else _cast(self._column(field), dtype)
+        if field is None:
+            return None
+        return self._column(field) if dtype is None else _cast(self._column(field), dtype)
 
     def _check(self, field: Field) -> np.dtype[np.generic]:
         if field.type not in _DTYPES:

@@ -9,6 +9,8 @@ _TIMES = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
 _LENGTHS = struct.Struct("<QI")
 _SIZES = struct.Struct("<QQ")
+_MAX_OFFSETS = 2**16 * _OFFSET.size
+"""One for each channel."""
 
 
 class ChunkIndex(NamedTuple):
@@ -19,7 +21,7 @@ class ChunkIndex(NamedTuple):
     offset: int
     """Of the chunk record in the file, with its length [byte]."""
     length: int
-    channels: tuple[int, ...]
+    channels: frozenset[int]
     """Those that have a message index behind the chunk."""
     index_length: int
     """Of all its message indexes [byte]."""
@@ -37,8 +39,10 @@ def parse_chunk_index(content: memoryview) -> ChunkIndex:
     """
     try:
         start_ns, end_ns, offset, length, num_bytes = _TIMES.unpack_from(content)
+        if num_bytes > _MAX_OFFSETS:
+            raise RecordError(f"chunk index has {num_bytes} bytes of offsets")
         at = _TIMES.size + num_bytes
-        channels = tuple(id_ for id_, _ in _OFFSET.iter_unpack(content[_TIMES.size : at]))
+        channels = frozenset(id_ for id_, _ in _OFFSET.iter_unpack(content[_TIMES.size : at]))
         index_length, num_text = _LENGTHS.unpack_from(content, at)
         at += _LENGTHS.size + num_text
         compression = str(content[at - num_text : at], "utf-8")

@@ -29,7 +29,7 @@ from fbench.replay.logs.mcap.records import (
 )  # fmt: skip
 from fbench.replay.logs.mcap.times import read_log_times
 from fbench.replay.logs.mcap.walk import MESSAGE, check_compression, walk
-from fbench.replay.logs.merge import merged
+from fbench.replay.logs.order import merged
 from fbench.replay.logs.sniff import looks_like
 
 _NUM_KEPT, _MAX_KEPT = 4, 16 * 1024 * 1024
@@ -117,7 +117,7 @@ class McapFile:
         if not whole:
             return walk(file, self.path.name, size, whole, self._faults)
         try:
-            return read_index(file, size)
+            return read_index(file, size, self.path.name)
         except NoIndexError as reason:
             self._faults.add("LOG003", f"{self.path.name}: {reason}")
             return walk(file, self.path.name, size, whole, self._faults)
@@ -129,7 +129,7 @@ class McapFile:
             data = self._read(file, where, block) if kept is None else kept
             if is_first and kept is None and len(data) <= _MAX_KEPT:
                 self._kept = (*self._kept[1 - _NUM_KEPT :], (block.offset, data))
-            return self._sorted(where, self._parse(block, data, channels))
+            return self._sorted(where, self._parse(where, block, data, channels))
         except RecordError as error:
             self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
             return []
@@ -138,6 +138,8 @@ class McapFile:
         check_size(where, max(block.length, block.size or 0))
         file.seek(block.offset)
         content = memoryview(file.read(block.length))
+        if len(content) != block.length:  # the file has become shorter
+            raise RecordError(f"{len(content)} bytes instead of {block.length}")
         return self._unpacked(where, block, content) if block.is_chunk else content
 
     def _sorted(self, where: str, entries: Iterator[Entry]) -> list[Entry]:
@@ -148,7 +150,7 @@ class McapFile:
         return found
 
     def _unpacked(self, where: str, block: Block, content: memoryview) -> memoryview:
-        if len(content) != block.length or HEAD.unpack_from(content) != (Opcode.CHUNK, block.length - HEAD.size):
+        if HEAD.unpack_from(content) != (Opcode.CHUNK, block.length - HEAD.size):
             raise RecordError("no chunk of the indexed length")
         chunk = parse_chunk(content[HEAD.size :])
         _compare(block, chunk)
@@ -158,8 +160,8 @@ class McapFile:
             self.once("LOG006", (block.offset,), f"chunk at byte {block.offset}")
         return unpack(chunk, where)
 
-    def _parse(self, block: Block, data: memoryview, channels: frozenset[int]) -> Iterator[Entry]:
-        for opcode, start, stop in records(data):
+    def _parse(self, where: str, block: Block, data: memoryview, channels: frozenset[int]) -> Iterator[Entry]:
+        for opcode, start, stop in records(data, where):
             if opcode != Opcode.MESSAGE:
                 continue
             if stop - start < MESSAGE.size:
@@ -177,6 +179,8 @@ class McapFile:
 
 def _escaped(text: str) -> str:
     """Show the bytes of a text that aren't UTF-8 as `\\xff`."""
+    if text.isascii():  # not copied, as there can be millions
+        return text
     return text.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 

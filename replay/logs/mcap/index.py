@@ -5,16 +5,21 @@ from dataclasses import dataclass, field
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Metadata, Schema, Statistics
+from mcap.records import Channel, Footer, Metadata, MetadataIndex, Schema, Statistics
 
 from fbench.replay.checksums import crc32
+from fbench.replay.logs import header
 from fbench.replay.logs.mcap.chunk_index import ChunkIndex, parse_chunk_index
+from fbench.replay.logs.mcap.definitions import MAX_METADATA, check_chunks, check_definitions, own_metadata
 from fbench.replay.logs.mcap.records import HEAD, MAGIC, MAX_RECORD, RecordError, parse_record, read_head, records
 
 _FOOTER = HEAD.size + 20
+_MAX_SETS = 2**21
+"""Of the channels of all chunks together; beyond, it isn't kept which ones a chunk has."""
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Block:
     """A part of a file that is read at once: a chunk, or a run of messages outside chunks."""
 
@@ -43,7 +48,7 @@ class Index:
     channels: Mapping[int, Channel]
     schemas: Mapping[int, Schema]
     metadata: Mapping[str, Metadata] = field(default_factory=dict)
-    """Metadata records by name, the first of each."""
+    """fbench's own metadata record by its name; those of others aren't used."""
     counts: Mapping[int, int] = field(default_factory=dict)
     """Messages of each channel."""
     damage: Sequence[str] = ()
@@ -62,12 +67,32 @@ class NoIndexError(Exception):
     """The file has no index that can be trusted, with the reason; it must be walked."""
 
 
+class _Sets:
+    """Keeps equal sets of channels once."""
+
+    def __init__(self) -> None:
+        self._known: dict[frozenset[int], frozenset[int]] = {}
+        self._room = _MAX_SETS
+
+    def shared(self, channels: frozenset[int]) -> frozenset[int]:
+        """Return an equal set; the empty one, for channels that aren't known, where there are too many."""
+        known = self._known.get(channels)
+        if known is None and len(channels) <= self._room:
+            self._room -= len(channels)
+            known = self._known[channels] = channels
+        return frozenset() if known is None else known
+
+
 @dataclass
 class _Summary:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkIndex] = field(default_factory=list)
     statistics: Statistics | None = None
+    metadata: set[str] = field(default_factory=set)
+    """Names of the metadata records that the file should have."""
+    used: set[int] = field(default_factory=set)
+    """Channels that chunks have messages of."""
 
 
 def has_end(file: BinaryIO, size: int) -> bool:
@@ -76,25 +101,28 @@ def has_end(file: BinaryIO, size: int) -> bool:
     return size >= 2 * len(MAGIC) + _FOOTER and file.read(len(MAGIC)) == MAGIC
 
 
-def read_index(file: BinaryIO, size: int) -> Index:
+def read_index(file: BinaryIO, size: int, name: str) -> Index:
     """Read the index of a file whose end is there.
 
     Raises:
         NoIndexError: where it is absent, damaged or incomplete.
+        LimitError: where it would take too much memory; names the file, `name`.
     """
     try:
-        start, summary = _summary(file, size)
+        start, summary = _summary(file, size, name)
     except RecordError as error:
         raise NoIndexError(f"summary is damaged: {error}") from error
     _check_complete(summary)
     blocks = sorted((_block(chunk) for chunk in summary.chunks), key=lambda block: block.offset)
     covered = sorted((c.offset, c.length + c.index_length) for c in summary.chunks)
     metadata, damage = _between(file, [*covered, (start, 0)])
+    if header.NAME in summary.metadata and header.NAME not in metadata:
+        damage.append(f"metadata record '{header.NAME}' isn't where the summary says")
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     return Index(blocks, summary.channels, summary.schemas, metadata, counts, damage, is_stored=True)
 
 
-def _summary(file: BinaryIO, size: int) -> tuple[int, _Summary]:
+def _summary(file: BinaryIO, size: int, name: str) -> tuple[int, _Summary]:
     footer_at = size - len(MAGIC) - _FOOTER
     file.seek(footer_at)
     content = file.read(_FOOTER)
@@ -112,13 +140,18 @@ def _summary(file: BinaryIO, size: int) -> tuple[int, _Summary]:
         raise NoIndexError("summary without checksum")
     if crc32(content[:-4], crc32(data)) != footer.summary_crc:
         raise NoIndexError("checksum of the summary doesn't match")
-    return footer.summary_start, _parse_summary(data)
+    return footer.summary_start, _parse_summary(data, f"{name}: summary")
 
 
-def _parse_summary(data: bytes) -> _Summary:
+def _parse_summary(data: bytes, where: str) -> _Summary:
     summary = _Summary()
-    for opcode, start, stop in records(memoryview(data)):
-        content = data[start:stop]
+    sets = _Sets()
+    num_bytes = 0
+    for opcode, start, stop in records(memoryview(data), where):
+        if opcode in _DEFINITIONS:
+            num_bytes += stop - start
+            check_definitions(where, num_bytes)
+        content = b"" if opcode == Opcode.CHUNK_INDEX else data[start:stop]
         if opcode == Opcode.SCHEMA:
             schema = parse_record(Schema.read, content)
             summary.schemas[schema.id] = schema
@@ -126,9 +159,14 @@ def _parse_summary(data: bytes) -> _Summary:
             channel = parse_record(Channel.read, content)
             summary.channels[channel.id] = channel
         elif opcode == Opcode.CHUNK_INDEX:
-            summary.chunks.append(parse_chunk_index(memoryview(content)))
+            chunk = parse_chunk_index(memoryview(data)[start:stop])
+            summary.used |= chunk.channels
+            summary.chunks.append(chunk._replace(channels=sets.shared(chunk.channels)))
+            check_chunks(where, len(summary.chunks))
         elif opcode == Opcode.STATISTICS:
             summary.statistics = parse_record(Statistics.read, content)
+        elif opcode == Opcode.METADATA_INDEX:
+            summary.metadata.add(parse_record(MetadataIndex.read, content).name)
     return summary
 
 
@@ -141,9 +179,8 @@ def _check_complete(summary: _Summary) -> None:
         raise NoIndexError("no chunk index" if not summary.chunks else "chunk index is incomplete")
     if statistics is not None and statistics.message_count and not summary.chunks:
         raise NoIndexError("no chunk index")
-    used = [channel for chunk in summary.chunks for channel in chunk.channels]
-    used += [] if statistics is None else list(statistics.channel_message_counts)
-    if any(channel not in summary.channels for channel in used):
+    used = summary.used | (set() if statistics is None else set(statistics.channel_message_counts))
+    if not used <= set(summary.channels):
         raise NoIndexError("summary lacks channels")
     if any(chunk.length < HEAD.size for chunk in summary.chunks):
         raise NoIndexError("index is inconsistent")
@@ -153,7 +190,7 @@ def _check_complete(summary: _Summary) -> None:
 
 def _block(chunk: ChunkIndex) -> Block:
     return Block(
-        chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns, frozenset(chunk.channels) or None, True, chunk.size,
+        chunk.offset, chunk.length, chunk.start_ns, chunk.end_ns, chunk.channels or None, True, chunk.size,
         chunk.stored, chunk.compression, chunk.index_length,
     )  # fmt: skip
 
@@ -186,7 +223,7 @@ def _between(file: BinaryIO, covered: Sequence[tuple[int, int]]) -> tuple[dict[s
             if opcode not in _HARMLESS:
                 damage.append(f"record at byte {at} has unknown type {opcode}")
             elif opcode == Opcode.METADATA:
-                _add_metadata(metadata, damage, at, file.read(min(length, MAX_RECORD)))
+                _add_metadata(metadata, damage, at, file.read(min(length, MAX_METADATA + 1)))
             at += HEAD.size + length
         if at > start:
             raise NoIndexError("index is inconsistent")
@@ -196,7 +233,8 @@ def _between(file: BinaryIO, covered: Sequence[tuple[int, int]]) -> tuple[dict[s
 
 def _add_metadata(metadata: dict[str, Metadata], damage: list[str], at: int, content: bytes) -> None:
     try:
-        record = parse_record(Metadata.read, content)
-        metadata.setdefault(record.name, record)
+        record = own_metadata(content)
+        if record is not None:
+            metadata.setdefault(record.name, record)
     except RecordError as error:
         damage.append(f"metadata at byte {at}: {error}")

@@ -23,6 +23,8 @@ MAX_RECORD = 256 * 1024 * 1024
 _CHUNK = struct.Struct("<QQQI")
 _UINT64 = struct.Struct("<Q")
 _UINT32 = struct.Struct("<I")
+MAX_RECORDS = 2**20
+"""A chunk or summary of more records is refused: each takes time, and empty ones compress to almost nothing."""
 COMPRESSIONS = ("", "zstd", "lz4")
 _UNKNOWN_SIZE = -1
 _PIECE = 1024 * 1024
@@ -88,7 +90,7 @@ def check_size(where: str, size: int) -> None:
     """Refuse what is larger than `MAX_RECORD`.
 
     Raises:
-        LogError: naming the place.
+        LimitError: naming the place.
     """
     if size > MAX_RECORD:
         raise LimitError(f"{where}: declares {size} bytes, more than the limit of {MAX_RECORD}", "LIM001")
@@ -137,7 +139,7 @@ def _at_least(size: int, limit: int) -> str:
     return f"{size}" if size < limit else f"more than {limit}"
 
 
-def _decompress(chunk: Chunk, where: str) -> bytes:
+def _decompress(chunk: Chunk, where: str) -> bytes | bytearray:
     """Decompress what unpacks to the declared size; never takes much more memory than that.
 
     Raises:
@@ -150,7 +152,7 @@ def _decompress(chunk: Chunk, where: str) -> bytes:
         raise RecordError(f"{chunk.compression} data are damaged ({error})") from error
 
 
-def _unzstd(chunk: Chunk, where: str) -> bytes:
+def _unzstd(chunk: Chunk, where: str) -> bytes | bytearray:
     """What the frame says of its size is checked before memory of that size is taken."""
     size = zstandard.frame_content_size(chunk.data)
     if size == _UNKNOWN_SIZE:
@@ -163,7 +165,7 @@ def _unzstd(chunk: Chunk, where: str) -> bytes:
     return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.size, allow_extra_data=False)
 
 
-def _unlz4(chunk: Chunk, where: str) -> bytes:
+def _unlz4(chunk: Chunk, where: str) -> bytearray:
     unpacker = lz4.frame.LZ4FrameDecompressor()
     rest = iter([chunk.data])
 
@@ -174,9 +176,13 @@ def _unlz4(chunk: Chunk, where: str) -> bytes:
     return _bounded(chunk, read, where)
 
 
-def _bounded(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytes:
-    """Read one byte beyond the declared size: enough to see that there is more, and then how much more."""
-    data = read(chunk.size + 1)
+def _bounded(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
+    """Read one byte beyond the declared size: enough to see that there is more, and then how much more. Pieces keep
+    the libraries from holding all of it a second time.
+    """
+    data = bytearray()
+    while len(data) <= chunk.size and (piece := read(min(_PIECE, chunk.size + 1 - len(data)))):
+        data += piece
     excess = max(0, len(data) - chunk.size)
     while excess and (piece := read(_PIECE)):
         excess += len(piece)
@@ -191,14 +197,17 @@ def _bomb(chunk: Chunk, where: str) -> LimitError:
     return LimitError(f"{where}: {what}; it is a decompression bomb", "LIM002")
 
 
-def records(buffer: memoryview) -> Iterator[tuple[int, int, int]]:
+def records(buffer: memoryview, where: str) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and stop of the content of each record in a buffer.
 
     Raises:
         RecordError: where a record reaches beyond the buffer.
+        LimitError: where there are more than `MAX_RECORDS`; names the place, `where`.
     """
     at = 0
-    while at < len(buffer):
+    for _ in range(MAX_RECORDS):
+        if at == len(buffer):
+            return
         if at + HEAD.size > len(buffer):
             raise RecordError(f"record at byte {at} of the chunk is cut off")
         opcode, length = HEAD.unpack_from(buffer, at)
@@ -207,3 +216,5 @@ def records(buffer: memoryview) -> Iterator[tuple[int, int, int]]:
             raise RecordError(f"record at byte {at - HEAD.size} of the chunk is longer than the chunk")
         yield opcode, at, at + length
         at += length
+    if at < len(buffer):
+        raise LimitError(f"{where}: holds more than {MAX_RECORDS} records", "LIM001")

@@ -13,6 +13,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from fbench.replay.arrays import Array, Int64
+from fbench.replay.errors import LimitError
 from fbench.replay.logs.mcap.index import Block, Index
 from fbench.replay.logs.mcap.records import HEAD, RecordError, records
 
@@ -21,6 +22,7 @@ MAX_SHARE = 0.005
 SMALL = 1024 * 1024
 """[byte]."""
 _ARRAY = struct.Struct("<HI")
+_WHERE = "message indexes"
 _ENTRY = np.dtype([("log_ns", "<u8"), ("offset", "<u8")])
 
 
@@ -50,7 +52,7 @@ def read_log_times(file: int, size: int, index: Index) -> Mapping[int, Int64] | 
         return None
     try:
         return _checked(_read(file, index.blocks), index)
-    except (_MismatchError, RecordError):
+    except (_MismatchError, RecordError, LimitError):
         return None
 
 
@@ -61,7 +63,7 @@ def _read(file: int, blocks: Sequence[Block]) -> dict[int, _Stream]:
         data = memoryview(os.pread(file, block.index_length, block.offset + block.length))
         if len(data) != block.index_length:
             raise _MismatchError
-        found = [_add(streams, number, opcode, data[start:stop]) for opcode, start, stop in records(data)]
+        found = [_add(streams, number, opcode, data[start:stop]) for opcode, start, stop in records(data, _WHERE)]
         if sorted(found) != sorted(block.channels or ()):
             raise _MismatchError
     return streams

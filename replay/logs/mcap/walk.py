@@ -11,6 +11,7 @@ from mcap.records import Channel, DataEnd, Metadata, Schema
 from fbench.replay.checksums import crc32
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
+from fbench.replay.logs.mcap.definitions import check_chunks, check_definitions, own_metadata
 from fbench.replay.logs.mcap.index import Block, Index
 from fbench.replay.logs.mcap.records import (
     COMPRESSIONS,
@@ -32,6 +33,8 @@ _RUN = 1024 * 1024
 """Messages outside chunks are read in runs of about this many bytes."""
 _PIECE = 1024 * 1024
 _QUIET = (Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT)
+_INDEX = struct.Struct("<HI")
+"""Channel and length of the rest at the start of a message index."""
 
 
 def walk(file: BinaryIO, name: str, size: int, whole: bool, faults: FaultLog) -> Index:
@@ -81,7 +84,9 @@ class _Walker:
         self._crc = crc32(MAGIC)
         self._damaged = False
         self._run: _Run | None = None
-        self._num_plain, self._num_unverified = 0, 0
+        self._num_plain, self._num_unverified, self._num_foreign = 0, 0, 0
+        self._num_defined = 0
+        self._contents: dict[tuple[int, bytes], bytes] = {}
 
     def run(self) -> int | None:
         """Visit all records; returns the stored checksum of the data section, `None` where the file is cut off."""
@@ -99,14 +104,14 @@ class _Walker:
             self.at += HEAD.size + length
 
     def check_sums(self, expected: int | None) -> None:
-        """Compare the checksum of the data section, the only one that messages outside chunks have."""
+        """Compare the checksum of the data section, the only one that messages outside chunks and metadata have."""
         if self._num_unverified:
             where = f"{self._name}: {self._num_unverified} chunks"
             self._faults.add("LOG006", where, self._num_unverified)
         if not expected:
             if self._num_plain:
                 self._faults.add("LOG006", f"{self._name}: {self._num_plain} messages outside chunks")
-        elif expected != self._crc and not self._damaged and not self._num_plain:
+        elif expected != self._crc and not self._damaged and not self._num_plain + self._num_foreign:
             self._faults.add("LOG005", self._name)
         elif expected != self._crc and not self._damaged:
             self._damage("checksum of the data section doesn't match, it isn't known where", len(MAGIC))
@@ -122,7 +127,7 @@ class _Walker:
         if opcode not in (Opcode.MESSAGE, Opcode.CHANNEL, Opcode.SCHEMA):
             self._flush()
         if opcode in _QUIET:
-            self._skip(length)
+            self._skip(opcode, length)
             return
         content = self._content(length)
         try:
@@ -131,8 +136,7 @@ class _Walker:
             elif opcode == Opcode.CHUNK:
                 self._chunk(parse_chunk(memoryview(content)), length)
             elif opcode == Opcode.METADATA:
-                record = parse_record(Metadata.read, content)
-                self.metadata.setdefault(record.name, record)
+                self._metadata(content)
             elif not self._define(opcode, content):
                 self._damage(f"record has unknown type {opcode}", self.at)
         except RecordError as error:
@@ -144,11 +148,21 @@ class _Walker:
         self._crc = crc32(content, self._crc)
         return content
 
-    def _skip(self, length: int) -> None:
-        while length > 0:
-            piece = self._file.read(min(length, _PIECE))
+    def _metadata(self, content: bytes) -> None:
+        record = own_metadata(content)
+        self._num_foreign += record is None
+        if record is not None:
+            self.metadata.setdefault(record.name, record)
+
+    def _skip(self, opcode: int, length: int) -> None:
+        """Pass what isn't needed, but not a chunk whose type was changed into that of a message index by damage."""
+        rest = length
+        while rest > 0:
+            piece = self._file.read(min(rest, _PIECE))
+            if opcode == Opcode.MESSAGE_INDEX and rest == length and not _is_index(piece, length):
+                self._damage("message index is damaged", self.at)
             self._crc = crc32(piece, self._crc)
-            length -= len(piece) or length
+            rest -= len(piece) or rest
 
     def _message(self, content: bytes) -> None:
         if len(content) < MESSAGE.size:
@@ -165,8 +179,12 @@ class _Walker:
 
     def _flush(self) -> None:
         if self._run is not None:
-            self.blocks.append(self._run.block(is_chunk=False))
+            self._add(self._run.block(is_chunk=False))
         self._run = None
+
+    def _add(self, block: Block) -> None:
+        self.blocks.append(block)
+        check_chunks(self._name, len(self.blocks))
 
     def _chunk(self, chunk: Chunk, length: int) -> None:
         where = f"{self._name}: chunk at byte {self.at}"
@@ -174,16 +192,17 @@ class _Walker:
         check_compression(where, chunk.compression)
         data = unpack(chunk, where)
         run = _Run(self.at, self.at + HEAD.size + length)
-        for opcode, start, stop in records(data):
+        for opcode, start, stop in records(data, where):
             if opcode == Opcode.MESSAGE and stop - start >= MESSAGE.size:
                 channel, _, log_ns, _ = MESSAGE.unpack_from(data, start)
                 run.add(channel, log_ns)
                 self.counts[channel] += 1
             elif opcode in (Opcode.CHANNEL, Opcode.SCHEMA):
+                check_definitions(where, stop - start)
                 self._define_inside(opcode, bytes(data[start:stop]))
         self._num_unverified += chunk.crc == 0
         if run.channels:
-            self.blocks.append(run.block(is_chunk=True))
+            self._add(run.block(is_chunk=True))
 
     def _define_inside(self, opcode: int, content: bytes) -> None:
         """Add what a chunk defines; where it can't be read, the messages count as those of an unknown channel."""
@@ -194,6 +213,8 @@ class _Walker:
 
     def _define(self, opcode: int, content: bytes) -> bool:
         """Add a channel or schema; tells whether it is one."""
+        if opcode in (Opcode.CHANNEL, Opcode.SCHEMA) and not self._is_new(opcode, content):
+            return True
         if opcode == Opcode.CHANNEL:
             channel = parse_record(Channel.read, content)
             if self.channels.setdefault(channel.id, channel) != channel:
@@ -204,9 +225,24 @@ class _Walker:
             self.schemas.setdefault(schema.id, schema)
         return opcode in (Opcode.CHANNEL, Opcode.SCHEMA)
 
+    def _is_new(self, opcode: int, content: bytes) -> bool:
+        """Tell whether a definition isn't there yet: some writers repeat all of them in each chunk."""
+        key = (opcode, content[:2])
+        if self._contents.get(key) == content:
+            return False
+        self._num_defined += len(content)
+        check_definitions(f"{self._name}: byte {self.at}", self._num_defined)
+        self._contents[key] = content
+        return True
+
     def _damage(self, reason: str, at: int) -> None:
         self._damaged = True
         self._faults.add("LOG004", f"{self._name}: byte {at}: {reason}")
+
+
+def _is_index(start: bytes, length: int) -> bool:
+    """Tell whether a record that starts so can be a message index of this length."""
+    return len(start) >= _INDEX.size and length == _INDEX.size + int(_INDEX.unpack_from(start)[1])
 
 
 def check_compression(where: str, compression: str) -> None:

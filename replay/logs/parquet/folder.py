@@ -15,7 +15,7 @@ from fbench.replay.errors import LimitError, LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.header import LogHeader
-from fbench.replay.logs.merge import merged
+from fbench.replay.logs.order import merged
 from fbench.replay.logs.parquet import log_json
 from fbench.replay.logs.parquet.footer import MAX_CHUNKS
 from fbench.replay.logs.parquet.source import opened

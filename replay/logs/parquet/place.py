@@ -1,7 +1,5 @@
-"""Putting a finished log into its place."""
+"""What a Parquet log may take the place of."""
 
-import os
-import shutil
 from pathlib import Path
 
 from fbench.replay.errors import ConfigError
@@ -22,22 +20,3 @@ def _is_log(path: Path) -> bool:
     if not (path / log_json.NAME).is_file():
         return False
     return all(file.name == log_json.NAME or file.suffix == ".parquet" for file in path.iterdir())
-
-
-def swap(new: Path, path: Path) -> None:
-    """Rename `new` to `path`, in place of a log that is there; at no moment is there half of either."""
-    old = new.with_name(f"{new.name}.old")
-    if path.exists():
-        path.rename(old)
-    new.rename(path)
-    synced(path.parent)
-    shutil.rmtree(old, ignore_errors=True)
-
-
-def synced(path: Path) -> None:
-    """Have a file or folder written to the disk."""
-    number = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(number)
-    finally:
-        os.close(number)

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from fbench.replay.data import Kind, LogInfo, Message, Rig, Truth
 from fbench.replay.errors import ConfigError, DataError, LogError
+from fbench.replay.files import swap, synced
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.parquet import log_json
 from fbench.replay.logs.parquet.columns import StreamKind
@@ -19,7 +20,7 @@ from fbench.replay.logs.parquet.encode import Encoded, message_kind, message_row
 from fbench.replay.logs.parquet.footer import reason_of
 from fbench.replay.logs.parquet.log_json import ChannelEntry, LogJson, StreamEntry
 from fbench.replay.logs.parquet.names import default_topic, file_name
-from fbench.replay.logs.parquet.place import require_replaceable, swap, synced
+from fbench.replay.logs.parquet.place import require_replaceable
 from fbench.replay.logs.parquet.rig_json import RigEntry
 from fbench.replay.logs.parquet.stream_writer import StreamWriter
 from fbench.replay.logs.truth_part import TruthPart

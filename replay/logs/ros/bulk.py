@@ -5,15 +5,9 @@ from collections.abc import Callable, Mapping
 from fbench.replay.data import Message
 from fbench.replay.logs.codec import Origin, Probe
 from fbench.replay.logs.ros import clouds, images
-from fbench.replay.logs.ros.cursor import Header
 from fbench.replay.logs.ros.reads import Reads
 from fbench.replay.logs.ros.sensor_messages import read_cloud, read_compressed_image, read_raw_image
 from fbench.replay.raw_images import layout_name
-
-
-def stamp_of(header: Header, origin: Origin) -> int:
-    """Stamp of the header, or the time of recording where it has none."""
-    return header.stamp_ns or origin.log_ns
 
 
 def cloud_reads(encoding: str) -> Reads:
@@ -26,7 +20,7 @@ def cloud_reads(encoding: str) -> Reads:
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         cloud = read_cloud(data, encoding)
         convert = clouds.radar if kind == "radar" else clouds.lidar
-        return convert(cloud, stamp_of(cloud.header, origin), origin)
+        return convert(cloud, cloud.header.stamp_ns, origin)
 
     return Reads(("lidar", "radar"), probe, message)
 
@@ -41,7 +35,7 @@ def raw_image_reads(encoding: str) -> Reads:
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         image = read_raw_image(data, encoding)
-        return images.raw(image, stamp_of(image.header, origin), origin)
+        return images.raw(image, image.header.stamp_ns, origin)
 
     return Reads(("camera",), probe, message)
 
@@ -56,7 +50,7 @@ def compressed_image_reads(encoding: str) -> Reads:
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         image = read_compressed_image(data, encoding)
-        return images.compressed(image, stamp_of(image.header, origin), origin)
+        return images.compressed(image, image.header.stamp_ns, origin)
 
     return Reads(("camera",), probe, message)
 

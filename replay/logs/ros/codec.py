@@ -62,7 +62,7 @@ class RosCodec:
         return self._call(self._reads.probe, data)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
-        """Decode a measurement; a header without a stamp counts as one of `log_ns`."""
+        """Decode a measurement; its stamp is 0 where the header has none."""
         return self._call(self._given(self._reads.message, "measurement"), kind, data, origin)
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:

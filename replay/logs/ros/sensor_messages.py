@@ -30,6 +30,8 @@ class Cloud(NamedTuple):
     row_step: int
     data: memoryview
     """View of the payload."""
+    is_dense: bool
+    """Whether all points are valid; else those that aren't have NaN for coordinates."""
 
 
 class RawImage(NamedTuple):
@@ -67,9 +69,9 @@ def read_cloud(data: memoryview, encoding: str) -> Cloud:
     fields = tuple(_field(cursor) for _ in range(num))
     is_bigendian, point_step, row_step = bool(cursor.uint8()), cursor.uint32(), cursor.uint32()
     points = cursor.blob()
-    cursor.uint8()  # is_dense: non-finite points are looked for anyway
+    is_dense = bool(cursor.uint8())
     cursor.end()
-    return Cloud(header, height, width, fields, is_bigendian, point_step, row_step, points)
+    return Cloud(header, height, width, fields, is_bigendian, point_step, row_step, points, is_dense)
 
 
 def _field(cursor: Cursor) -> PointField:

@@ -6,7 +6,6 @@ from typing import Any
 from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, Message, Truth
 from fbench.replay.logs.codec import Origin, Probe
 from fbench.replay.logs.ros import boxes
-from fbench.replay.logs.ros.bulk import stamp_of
 from fbench.replay.logs.ros.calibration import camera_model, edges
 from fbench.replay.logs.ros.cursor import Header
 from fbench.replay.logs.ros.decoder import Decode
@@ -46,7 +45,7 @@ def radar_scan_reads(decode: Decode, encoding: str) -> Reads:
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         scan = decode(data)
-        return radar_scan(scan, stamp_of(header(scan, encoding), origin), origin)
+        return radar_scan(scan, header(scan, encoding).stamp_ns, origin)
 
     return Reads(("radar",), _probe("radar", decode, encoding), message)
 
@@ -90,7 +89,7 @@ def _probe(kind: str, decode: Decode, encoding: str) -> Callable[[memoryview], P
 
 
 def _part(found: Boxes3D | Boxes2D, head: Header, frame_id: str, origin: Origin) -> TruthPart:
-    stamp_ns, is_2d = stamp_of(head, origin), isinstance(found, Boxes2D)
+    stamp_ns, is_2d = head.stamp_ns, isinstance(found, Boxes2D)
     columns: dict[str, Any] = {"boxes2d" if is_2d else "boxes3d": found}
     truth = Truth(stamp_ns, origin.log_ns, **columns, frame_number=origin.frame_number)
     return TruthPart(truth, is_2d, frame_id=frame_id)

@@ -16,7 +16,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.header import LogHeader
 from fbench.replay.logs.mcap.records import RecordError, check_size
-from fbench.replay.logs.merge import merged
+from fbench.replay.logs.order import merged
 from fbench.replay.logs.rosbag.bag1_block import Block, Content, parse_block
 from fbench.replay.logs.rosbag.bag1_index import Index, NoIndexError, index_records, read_header, read_index
 from fbench.replay.logs.rosbag.bag1_walk import walk

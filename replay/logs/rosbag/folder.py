@@ -69,7 +69,7 @@ def _find(folder: Path, name: str) -> Path | None:
 
 def _check_packed(folder: Path) -> None:
     """Refuse files that are compressed as a whole, unless what is in them lies beside them."""
-    for path in _by_number(_files(folder)):
+    for path in by_number(_files(folder)):
         unpacked = path.with_suffix("")
         if path.suffix == _PACKED and unpacked.suffix in _SUFFIXES and not unpacked.exists():
             raise LogError(f"{path}: compressed as a whole; decompress it first (`unzstd {path.name}`)", "LOG007")
@@ -110,7 +110,7 @@ def _storage(path: Path, metadata: Metadata | None) -> Storage:
 
 
 def _present(folder: Path) -> Sequence[Path]:
-    return _by_number(path for path in _files(folder) if path.suffix in _SUFFIXES)
+    return by_number(path for path in _files(folder) if path.suffix in _SUFFIXES)
 
 
 def _files(folder: Path) -> Sequence[Path]:
@@ -120,7 +120,7 @@ def _files(folder: Path) -> Sequence[Path]:
         raise LogError(f"{folder}: can't be read ({error.strerror})") from error
 
 
-def _by_number(paths: Iterable[Path]) -> Sequence[Path]:
+def by_number(paths: Iterable[Path]) -> Sequence[Path]:
     """Sort so that `bag_2` comes before `bag_10`."""
     return sorted(paths, key=lambda path: (_natural(path.name), path.name))
 

@@ -114,3 +114,13 @@ def test_pipeline_that_fails(path, pipeline, text):
 def test_no_complete_frame_is_tried_all_the_same(path):
     items = [m for m in clean() if not isinstance(m, RadarScan)]
     assert ("PRD002", "") in problems(checked(path, items, pipeline=("mine", Broken())))
+
+
+def test_sensor_that_the_pipeline_cant_use(path):
+    class Blind(Echo):
+        def step(self, frame):
+            return replace(super().step(frame), missing={"cam": "no weights"})
+
+    one = found(checked(path, clean(), pipeline=("blind", Blind())), "CHK009")
+    assert (one.source, one.text) == ("cam", "blind can't use it: no weights")
+    assert one.advice == "see fbench plugins blind for what it needs, and give it with --set"

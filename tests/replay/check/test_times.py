@@ -131,6 +131,7 @@ def test_boot_time_beside_unix_time(path):
     one = found(result, "TIM008")
     assert (one.source, one.severity) == ("radar", "error")
     assert one.text == "its clock is 1699999899.992 s behind that of lidar"
+    assert one.advice == "synchronise the clocks, or give --offset radar=1699999899992 or --stamps log"
 
 
 def test_offset_puts_a_clock_right(path):

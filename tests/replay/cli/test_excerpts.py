@@ -100,10 +100,10 @@ def test_stragglers_are_told_apart(fbench, tmp_path):
     ("options", "code", "message"),
     [
         (("--frames", "x"), 2, "--frames x: expected A:B"),
-        (("--frames", "6:"), 3, "has no frames frames 6:; it has 6 over 0.500 s"),
-        (("--from", "9"), 3, "has no frames from +9000000000ns"),
+        (("--frames", "6:"), 3, "has no frames in the range 'frames 6:'; it has 6 over 0.500 s"),
+        (("--from", "9"), 3, "has no frames in the range 'from +9000000000ns'"),
         (("--from", "x"), 2, "--from x: expected seconds"),
-        (("--to", "0"), 3, "has no frames to +0ns"),
+        (("--to", "0"), 3, "has no frames in the range 'to +0ns'"),
         (("--topics", "lidr"), 2, "did you mean 'lidar'?"),
         (("--offset", "lidr=3"), 2, "--offset lidr: no such sensor; did you mean 'lidar'?"),
         (("--offset", "3"), 2, "--offset 3: expected SENSOR=MILLISECONDS"),

@@ -286,6 +286,7 @@ ELSEWHERE = {
     "DEC002": "tests/replay/cli/test_replay.py::test_corrupt_image_is_a_fault_of_its_frame",
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",
     "LIM004": "tests/replay/logs/parquet/test_limits.py::test_a_page_that_claims_gigabytes_is_refused",
+    "TIM011": "tests/replay/logs/test_foreign.py::test_headers_without_stamps_are_told",
     "PRD001": "tests/replay/test_run.py::test_non_finite_boxes_and_reported_faults_are_counted",
     "PRD002": "tests/replay/test_run.py::test_failing_frame_is_counted_and_the_rest_goes_on",
 }

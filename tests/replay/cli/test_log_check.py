@@ -106,3 +106,9 @@ def test_gaps_of_a_real_recording(fbench, shared):
 def test_recording_of_others_is_clean(fbench, shared):
     log = shared / "data" / "mcap" / "kitti_raw_12frames_ros2.mcap"
     assert fbench("log", "check", log).code == 0
+
+
+def test_reference_that_is_not_there_is_a_usage_error(fbench, log):
+    result = fbench("log", "check", log, "--reference", "lidr")
+    assert result.code == 2
+    assert result.err == "fbench: reference sensor 'lidr' isn't in the log; it has: camera, lidar, radar\n"

@@ -162,11 +162,11 @@ def test_root_of_the_tree_is_the_body_where_none_is_named(tmp_path):
 def test_incomplete_rigs_name_the_sensor(tmp_path):
     cloud = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)])
     reader, _ = log(tmp_path, ("/points", cloud), ("/tf", edge("body", "other")))
-    with pytest.raises(LogError, match=r"sensor 'lidar' has no transform to the body"):
+    with pytest.raises(LogError, match=r"sensor 'lidar' has no transform to the body .*--topics '!lidar'$"):
         _ = reader.rig
     image = CompressedImage(frame_id="cam", data=JPEG, format="jpeg")
     reader, _ = log(tmp_path, ("/image", image), ("/tf", edge("body", "cam")))
-    with pytest.raises(LogError, match=r"camera 'cam' has no calibration"):
+    with pytest.raises(LogError, match=r"camera 'cam' has no calibration .*--topics '!cam'$"):
         _ = reader.rig
     reader, faults = log(
         tmp_path, ("/image", image), ("/tf", edge("body", "cam")), ("/k", CameraCalibration(frame_id="cam"))
@@ -231,3 +231,64 @@ def test_other_readers_decode_every_message(tmp_path):
     scenes = [p for _, c, _, p in decoded if c.topic == "/truth/boxes"]
     assert [len(e.cubes) for e in scenes[0].entities] == [0, 1, 1]
     assert all(schema.encoding == "protobuf" for schema, *_ in decoded)
+
+
+def test_radar_with_velocity_vectors(tmp_path):
+    """nuScenes: vx, vy in the sensor's coordinates as measured, vx_comp, vy_comp without the ego motion."""
+    dtype = [(name, "<f4") for name in ("x", "y", "z", "rcs", "vx", "vy", "vx_comp", "vy_comp")]
+    scan = packed(dtype, [(3, 4, 0, 7, 5, 10, 0, 0), (10, 0, 1, 8, -2, 9, 0, 0)], "RADAR_FRONT")
+    reader, _ = log(tmp_path, ("/RADAR_FRONT", scan))
+    [message] = reader.messages()
+    assert isinstance(message, RadarScan)
+    assert message.radial_velocity_mps.tolist() == [11, -2]  # (3 * 5 + 4 * 10) / 5
+    assert message.rcs_dbsm.tolist() == [7, 8]
+
+
+@pytest.mark.parametrize("name", ["Velocity", "doppler_velocity", "v_r"])
+def test_doppler_under_common_names(tmp_path, name):
+    dtype = [(column, "<f4") for column in ("x", "y", "z", name, "Power", "Range", "AzimuthAngle", "ElevationAngle")]
+    reader, _ = log(tmp_path, ("/radar", packed(dtype, [(1, 2, 3, -4, 5, 6, 0.5, 0.25)], "radar")))
+    [scan] = reader.messages()
+    assert isinstance(scan, RadarScan)
+    columns = (scan.radial_velocity_mps, scan.rcs_dbsm, scan.range_m, scan.azimuth_rad, scan.altitude_rad)
+    assert [column.tolist() for column in columns] == [[-4], [5], [6], [0.5], [0.25]]
+
+
+def test_points_have_rings_and_times_under_common_names(tmp_path):
+    dtype = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("Reflectivity", "<u2"), ("channel", "<f4"), ("t", "<u4")]
+    reader, _ = log(tmp_path, ("/points", packed(dtype, [(1, 2, 3, 9, 31, 0), (1, 2, 3, 8, 30, 50_000_000)])))
+    [sweep] = reader.messages()
+    assert sweep.intensity.tolist() == [9, 8]
+    assert (sweep.ring.dtype, sweep.ring.tolist()) == (np.uint16, [31, 30])
+    assert (sweep.offset_ns.dtype, sweep.offset_ns.tolist()) == (np.int32, [0, 50_000_000])
+
+
+def test_poses_of_the_body_in_its_own_frame_say_nothing(tmp_path):
+    """nuscenes2mcap publishes /pose as the identity in base_link, for viewers to follow."""
+    own = PoseInFrame(frame_id="base_link", pose=PoseProto(orientation=Quaternion(w=1)))
+    reader, faults = log(tmp_path, ("/pose", own), ("/odometry", PoseInFrame(frame_id="map", pose=own.pose)))
+    assert [message.sensor for message in reader.messages()] == ["odometry"]
+    assert dict(faults.counts) == {"LOG012": 1}
+    assert "body" in faults.places["LOG012"][0]
+
+
+def test_headers_without_stamps_are_told(tmp_path):
+    """The time of recording is taken."""
+    points = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)], timestamp=Timestamp())
+    reader, faults = log(tmp_path, *[("/other", points)] * 3, *[("/points", points)] * 2)
+    assert [(m.log_ns, m.stamp_ns) for m in reader.messages()] == [(i, i) for i in range(5)]
+    assert faults.places["TIM011"] == ["log.mcap: /other at 1", "log.mcap: /points at 3"]
+
+
+def test_sensors_in_the_frame_of_the_body_are_called_by_topic(tmp_path):
+    """Joined clouds, as Autoware has them."""
+    points = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)], "base_link")
+    reader, _ = log(tmp_path, ("/lidar/concatenated", points))
+    assert list(reader.rig.mounts) == ["lidar/concatenated"]
+
+
+def test_sensor_without_any_transform_names_no_other_frame(tmp_path):
+    points = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)])
+    reader, _ = log(tmp_path, ("/points", points))
+    with pytest.raises(LogError, match=r"no transform to the body \('lidar' on /tf or /tf_static\)"):
+        _ = reader.rig

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from fbench.replay.verify.run import verify
+from fbench.replay.verify.task import Task
 from fbench.replay.verify.variants import variants
 
 from ..cli.conftest import fbench, log, messages, write_log
@@ -177,7 +179,7 @@ def test_log_without_truth_and_excerpts(fbench, tmp_path, mine):
         (("nowhere.mcap", "-p", "lidar3d"), 3, "nowhere.mcap: can't be read"),
         (("car.mcap", "-p", "lidar4d"), 2, "unknown pipeline 'lidar4d'; did you mean 'lidar3d'?"),
         (("car.mcap", "-p", "lidar3d", "--set", "lidar.x=1"), 2, "lidar.x"),
-        (("car.mcap", "-p", "lidar3d", "--frames", "90:"), 3, "has no frames frames 90:"),
+        (("car.mcap", "-p", "lidar3d", "--frames", "90:"), 3, "has no frames in the range 'frames 90:'"),
         (("car.mcap", "-p", "lidar3d", "--offset", "lidr=3"), 2, "did you mean 'lidar'?"),
         (("car.mcap", "-p", "lidar3d", "--keep", "car.mcap"), 2, "can't be written"),
         (("car.mcap", "-p", "lidar3d", "--repeat", "0"), 2, "repeat"),
@@ -205,6 +207,18 @@ def test_at_most_two_processes_at_a_time(fbench, log, mine, monkeypatch):
     assert fbench("verify", log, "-p", mine(), "--quick", "--repeat", "4").code == 0
     assert len(alive) == 6
     assert max(most) <= 2
+
+
+def test_interrupt_ends_the_replays_that_run_and_begins_no_others(log, mine, tmp_path):
+    def interrupt(done, of):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    task = Task(log, str(tmp_path / mine(sleep="time.sleep(0.2)")), Path())
+    with pytest.raises(KeyboardInterrupt):
+        verify(task, 10, True, tmp_path / "runs", interrupt)
+    begun = [p for p in (tmp_path / "runs").iterdir() if p.name != "elsewhere"]
+    assert len(begun) <= 6  # of 12: the reference, those of which one was done, and those that followed
 
 
 def test_paced_variant_takes_seconds_whatever_the_log():

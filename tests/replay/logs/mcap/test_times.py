@@ -113,7 +113,7 @@ def test_chunk_index_is_read_as_the_library_reads_it(log):
         theirs, ours = ChunkIndex.read(ReadDataStream(BytesIO(content))), parse_chunk_index(memoryview(content))
         assert ours == (
             theirs.message_start_time, theirs.message_end_time, theirs.chunk_start_offset, theirs.chunk_length,
-            tuple(theirs.message_index_offsets), theirs.message_index_length, theirs.compression,
+            frozenset(theirs.message_index_offsets), theirs.message_index_length, theirs.compression,
             theirs.compressed_size, theirs.uncompressed_size,
         )  # fmt: skip
 

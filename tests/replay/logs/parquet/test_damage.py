@@ -13,7 +13,12 @@ from fbench.replay.logs.parquet.folder import ParquetFolder
 from .. import builders as b
 from . import logs
 
-KINDS = {"none": {"compression": "none"}, "zstd": {"compression": "zstd"}, "small": {"rows_per_group": 2}}
+KINDS = {
+    "none": {"compression": "none"},
+    "snappy": {"compression": "snappy"},
+    "zstd": {"compression": "zstd"},
+    "small": {"rows_per_group": 2},
+}
 
 
 @pytest.fixture(scope="module", params=sorted(KINDS))

@@ -177,7 +177,7 @@ def test_compensated_vectors_alone_are_no_doppler():
 
 
 def test_header_without_a_stamp():
-    assert read(structured(x=X, y=Y, z=Z), stamp=(0, 0)).stamp_ns == ORIGIN.log_ns
+    assert read(structured(x=X, y=Y, z=Z), stamp=(0, 0)).stamp_ns == 0  # the reader takes the time of recording
 
 
 @pytest.mark.parametrize(("stamp", "ok"), [((-1, 0), False), ((2**31 - 1, 999_999_999), True)])
@@ -235,3 +235,21 @@ def test_too_many_fields():
     rows = structured(**{f"f{i}": X for i in range(257)})
     with pytest.raises(DecodeError, match="cloud has 257 fields, at most 256 are read"):
         read(rows)
+
+
+@pytest.mark.parametrize("kind", ["lidar", "radar"])
+def test_points_that_a_cloud_declares_invalid_are_left_out(kind):
+    """Organised clouds keep a place for each ray: those without a return are NaN, and `is_dense` is false."""
+    x = np.float32([1, np.nan, 3, np.inf])
+    rows = structured(x=x, y=x, z=x, velocity=np.float32([5, 6, 7, 8]), intensity=np.float32([1, 2, 3, 4]))
+    changes = {"kind": kind, "height": 2, "width": 2, "row_step": 2 * rows.dtype.itemsize}
+    cloud = read(rows, is_dense=False, **changes)
+    assert cloud.xyz.tolist() == [[1, 1, 1], [3, 3, 3]]
+    values = cloud.radial_velocity_mps if isinstance(cloud, RadarScan) else cloud.intensity
+    assert values.tolist() == ([5, 7] if kind == "radar" else [1, 3])
+    assert len(read(rows, is_dense=True, **changes).xyz) == 4  # these are faults, which are counted later
+
+
+def test_cloud_of_invalid_points_alone_is_empty():
+    rows = structured(x=X * np.nan, y=Y, z=Z)
+    assert read(rows, is_dense=False).xyz.shape == (0, 3)

@@ -1,6 +1,7 @@
 """Folders of rosbag2: which files, in which order, and what hostile metadata can do."""
 
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -8,11 +9,9 @@ from hypothesis import strategies as st
 
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap.file import McapFile
+from fbench.replay.logs.open import open_container
 from fbench.replay.logs.rosbag.folder import Part, is_recording, rosbag2_files
 from fbench.replay.logs.rosbag.metadata import read_metadata
-from fbench.replay.logs.rosbag.sqlite import Db3File
-from fbench.replay.logs.rosbag.zstd import UnpackedMessages
 
 from . import builders as b
 
@@ -49,11 +48,21 @@ def test_recordings_of_rosbags(tmp_path, version, mode, storage):
     (part,), faults = files(folder)
     compression = "zstd" if mode == "message" else ""
     assert part == Part(folder / ("bag.db3" if storage == "sqlite3" else "bag.mcap"), storage, compression)
-    opened = Db3File(part.path, faults) if storage == "sqlite3" else McapFile(part.path, faults)
-    container = UnpackedMessages(opened) if compression else opened
+    container = open_container(folder, faults)
     got = [(entry.log_ns, entry.topic, bytes(entry.data)) for entry in container.entries(frozenset(container.channels))]
     assert sorted(got) == b.read_bag2(folder)
     assert not faults.lost
+
+
+def test_bags_of_ros_1_come_by_number_whatever_the_order_of_the_folder(tmp_path, monkeypatch):
+    names = ["a_01.bag", "a_1.bag", "a_2.bag", "a_10.bag"]
+    for name in names:
+        b.write_bag1(tmp_path / name, [(0, b.START_NS, name.encode())])
+    listed = list(tmp_path.iterdir())
+    for order in (listed, listed[::-1]):
+        monkeypatch.setattr(Path, "iterdir", lambda path, order=order: iter(order))
+        container = open_container(tmp_path, FaultLog())
+        assert [bytes(entry.data).decode() for entry in container.entries(frozenset(container.channels))] == names
 
 
 def test_listed_order_then_others_by_number(tmp_path):

@@ -1,4 +1,4 @@
-"""One replay in a fresh process: `python -m fbench.replay.verify.child`, the task as JSON on stdin.
+"""One replay in a fresh process: `python -m fbench.replay.cli.verify_child`, the task as JSON on stdin.
 
 Where the task can't be done, the last line of stdout is the error. The exit code is that of `fbench replay`. Threads
 are those of the environment, not those that `fbench` sets.
@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
+from fbench.replay.cli.scoring import score_folder
 from fbench.replay.clock import make_clock
 from fbench.replay.errors import EXIT_OK, FbenchError
 from fbench.replay.faults import FaultLog
@@ -60,8 +61,6 @@ def run(task: Task) -> None:
 
 
 def _complete(folder: Path, watched: WatchedPipeline) -> None:
-    from fbench.replay.cli.scoring import score_folder
-
     (folder / WATCH).write_text(json.dumps(watched.rows))
     score_folder(folder, ScoreOptions())
 

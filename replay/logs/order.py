@@ -1,4 +1,4 @@
-"""Messages of many blocks in canonical order, holding only blocks that overlap in time."""
+"""Canonical order, that in which entries sort, over many blocks; only blocks that overlap in time are held."""
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,0 +1,80 @@
+"""What a finished run is told as: scores, latency, what was missing, faults."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from fbench.replay.cli.fault_text import fault_lines
+from fbench.replay.cli.show import console, latency_table, null_reasons, print_json, score_table
+from fbench.replay.errors import ConfigError
+from fbench.replay.store import Run
+
+
+def show_run(run: Run, as_json: bool) -> None:
+    """Print scores, latency, faults, and where the run is."""
+    if as_json:
+        names = ("scores.json", "latency.json", "faults.json")
+        content = {name.removesuffix(".json"): run.json(name) for name in names}
+        manifest = json.loads(run.manifest.model_dump_json())
+        print_json({"run": str(run.folder), "manifest": manifest, **content})
+        return
+    out = console()
+    out.print(score_table(run.scores))
+    for line in null_reasons(run.scores):
+        out.print(f"– {line}", markup=False)
+    out.print()
+    latency = run.json("latency.json")
+    out.print(latency_table(latency))
+    out.print(f"{latency['over_budget']} of {latency['frames']} frames over the budget of {latency['budget_ms']:g} ms")
+    out.print()
+    for line in _status(run):
+        out.print(line, markup=False, soft_wrap=True)
+
+
+def _status(run: Run) -> list[str]:
+    manifest = run.manifest
+    scored = sum(frame.truth_stamp_ns is not None for frame in run.frames)
+    lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
+    missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
+    lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
+    counts = run.json("faults.json")
+    for sensor, num in counts["late_messages"].items():
+        lines += [f"late: {num} messages of {sensor} came after their frame was released"] if num else []
+    for sensor, num in counts["unused_messages"].items():
+        lines += [f"unused: {num} messages of {sensor}, which frames don't need"] if num else []
+    lines += fault_lines(counts["rows"])
+    if not manifest.complete:
+        lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
+    report = run.folder / "report.html"
+    lines.append(_pace(run.json("host.json")))
+    return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
+
+
+def _pace(host: dict[str, Any]) -> str:
+    achieved = f"{host['achieved_rate']:.3g}x" if "achieved_rate" in host else "–"
+    if host["rate"] == "max":
+        return f"pace: {achieved} real time"
+    return (
+        f"pace: asked {host['rate']}x, achieved {achieved}, "
+        f"p99 late {host['p99_late_ms']:.2g} ms, max {host['max_late_ms']:.2g} ms"
+    )
+
+
+def _kind(reason: str) -> str:
+    """A reason without its number: 'late by 12.3 ms' is 'late'."""
+    return "late" if reason.startswith("late by") else reason
+
+
+def open_run(folder: Path) -> Run:
+    """Return the run in a folder.
+
+    Raises:
+        ConfigError: where there is no such folder.
+        RunError: where it isn't a run.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such run folder")
+    run = Run(folder)
+    _ = run.manifest
+    return run

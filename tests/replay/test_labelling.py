@@ -1,0 +1,47 @@
+import numpy as np
+
+from fbench.replay.data import Boxes2D, Boxes3D, Truth
+from fbench.replay.labelling import Instant, Labelling
+
+MS = 1_000_000
+
+
+def boxes2d(*cameras, **columns):
+    return Boxes2D(np.array(cameras, np.str_), np.array([[0, 0, 9.0, 9]] * len(cameras)).reshape(-1, 4), **columns)
+
+
+def boxes3d(x=1.0):
+    return Boxes3D(np.array([[x, 0, 0]]), np.ones((1, 3)), np.zeros(1))
+
+
+def matched(*truths):
+    frames = Labelling([Instant(i, i * 100 * MS, None, True) for i in range(3)])
+    return list(frames.matched(iter(truths)))
+
+
+def test_truth_of_several_topics_is_joined():
+    """3D boxes and those of two cameras, as ROS logs have them: each in its own message."""
+    solid = boxes3d()
+    [(index, truth)] = matched(
+        Truth(100 * MS, 0, solid), Truth(100 * MS, 1, None, boxes2d("left", "left")),
+        Truth(104 * MS, 2, None, boxes2d("right")),
+    )  # fmt: skip
+    assert (index, truth.stamp_ns, truth.boxes3d) == (1, 100 * MS, solid)
+    assert truth.boxes2d.camera.tolist() == ["left", "left", "right"]
+
+
+def test_what_only_one_of_them_tells_is_dropped():
+    known = boxes2d("left", track_id=np.array([7]), label=np.array(["car"]))
+    [(_, truth)] = matched(Truth(0, 0, None, known), Truth(0, 0, None, boxes2d("right", label=np.array(["van"]))))
+    assert truth.boxes2d.track_id is None
+    assert truth.boxes2d.label.tolist() == ["car", "van"]
+    [(_, truth)] = matched(Truth(0, 0, None, known), Truth(0, 0, None, boxes2d()))
+    assert truth.boxes2d.track_id.tolist() == [7]
+
+
+def test_truths_of_the_same_thing_arent_joined():
+    """The nearest gets the frame."""
+    near, far = Truth(101 * MS, 0, boxes3d()), Truth(105 * MS, 0, boxes3d(2.0), boxes2d("left"))
+    assert matched(near, far) == [(None, far), (1, near)]
+    near, far = Truth(99 * MS, 0, None, boxes2d("left")), Truth(95 * MS, 0, None, boxes2d("left", "right"))
+    assert matched(far, near) == [(None, far), (1, near)]
