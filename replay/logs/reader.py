@@ -1,11 +1,10 @@
 """Reading a log as messages, truth and rig, whatever container and encoding it is in."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from hashlib import blake2b
-from itertools import groupby
 from typing import TypeVar
 
 from fbench.replay.data import LogInfo, Message, Rig, RigChange, Truth
@@ -13,6 +12,7 @@ from fbench.replay.errors import DataError, DecodeError, LogError, PointsError
 from fbench.replay.logs.codec import MESSAGES, Codec, Origin
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.read_rig import RigState, first_state
+from fbench.replay.logs.rig_changes import RigChanges
 from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
 from fbench.replay.logs.tree import BODY, tree_of
@@ -73,7 +73,7 @@ class LogReader:
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
-        changes = _Changes(self)
+        changes = self._changes()
         for entry in changes.followed(self.container.entries(self._channels(*MESSAGES) | changes.channels)):
             if entry.channel in changes.channels:
                 continue
@@ -86,7 +86,7 @@ class LogReader:
         """All entries of all channels in canonical order, with what each holds: `None` where fbench has no use for it,
         it can't be decoded, or it tells the rig. A change of the rig comes with the entry that it precedes.
         """
-        changes = _Changes(self)
+        changes = self._changes()
         for entry in changes.followed(self.container.entries(frozenset(self.container.channels))):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             if kind in MESSAGES:
@@ -118,6 +118,15 @@ class LogReader:
                 yield self._placed(_truth(entry.data.read()))
         except (DecodeError, DataError) as error:
             self._count(entry, error)
+
+    def _changes(self) -> RigChanges:
+        """Messages can be read even where the rig can't."""
+        stored = [(log_ns, rig.without(self.left_out)) for log_ns, rig in self.container.rigs[1:]]
+        try:
+            rig: Rig | None = self.rig
+        except LogError:
+            rig = None
+        return RigChanges(rig, stored, None if self.container.rigs else self._state)
 
     @cached_property
     def _state(self) -> RigState:
@@ -183,62 +192,6 @@ class LogReader:
             for part in parts:
                 digest.update(len(part).to_bytes(8, "little") + part)
         return digest.hexdigest()
-
-
-class _Changes:
-    """Follows transforms and calibrations, to tell where the rig changes."""
-
-    def __init__(self, reader: LogReader) -> None:
-        stored = reader.container.rigs[1:]
-        self._stored = [(log_ns, rig.without(reader.left_out)) for log_ns, rig in stored]
-        self._rig = _rig_of(reader)
-        self._state = None if reader.container.rigs or self._rig is None else reader._state.copy()
-        self.channels = frozenset(id_ for id_, role in reader.roles.items() if _tells_rig(role) and self._state)
-        self._is_new = False
-
-    def followed(self, entries: Iterable[Entry]) -> Iterator[Entry]:
-        """Pass all entries on, taking the transforms and calibrations of one log time before its other messages: which
-        topic comes first in the alphabet must not decide what they are seen with.
-        """
-        for _, group in groupby(entries, key=lambda entry: entry.log_ns):
-            together = list(group)
-            for entry in together:
-                if entry.channel in self.channels and self._state is not None:
-                    self._is_new = self._state.take(entry) or self._is_new
-            yield from together
-
-    def until(self, log_ns: int) -> Iterator[RigChange]:
-        """Yield the change of the rig before a message of log time `log_ns`, where there is one."""
-        rig = None
-        while self._stored and self._stored[0][0] <= log_ns:
-            _, rig = self._stored.pop(0)
-        if rig is not None:
-            yield from self._changed(log_ns, rig)
-        if self._is_new and self._state is not None:
-            self._is_new = False
-            try:
-                rig = self._state.rig()
-            except LogError:  # what was broken in the middle of a log doesn't end it: the old rig stays
-                return
-            yield from self._changed(log_ns, rig)
-
-    def _changed(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
-        sensors = () if self._rig is None else rig.changed_since(self._rig)
-        if sensors:
-            self._rig = rig
-            yield RigChange(log_ns, rig, sensors)
-
-
-def _rig_of(reader: LogReader) -> Rig | None:
-    """Messages can be read even where the rig can't."""
-    try:
-        return reader.rig
-    except LogError:
-        return None
-
-
-def _tells_rig(role: Role) -> bool:
-    return role.kind == "calibration" or (role.kind == "transform" and role.is_static)
 
 
 def _codec(role: Role) -> Codec:
