@@ -181,8 +181,11 @@ class LogReader:
         """Digest of all topics with their schemas and first messages, whatever the ids of their channels."""
         digest = blake2b(digest_size=16)
         channels = self.container.channels
-        for topic in sorted({channel.topic for channel in channels.values()}):
-            ids = frozenset(id_ for id_, channel in channels.items() if channel.topic == topic)
+        by_topic: dict[str, list[int]] = {}
+        for id_, channel in sorted(channels.items()):
+            by_topic.setdefault(channel.topic, []).append(id_)
+        for topic, ids_ in sorted(by_topic.items()):
+            ids = frozenset(ids_)
             schema = channels[min(ids)].schema
             entry = next(self.container.entries(ids), None)
             parts = [topic.encode()]

@@ -1,7 +1,7 @@
 """One MCAP file as a stream of entries in canonical order."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -16,6 +16,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs import header
 from fbench.replay.logs.container import Channel, Entry, Schema
 from fbench.replay.logs.header import LogHeader
+from fbench.replay.logs.held import Held
 from fbench.replay.logs.mcap.index import Block, Index, NoIndexError, has_end, read_index
 from fbench.replay.logs.mcap.records import (
     HEAD,
@@ -81,8 +82,9 @@ class McapFile:
         """All messages of these channels in canonical order; damaged blocks are skipped and counted."""
         wanted = [b for b in self.index.blocks if b.channels is None or not b.channels.isdisjoint(channels)]
         first = min(wanted, key=lambda b: (b.start_ns, b.offset), default=None)
+        held = Held()
         with self._open() as file:
-            yield from merged(wanted, lambda block: self._load(file, block, channels, block is first))
+            yield from merged(wanted, lambda block: self._load(file, held, block, channels, block is first))
 
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
@@ -122,25 +124,28 @@ class McapFile:
             self._faults.add("LOG003", f"{self.path.name}: {reason}")
             return walk(file, self.path.name, size, whole, self._faults)
 
-    def _load(self, file: BinaryIO, block: Block, channels: frozenset[int], is_first: bool) -> list[Entry]:
+    def _load(
+        self, file: BinaryIO, held: Held, block: Block, channels: frozenset[int], is_first: bool
+    ) -> Iterable[Entry]:
         where = f"{self.path.name}: byte {block.offset}"
         try:
             kept = next((data for offset, data in self._kept if offset == block.offset), None)
-            data = self._read(file, where, block) if kept is None else kept
+            data = self._read(file, held, where, block) if kept is None else kept
             if is_first and kept is None and len(data) <= _MAX_KEPT:
                 self._kept = (*self._kept[1 - _NUM_KEPT :], (block.offset, data))
-            return self._sorted(where, self._parse(where, block, data, channels))
+            found = self._sorted(where, self._parse(where, block, data, channels))
+            return held.hold(found, len(found), len(data), block.length)
         except RecordError as error:
             self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
             return []
 
-    def _read(self, file: BinaryIO, where: str, block: Block) -> memoryview:
+    def _read(self, file: BinaryIO, held: Held, where: str, block: Block) -> memoryview:
         check_size(where, max(block.length, block.size or 0))
         file.seek(block.offset)
         content = memoryview(file.read(block.length))
         if len(content) != block.length:  # the file has become shorter
             raise RecordError(f"{len(content)} bytes instead of {block.length}")
-        return self._unpacked(where, block, content) if block.is_chunk else content
+        return self._unpacked(held, where, block, content) if block.is_chunk else content
 
     def _sorted(self, where: str, entries: Iterator[Entry]) -> list[Entry]:
         found = list(islice(entries, MAX_ENTRIES + 1))
@@ -149,7 +154,7 @@ class McapFile:
         found.sort()
         return found
 
-    def _unpacked(self, where: str, block: Block, content: memoryview) -> memoryview:
+    def _unpacked(self, held: Held, where: str, block: Block, content: memoryview) -> memoryview:
         if HEAD.unpack_from(content) != (Opcode.CHUNK, block.length - HEAD.size):
             raise RecordError("no chunk of the indexed length")
         chunk = parse_chunk(content[HEAD.size :])
@@ -158,6 +163,7 @@ class McapFile:
         check_compression(where, chunk.compression)
         if not chunk.crc and block.size is not None:  # else it was counted when the file was walked
             self.once("LOG006", (block.offset,), f"chunk at byte {block.offset}")
+        held.require(where, chunk.size, block.length)
         return unpack(chunk, where)
 
     def _parse(self, where: str, block: Block, data: memoryview, channels: frozenset[int]) -> Iterator[Entry]:

@@ -15,6 +15,7 @@ from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Entry
 from fbench.replay.logs.header import LogHeader
+from fbench.replay.logs.held import Held
 from fbench.replay.logs.mcap.records import RecordError, check_size
 from fbench.replay.logs.order import merged
 from fbench.replay.logs.rosbag.bag1_block import Block, Content, parse_block
@@ -64,7 +65,8 @@ class Ros1Bag:
         """All messages of these connections in canonical order; damaged chunks are skipped and counted."""
         wanted = [block for block in self._index.blocks if not channels.isdisjoint(block.counts)]
         with self._open() as file:
-            yield from merged(wanted, lambda block: self._load(file, block, channels))
+            held = Held()
+            yield from merged(wanted, lambda block: self._load(file, held, block, channels))
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """`log_ns` of each connection's messages, ascending; `None` where the bag has no index."""
@@ -111,17 +113,18 @@ class Ros1Bag:
         except RecordError as error:
             raise LogError(f"{self.path}: changed while it was read ({error})") from error
 
-    def _load(self, file: BinaryIO, block: Block, channels: frozenset[int]) -> Iterable[Entry]:
+    def _load(self, file: BinaryIO, held: Held, block: Block, channels: frozenset[int]) -> Iterable[Entry]:
         where = f"{self.path.name}: chunk at byte {block.offset}"
         check_size(where, block.length)
         file.seek(block.offset)
         try:
-            content = parse_block(where, memoryview(file.read(block.length)), block.is_indexed)
+            content = parse_block(where, memoryview(file.read(block.length)), block.is_indexed, held)
             self._compare(content, block)
         except RecordError as error:
             self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
             return []
-        return self._entries(content, block, channels)
+        found = self._entries(content, block, channels)
+        return held.hold(found, len(content.messages), len(content.data), block.length)
 
     def _compare(self, content: Content, block: Block) -> None:
         if not content.messages or content.block(block.offset, block.length, block.is_indexed) != block:

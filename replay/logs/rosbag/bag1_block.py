@@ -10,6 +10,7 @@ import numpy as np
 from fbench.replay.arrays import Int64
 from fbench.replay.errors import LogError
 from fbench.replay.logs.container import Channel
+from fbench.replay.logs.held import Held
 from fbench.replay.logs.mcap.records import RecordError, check_size
 from fbench.replay.logs.rosbag.bag1_records import Op, Record, connection, records, time_ns, uint, unpack
 
@@ -60,28 +61,30 @@ class Content:
         return Block(offset, length, min(times), max(times), counts, is_indexed)
 
 
-def parse_block(where: str, stored: memoryview, is_indexed: bool) -> Content:
+def parse_block(where: str, stored: memoryview, is_indexed: bool, held: Held) -> Content:
     """Unpack a block, and compare its messages with its index: with every one where `is_indexed`.
 
     Raises:
         RecordError: where it is damaged.
-        LogError: where the chunk is larger than the limit, or its compression is unknown.
+        LogError: where the chunk is larger than the limit, or too large beside those that `held` counts, or its
+            compression is unknown.
     """
     rows = records(stored)
     chunk = next(rows, None)
     if chunk is None or chunk.op != Op.CHUNK:
         raise RecordError("no chunk where the index says")
-    content = _parse(where, _unpacked(where, chunk, stored[chunk.data : chunk.stop]))
+    content = _parse(where, _unpacked(where, chunk, stored[chunk.data : chunk.stop], held))
     _compare(content, list(rows), stored, is_indexed)
     return content
 
 
-def _unpacked(where: str, chunk: Record, data: memoryview) -> memoryview:
+def _unpacked(where: str, chunk: Record, data: memoryview, held: Held) -> memoryview:
     compression = chunk.fields.get(b"compression", b"").decode("utf-8", "backslashreplace")
     if compression not in _COMPRESSIONS:
         raise LogError(f"{where}: unknown compression '{compression}'; fbench reads bz2, lz4 and none", "LOG007")
     size = uint(chunk.fields, b"size", 4)
     check_size(where, size)
+    held.require(where, size, len(data))
     return unpack(compression, data, size)
 
 

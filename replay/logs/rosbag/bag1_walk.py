@@ -7,6 +7,7 @@ from typing import BinaryIO
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel
+from fbench.replay.logs.held import Held
 from fbench.replay.logs.mcap.records import RecordError, check_size
 from fbench.replay.logs.rosbag.bag1_block import Block, parse_block
 from fbench.replay.logs.rosbag.bag1_index import BagHeader, Index
@@ -89,7 +90,7 @@ class _Walker:
         check_size(where, stop - self.at)
         try:
             self._file.seek(self.at)
-            content = parse_block(where, memoryview(self._file.read(stop - self.at)), is_indexed=False)
+            content = parse_block(where, memoryview(self._file.read(stop - self.at)), is_indexed=False, held=Held())
             for number, channel in content.connections:
                 self._define(number, channel)
             if content.messages:

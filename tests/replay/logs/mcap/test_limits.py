@@ -10,6 +10,7 @@ from mcap.opcode import Opcode
 
 from fbench.replay.errors import LimitError, LogError
 from fbench.replay.faults import FaultLog
+from fbench.replay.logs import held
 from fbench.replay.logs.mcap import definitions, records
 from fbench.replay.logs.open import open_container
 
@@ -106,3 +107,36 @@ def test_a_pipe_is_refused_and_does_not_block(tmp_path):
     os.mkfifo(tmp_path / "log.mcap")
     with pytest.raises(LogError, match=r"log\.mcap: not a regular file"):
         b.read(tmp_path / "log.mcap")
+
+
+def large(log_ns, size):
+    """A chunk with one message of `size` zeros."""
+    message = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, log_ns, log_ns) + bytes(size))
+    stored = zstandard.compress(message)
+    head = struct.pack("<QQQI", log_ns, log_ns, len(message), 0) + text(b"zstd")
+    return record(Opcode.CHUNK, head + struct.pack("<Q", len(stored)) + stored)
+
+
+def channel():
+    return record(Opcode.CHANNEL, struct.pack("<HH", 1, 0) + text(b"/zeros") + text(b"") + struct.pack("<I", 0))
+
+
+def counted(path):
+    container = open_container(path, FaultLog())
+    return sum(1 for _ in container.entries(frozenset(container.channels)))
+
+
+def test_chunks_of_one_time_that_fill_the_memory_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(held, "MAX_HELD", 3_000_000)
+    path = saved(tmp_path, channel(), *(large(5, 1_000_000) for _ in range(4)))
+    with pytest.raises(
+        LimitError, match=r"log\.mcap: byte \d+: chunks that overlap in time unpack to over 3000000"
+    ) as error:
+        counted(path)
+    assert error.value.code == "LIM002"
+
+
+def test_chunks_one_after_the_other_are_read_however_many(tmp_path, monkeypatch):
+    monkeypatch.setattr(held, "MAX_HELD", 3_000_000)
+    assert counted(saved(tmp_path, channel(), *(large(i, 1_000_000) for i in range(9)))) == 9
+    assert counted(saved(tmp_path, channel(), *(large(i, 4_000_000) for i in range(2)))) == 2
