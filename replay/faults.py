@@ -22,7 +22,7 @@ FAULTS: dict[str, FaultKind] = {
     "LOG002": FaultKind("count", "log is truncated"),
     "LOG003": FaultKind("degrade", "no index, read in file order"),
     "LOG004": FaultKind("count", "damaged chunk skipped"),
-    "LOG005": FaultKind("degrade", "checksum over the data differs, though all chunks are whole"),
+    "LOG005": FaultKind("degrade", "checksum over the whole file differs, though all chunks are whole"),
     "LOG006": FaultKind("degrade", "chunk without checksum, integrity unverified"),
     "LOG007": FaultKind("fatal", "unknown compression"),
     "LOG008": FaultKind("count", "message on an unknown channel, or channel with an unknown schema"),

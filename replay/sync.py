@@ -66,7 +66,8 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
         ConfigError: where the sensor that was asked for isn't in the log.
         LogError: where the log has no message of any sensor with calibration.
     """
-    wanted = params.reference or info.metadata.get("reference")
+    told = info.metadata.get("reference")
+    wanted = params.reference or (told if told in rig.mounts else None)  # it may have been left out
     if wanted is not None:
         if wanted not in rig.mounts:
             raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")

@@ -107,6 +107,7 @@ class _Check:
             self._take(entry, item)
             if num % 256 == 0:
                 self._options.progress(num)
+        self._reader.container.verify()
         if self._frames is not None:
             self._offer(self._frames.flush())
         if self._trial is not None:

@@ -81,7 +81,7 @@ class Trial:
         output = self.pipeline.step(frame)
         if first:
             for sensor, why in sorted(output.missing.items()):
-                advice = f"see fbench plugins {self.name} for what it needs, and give it with --set"
+                advice = f"see fbench plugins pipelines {self.name} for what it needs, and give it with --set"
                 self.problems.append(finding("CHK009", sensor, f"{self.name} can't use it: {why}", advice=advice))
         return digest([output.detections, output.tracks])
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import traceback
 from typing import Annotated
 
 import typer
@@ -65,7 +66,7 @@ def main() -> None:
         sys.exit(128 + signal.SIGINT)
     except (FbenchError, OSError, _UsageError) as error:
         if debug:
-            raise
+            traceback.print_exception(error)
         if line := _line(error):  # empty where help was shown instead
             sys.stderr.write(f"fbench: {line}\n")
         sys.exit(_code(error))

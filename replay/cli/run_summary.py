@@ -57,7 +57,7 @@ def _pace(host: dict[str, Any]) -> str:
         return f"pace: {achieved} real time"
     return (
         f"pace: asked {host['rate']}x, achieved {achieved}, "
-        f"p99 late {host['p99_late_ms']:.2g} ms, max {host['max_late_ms']:.2g} ms"
+        f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
     )
 
 

@@ -104,6 +104,10 @@ class Container(Protocol):
         """`log_ns` of each channel's messages, ascending, from the index; `None` where all would have to be read."""
         ...
 
+    def verify(self) -> None:
+        """Check what reading messages needs no look at, such as checksums over a whole file; may read all of it."""
+        ...
+
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         ...

@@ -72,7 +72,7 @@ def _start(path: Path) -> bytes:
 
 def _folder(path: Path, faults: FaultLog) -> Container:
     """Open all files of a split recording as one log."""
-    from fbench.replay.logs.rosbag.folder import by_number, is_recording, rosbag2_files
+    from fbench.replay.logs.rosbag.folder import by_number, is_recording, missing_numbers, rosbag2_files
 
     if is_recording(path):
         parts = rosbag2_files(path, faults)
@@ -80,4 +80,6 @@ def _folder(path: Path, faults: FaultLog) -> Container:
     bags = by_number(p for p in path.iterdir() if p.suffix == ".bag" and p.is_file())
     if not bags:
         raise LogError(f"{path}: no log (a folder without {LOG_JSON} and without .mcap, .db3 or .bag files)", "LOG001")
+    for name in missing_numbers(bags):
+        faults.add("LOG011", f"{path.name}: '{name}'")
     return Parts(path, [_file(bag, faults) for bag in bags], faults)

@@ -50,6 +50,11 @@ class Parts:
         times = [part.container.log_times() for part in self._parts]
         return None if any(t is None for t in times) else self._by_id([t for t in times if t is not None])
 
+    def verify(self) -> None:
+        """Check all parts."""
+        for part in self._parts:
+            part.container.verify()
+
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")

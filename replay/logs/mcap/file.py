@@ -30,6 +30,7 @@ from fbench.replay.logs.mcap.records import (
 )  # fmt: skip
 from fbench.replay.logs.mcap.times import read_log_times
 from fbench.replay.logs.mcap.walk import MESSAGE, check_compression, walk
+from fbench.replay.logs.mcap.whole import is_whole
 from fbench.replay.logs.order import merged
 from fbench.replay.logs.sniff import looks_like
 
@@ -85,6 +86,12 @@ class McapFile:
         held = Held()
         with self._open() as file:
             yield from merged(wanted, lambda block: self._load(file, held, block, channels, block is first))
+
+    def verify(self) -> None:
+        """Compare the checksum over the data section, where it wasn't done to find the messages."""
+        with self._open() as file:
+            if self.index.is_stored and is_whole(file, os.fstat(file.fileno()).st_size) is False:
+                self.once("LOG005", (0,), "bytes outside the chunks have changed")
 
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""

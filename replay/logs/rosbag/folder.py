@@ -48,6 +48,9 @@ def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
             paths.setdefault(path.resolve(), path)  # links within the folder may name a file twice
     if not paths:
         raise LogError(f"{folder}: no recording of rosbag2 (no .db3 or .mcap file that can be read)")
+    if metadata is None:
+        for name in missing_numbers(paths.values()):
+            faults.add("LOG011", f"{folder.name}: '{name}'")
     return [Part(path, _storage(path, metadata), compression) for path in paths.values()]
 
 
@@ -118,6 +121,25 @@ def _files(folder: Path) -> Sequence[Path]:
         return [path for path in folder.iterdir() if path.is_file()]
     except OSError as error:
         raise LogError(f"{folder}: can't be read ({error.strerror})") from error
+
+
+def missing_numbers(paths: Iterable[Path]) -> Sequence[str]:
+    """Names that the numbering of a split recording lacks: `bag_1.mcap` between `bag_0.mcap` and `bag_2.mcap`.
+
+    Only a numbering from 0 or 1 on is one; dates and times in names aren't.
+    """
+    numbers: dict[tuple[str, str], list[int]] = {}
+    for path in paths:
+        match = re.fullmatch(r"(.*_)(0|[1-9][0-9]{0,5})", path.stem)
+        if match:
+            numbers.setdefault((match[1], path.suffix), []).append(int(match[2]))
+    return [
+        f"{stem}{n}{suffix}"
+        for (stem, suffix), found in sorted(numbers.items())
+        if min(found) <= 1
+        for n in range(min(found), max(found))
+        if n not in found
+    ]
 
 
 def by_number(paths: Iterable[Path]) -> Sequence[Path]:

@@ -100,6 +100,10 @@ class UnpackedMessages:
         """`log_ns` of each channel's messages, ascending."""
         return self._packed.log_times()
 
+    def verify(self) -> None:
+        """Check the container of the packed messages."""
+        self._packed.verify()
+
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         self._packed.once(code, key, where)

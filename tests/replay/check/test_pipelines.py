@@ -123,4 +123,4 @@ def test_sensor_that_the_pipeline_cant_use(path):
 
     one = found(checked(path, clean(), pipeline=("blind", Blind())), "CHK009")
     assert (one.source, one.text) == ("cam", "blind can't use it: no weights")
-    assert one.advice == "see fbench plugins blind for what it needs, and give it with --set"
+    assert one.advice == "see fbench plugins pipelines blind for what it needs, and give it with --set"

@@ -90,8 +90,8 @@ def truths(num_frames=6):
         yield Truth(stamp, stamp, box)
 
 
-def write_log(path: Path, items, log_rig=None) -> Path:
-    with McapWriter(path, LogInfo(path.stem, "test-1"), log_rig or rig()) as writer:
+def write_log(path: Path, items, log_rig=None, metadata=None) -> Path:
+    with McapWriter(path, LogInfo(path.stem, "test-1", metadata or {}), log_rig or rig()) as writer:
         for item in sorted(items, key=lambda m: m.log_ns):
             writer.write(item)
     return path

@@ -117,3 +117,11 @@ def test_bad_options(fbench, log, options, code, message):
     assert message in result.err
     assert result.err.count("\n") == 1
     assert not Path("runs/car-lidar3d").exists()
+
+
+def test_reference_that_the_log_names_may_be_left_out(fbench, tmp_path):
+    log = write_log(tmp_path / "log.mcap", messages(), metadata={"reference": "lidar"})
+    result = fbench("replay", log, "-p", "radar3d", "--topics", "!lidar", "-o", "run")
+    assert result.code == 0
+    assert json.loads(Path("run/manifest.json").read_text())["frames"]["reference"] == "camera"
+    assert fbench("replay", log, "-p", "radar3d", "--topics", "!lidar", "--reference", "lidar", "-o", "x").code == 2

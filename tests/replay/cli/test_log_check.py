@@ -1,5 +1,7 @@
 """`fbench log check`, as a user calls it."""
 
+from pathlib import Path
+
 import pytest
 
 from fbench.replay.data import Rig
@@ -112,3 +114,22 @@ def test_reference_that_is_not_there_is_a_usage_error(fbench, log):
     result = fbench("log", "check", log, "--reference", "lidr")
     assert result.code == 2
     assert result.err == "fbench: reference sensor 'lidr' isn't in the log; it has: camera, lidar, radar\n"
+
+
+def test_a_changed_byte_outside_the_chunks_is_found(fbench, log):
+    data = bytearray(log.read_bytes())
+    data[25] ^= 1  # in the header: nothing needs it, but the checksum over the file covers it
+    log.write_bytes(data)
+    result = fbench("log", "check", log, "--json")
+    assert result.code == 1
+    assert [finding["code"] for finding in result.json()["findings"] if finding["severity"] != "info"] == ["LOG005"]
+
+
+def test_a_part_that_is_missing_is_a_finding_and_lost_data(fbench, log):
+    assert fbench("log", "convert", log, "-o", "parts", "--split-s", "0.1").code == 0
+    parts = sorted(Path("parts").iterdir())
+    parts[2].unlink()
+    result = fbench("replay", "parts", "-p", "lidar3d", "-o", "run")
+    assert result.code == 4
+    assert f"LOG011 file of the recording is missing: 1 (first: parts: '{parts[2].name}')" in result.out
+    assert "LOG011" in fbench("log", "check", "parts").out

@@ -401,3 +401,12 @@ def test_import_into_parquet_is_the_same_log(fbench, shared):
     assert runs[0]["digest"] == runs[1]["digest"]
     fails(fbench("log", "import", "astyx", ".", "-o", "a.parquet"), 2, "exists already")
     fails(fbench("log", "import", "astyx", ".", "-o", "a.bag"), 2, "expected a name that ends in .mcap or .parquet")
+
+
+def test_debug_keeps_the_exit_code(tmp_path):
+    command = [str(Path(sys.executable).parent / "fbench"), "--debug", "replay"]
+    for arguments, code in ((["none.mcap", "-p", "lidar3d"], 3), (["none.mcap", "-p", "lidar4d"], 2)):
+        result = subprocess.run([*command, *arguments], cwd=tmp_path, capture_output=True, text=True)
+        assert result.returncode == code
+        assert "Traceback" in result.stderr
+        assert result.stderr.splitlines()[-1].startswith("fbench: ")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_container
-from fbench.replay.logs.rosbag.folder import Part, is_recording, rosbag2_files
+from fbench.replay.logs.rosbag.folder import Part, is_recording, missing_numbers, rosbag2_files
 from fbench.replay.logs.rosbag.metadata import read_metadata
 
 from . import builders as b
@@ -205,3 +205,18 @@ def test_arbitrary_text_gives_typed_errors(tmp_path_factory, text):
     path.write_text(text, errors="surrogatepass")
     with pytest.raises(LogError):
         read_metadata(path)
+
+
+@pytest.mark.parametrize(
+    ("names", "missing"),
+    [
+        (["a_0.mcap", "a_1.mcap", "a_3.mcap", "a_6.mcap"], ["a_2.mcap", "a_4.mcap", "a_5.mcap"]),
+        (["a_1.db3", "a_3.db3", "b_0.mcap"], ["a_2.db3"]),
+        (["a_0.mcap", "a_1.mcap"], []),
+        (["a_7.mcap", "a_9.mcap"], []),
+        (["drive_2024_05_01.mcap", "drive_2024_05_03.mcap"], []),
+        (["drive_20240501.mcap", "drive_20240503.mcap", "x.mcap"], []),
+    ],
+)
+def test_numbers_that_are_missing(names, missing):
+    assert list(missing_numbers(Path(name) for name in names)) == missing
