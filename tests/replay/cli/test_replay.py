@@ -2,7 +2,6 @@
 
 import errno
 import hashlib
-import json
 import signal
 import subprocess
 import sys
@@ -389,18 +388,6 @@ def test_corrupt_image_is_a_fault_of_its_frame(fbench, tmp_path, shared):
     assert result.code == 4
     assert "DEC002" in result.out
     assert "INCOMPLETE" in result.out
-
-
-@pytest.mark.slow
-def test_import_into_parquet_is_the_same_log(fbench, shared):
-    for name in ("a.mcap", "a.parquet"):
-        assert fbench("log", "import", "astyx", shared / "data" / "astyx", "-o", name).code == 0
-        assert fbench("replay", name, "-p", "radar3d", "-o", f"{name}-run").code == 0
-    runs = [json.loads(Path(f"{name}-run/manifest.json").read_text()) for name in ("a.mcap", "a.parquet")]
-    assert runs[0]["log"]["digest"] == runs[1]["log"]["digest"]
-    assert runs[0]["digest"] == runs[1]["digest"]
-    fails(fbench("log", "import", "astyx", ".", "-o", "a.parquet"), 2, "exists already")
-    fails(fbench("log", "import", "astyx", ".", "-o", "a.bag"), 2, "expected a name that ends in .mcap or .parquet")
 
 
 def test_debug_keeps_the_exit_code(tmp_path):
