@@ -146,14 +146,20 @@ Message: TypeAlias = Image | PointCloud | RadarScan | Pose
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ground truth at one instant; `None` means not labelled, empty boxes mean that nothing was there."""
+    """Ground truth at one instant, or in the same form what another system found there; `None` means not labelled,
+    empty boxes mean that nothing was there.
+    """
 
     stamp_ns: int
     log_ns: int
     boxes3d: Boxes3D | None = None
-    """In body coordinates at `stamp_ns`."""
+    """In body coordinates at `stamp_ns`, or in those of the world."""
     boxes2d: Boxes2D | None = None
     frame_number: int | None = None
+    frame_index: int | None = None
+    """Which frame is meant, where a file counts frames and gives no stamps; `stamp_ns` is 0 then."""
+    in_world: bool = False
+    """Whether 3D boxes are in world coordinates: only the pose at the frame's instant can move them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,6 +300,10 @@ class Output:
     faults: tuple[Fault, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     """Sensors that the pipeline could have used but couldn't, with the reason: a camera without weights."""
+    latency_ns: int | None = None
+    """Time from the frame's instant to this output [ns], where the pipeline only passes on what was computed elsewhere;
+    `None`: what the step took.
+    """
 
     def __post_init__(self) -> None:
         if type(self.detections) is not type(self.tracks):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Truth
 from fbench.replay.scores import Score, ScoreOptions
@@ -77,6 +77,37 @@ class Pipeline(Protocol):
 
     def step(self, frame: Frame) -> Output:
         """Process one frame. Must depend on nothing but the frames since the last reset."""
+        ...
+
+
+class BoxReader(Protocol):
+    """What a log, or a file beside it, holds of another system's results."""
+
+    def detections(self, topic: str) -> Iterator[Truth]:
+        """Boxes of one topic, or of the file that was named beside the log where `topic` is empty, in the order of
+        their stamps; `log_ns` is when they were recorded.
+
+        Raises:
+            LogError: where there is no such topic, naming the nearest ones.
+        """
+        ...
+
+
+@runtime_checkable
+class UsesLog(Protocol):
+    """A pipeline that needs more of the log than its frames."""
+
+    def use_log(self, log: BoxReader) -> None:
+        """Take the log, before `start`."""
+        ...
+
+
+@runtime_checkable
+class Closes(Protocol):
+    """A pipeline that holds something which must be given back: a process, say."""
+
+    def close(self) -> None:
+        """Give it back; called once, at the end, also after an error."""
         ...
 
 

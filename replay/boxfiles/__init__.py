@@ -1,0 +1,1 @@
+"""Boxes from files: ground truth, or the results of other systems."""
