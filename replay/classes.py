@@ -62,6 +62,8 @@ class ClassMap:
         for name in dict.fromkeys(names):
             if name and name not in self.own and not is_known(name):
                 unknown(name)
+        if self.own.keys().isdisjoint(names):
+            return boxes
         before = [label(name) for name in names] if boxes.label is None else boxes.label.tolist()
         found = [self.own.get(name, old) for name, old in zip(names, before, strict=True)]
         ignored = np.array([text == IGNORE for text in found], bool)

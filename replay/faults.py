@@ -54,6 +54,7 @@ FAULTS: dict[str, FaultKind] = {
     "TIM011": FaultKind("degrade", "topic without stamps, those of recording taken"),
     "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),
     "GT006": FaultKind("degrade", "truth that belongs to no frame"),
+    "GT007": FaultKind("degrade", "class that isn't known, counts as other"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
 }

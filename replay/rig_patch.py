@@ -15,7 +15,7 @@ class RigPatch:
     """Pose of each named child in its parent; parents are named likewise, `body` being the body."""
     cameras: Mapping[str, CameraModel] = field(default_factory=dict)
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topic of the messages of a name, where the file tells it (Kalibr's `rostopic`): another way to find the sensor."""
+    """Topic of the messages of a name, where the file tells it (`rostopic` of Kalibr): another way to find a sensor."""
     places: Mapping[str, str] = field(default_factory=dict)
     """For errors: which file each name comes from."""
 

@@ -50,5 +50,3 @@ class CoordinateFrames:
         """Name of the camera where there is just one."""
         cameras = self.rig.sensors("camera")
         return cameras[0] if len(cameras) == 1 else None
-
-

@@ -8,20 +8,22 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.parts import Parts
 from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.setup import Setup
 
 LOG_JSON = "log.json"
 _METADATA = "metadata.yaml"
 """Of rosbag2."""
 
 
-def open_log(path: Path, faults: FaultLog, topics: Sequence[str] = ()) -> LogReader:
-    """Open a log; what is wrong with its data is counted in `faults`, `topics` are patterns of those that are read.
+def open_log(path: Path, faults: FaultLog, topics: Sequence[str] = (), setup: Setup | None = None) -> LogReader:
+    """Open a log; what is wrong with its data is counted in `faults`, `topics` are patterns of those that are read,
+    `setup` is what the user says about it.
 
     Raises:
         LogError: where the file can't be read or isn't a log.
-        ConfigError: where a pattern fits nothing.
+        ConfigError: where a pattern fits nothing, or the setup doesn't fit the log.
     """
-    return LogReader(open_container(path, faults), topics)
+    return LogReader(open_container(path, faults), topics, setup, faults)
 
 
 def open_container(path: Path, faults: FaultLog) -> Container:

@@ -41,9 +41,10 @@ def _absent(rig: Rig, name: str, kind: Kind) -> str:
 
 def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> PartialRig:
     header = reader.container.header
-    silent = {} if header is None else {n: kind for n, kind in header.kinds.items() if n not in reader.left_out}
+    told = {} if header is None or reader.setup.sensors else header.kinds
+    silent = {n: kind for n, kind in told.items() if n not in reader.left_out}
     kinds = dict(sorted({**silent, **heard}.items()))
-    state = first_state(reader.container, reader.roles, reader.left_out)
+    state = first_state(reader.container, reader.roles, reader.left_out, reader.setup)
     mounts: dict[str, Mount] = {}
     cameras: dict[str, CameraModel] = {}
     problems: dict[str, str] = {}
@@ -64,6 +65,7 @@ def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> Pa
 def _camera(state: RigState, name: str) -> dict[str, CameraModel]:
     frames = [r.frame_id for _, r in sorted(state.roles.items()) if r.sensor == name and r.kind == "camera"]
     found = next((state.cameras[frame] for frame in frames if frame in state.cameras), None)
+    found = state.patch.cameras.get(name, found)
     return {} if found is None else {name: found}
 
 

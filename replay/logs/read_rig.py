@@ -9,8 +9,10 @@ from fbench.replay.data import KINDS, CameraModel, Kind, Mount, Rig
 from fbench.replay.errors import DecodeError, LogError
 from fbench.replay.logs.codec import SENSORS
 from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.patching import FittedPatch, fitted
 from fbench.replay.logs.roles import Role
-from fbench.replay.logs.tree import BODY, TransformTree
+from fbench.replay.logs.setup import Setup
+from fbench.replay.logs.tree import BODIES, BODY, TransformTree
 
 _MAX_MOVING = 2000
 """So many messages of moving transforms are searched for the way from a sensor to the body."""
@@ -24,13 +26,26 @@ class RigState:
     roles: Mapping[int, Role]
     left_out: frozenset[str] = frozenset()
     """Sensors that weren't selected."""
-    tree: TransformTree = field(default_factory=TransformTree)
+    setup: Setup = field(default_factory=Setup)
+    patch: FittedPatch = field(default_factory=FittedPatch)
+    """Calibration that goes before the log's."""
+    logged: TransformTree = field(default_factory=TransformTree)
+    """Transforms of the log."""
     cameras: dict[str, CameraModel] = field(default_factory=dict)
     """By sensor as the channel's metadata say, else by coordinate frame."""
     neighbours: dict[str, CameraModel] = field(default_factory=dict)
     """By the part of the topic before the last slash, which camera drivers share between image and calibration."""
+    by_topic: dict[str, CameraModel] = field(default_factory=dict)
+    """By topic of the calibration."""
     calibrated: set[int] = field(default_factory=set)
     """Channels that gave a calibration."""
+
+    @property
+    def tree(self) -> TransformTree:
+        """All transforms that count: the log's, and those that replace them."""
+        if not self.patch.edges:
+            return self.logged
+        return self.patch.tree(self.logged, self.setup.body or self._logged_body())
 
     def take(self, entry: Entry) -> bool:
         """Take a transform or calibration, replacing what was known; tells whether anything is new.
@@ -42,7 +57,7 @@ class RigState:
             return False
         try:
             if role.kind == "transform":
-                news = [self.tree.put(child, edge) for child, edge in role.codec.transforms(entry.data)]
+                news = [self.logged.put(child, edge) for child, edge in role.codec.transforms(entry.data)]
                 return any(news)
             return self._take_camera(entry, role, *role.codec.calibration(entry.data))
         except DecodeError as error:
@@ -53,8 +68,8 @@ class RigState:
     def copy(self) -> "RigState":
         """Return an independent copy."""
         return replace(
-            self, tree=TransformTree(dict(self.tree.edges)), cameras=dict(self.cameras),
-            neighbours=dict(self.neighbours), calibrated=set(self.calibrated),
+            self, logged=TransformTree(dict(self.logged.edges)), cameras=dict(self.cameras),
+            neighbours=dict(self.neighbours), by_topic=dict(self.by_topic), calibrated=set(self.calibrated),
         )  # fmt: skip
 
     def rig(self) -> Rig:
@@ -67,9 +82,12 @@ class RigState:
         body = self.body()
         mounts = {name: self._mount(name, kind, frame, body) for name, (kind, frame) in sorted(sensors.items())}
         # Own logs may hold calibrations of cameras that have neither mount nor images.
-        frames = {r.sensor: r.sensor for _, r in sorted(self.roles.items()) if r.kind == "calibration" and r.frame_id}
-        frames |= {name: frame for name, (kind, frame) in sensors.items() if kind == "camera"}
-        folders = {r.sensor: _folder(r.topic) for _, r in sorted(self.roles.items())}
+        heard = sorted(self.roles.items())
+        frames = {r.sensor: r.frame_id for _, r in heard if r.kind == "calibration" and r.frame_id}
+        frames |= {r.sensor: r.frame_id for _, r in heard if r.kind == "camera"}
+        silent = {name: frame for name, (kind, frame) in sensors.items() if kind == "camera" and name not in frames}
+        frames = {name: frame for name, frame in {**frames, **silent}.items() if name not in self.left_out}
+        folders = {r.sensor: _folder(r.topic) for _, r in heard}
         return Rig(
             mounts, {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
         )
@@ -80,6 +98,8 @@ class RigState:
         Raises:
             LogError: where the sensors aren't linked.
         """
+        if self.setup.body:
+            return self.setup.body
         try:
             return self.tree.body(self.frames()) or BODY
         except DecodeError as error:
@@ -95,13 +115,23 @@ class RigState:
     def _sensors(self) -> dict[str, tuple[Kind, str]]:
         sensors = {r.sensor: (KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
         header = self.container.header
-        silent = {} if header is None else {name: (kind, name) for name, kind in header.kinds.items()}
-        return {name: found for name, found in {**silent, **sensors}.items() if name not in self.left_out}
+        is_told = header is not None and not self.setup.sensors
+        silent = {name: (kind, name) for name, kind in header.kinds.items()} if header is not None and is_told else {}
+        named = {**silent, **sensors}
+        own = self.patch.frames
+        return {
+            name: (kind, own.get(name, frame)) for name, (kind, frame) in named.items() if name not in self.left_out
+        }
+
+    def _logged_body(self) -> str:
+        """What the log itself calls the body, where replaced transforms are to begin."""
+        names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
+        return next((name for name in BODIES if name in names), BODY)
 
     def _take_camera(self, entry: Entry, role: Role, frame: str, camera: CameraModel) -> bool:
         key = role.frame_id or frame
         old = self.cameras.get(key)
-        self.cameras[key] = self.neighbours[_folder(entry.topic)] = camera
+        self.cameras[key] = self.neighbours[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
         self.calibrated.add(entry.channel)
         return old is None or not old.equals(camera)
 
@@ -126,7 +156,12 @@ class RigState:
         return Mount(kind, *pose)
 
     def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
-        camera = self.cameras.get(frame, self.neighbours.get(folder))
+        setup = self.setup.sensors.get(name)
+        if setup is not None and setup.calibration:
+            camera = self.by_topic.get(setup.calibration)
+        else:
+            camera = self.cameras.get(frame, self.neighbours.get(folder))
+        camera = self.patch.cameras.get(name, camera)
         if camera is not None:
             return camera
         raise LogError(
@@ -136,13 +171,20 @@ class RigState:
         )
 
 
-def first_state(container: Container, roles: Mapping[int, Role], left_out: frozenset[str] = frozenset()) -> RigState:
-    """Read what is needed and no more: the first transform of each sensor, the first calibration of each camera."""
-    state = RigState(container, roles, left_out)
+def first_state(
+    container: Container, roles: Mapping[int, Role], left_out: frozenset[str] = frozenset(), setup: Setup | None = None
+) -> RigState:
+    """Read what is needed and no more: the first transform of each sensor, the first calibration of each camera.
+
+    Raises:
+        ConfigError: where calibration from elsewhere fits none of the sensors.
+    """
+    said = setup or Setup()
+    state = RigState(container, roles, left_out, said, fitted(said.rig, roles))
     transforms = _channels(container, roles, "transform")
     _search(state, frozenset(i for i in transforms if roles[i].is_static))
     _search_calibrations(state, _channels(container, roles, "calibration"))
-    if not all(state.tree.known(frame) for frame in state.frames()):
+    if not _is_linked(state):
         _search(state, frozenset(i for i in transforms if not roles[i].is_static), _MAX_MOVING)
     return state
 
@@ -154,11 +196,23 @@ def _channels(container: Container, roles: Mapping[int, Role], kind: str) -> fro
 def _search(state: RigState, channels: frozenset[int], limit: int | None = None) -> None:
     """Take transforms until all sensors are linked; of several transforms of one child the first one counts."""
     for num, entry in enumerate(state.container.entries(channels) if channels else ()):
-        known = dict(state.tree.edges)
+        known = dict(state.logged.edges)
         state.take(entry)
-        state.tree.edges |= known
-        if num == limit or all(state.tree.known(frame) for frame in state.frames()):
+        state.logged.edges |= known
+        if num == limit or _is_linked(state):
             break
+
+
+def _is_linked(state: RigState) -> bool:
+    tree, body = state.tree, state.setup.body
+    return all(_reaches(tree, frame, body) if body else tree.known(frame) for frame in state.frames())
+
+
+def _reaches(tree: TransformTree, frame: str, body: str) -> bool:
+    try:
+        return frame == body or tree.pose(frame, body) is not None
+    except DecodeError:
+        return False
 
 
 def _search_calibrations(state: RigState, channels: frozenset[int]) -> None:

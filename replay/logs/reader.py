@@ -1,20 +1,29 @@
 """Reading a log as messages, truth and rig, whatever container and encoding it is in."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from hashlib import blake2b
 from typing import TypeVar
 
-from fbench.replay.data import LogInfo, Message, Rig, RigChange, Truth
+from fbench.replay.boxfiles.open import open_boxes
+from fbench.replay.classes import ClassMap
+from fbench.replay.data import KINDS, LogInfo, Message, Rig, RigChange, Truth
 from fbench.replay.errors import DataError, DecodeError, LogError, PointsError
-from fbench.replay.logs.codec import MESSAGES, Codec, Origin
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.arrange import arranged
+from fbench.replay.logs.box_topics import box_channels
+from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
 from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.patching import fitted, renamed
 from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges
 from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
+from fbench.replay.logs.set_up import as_set_up, facts
+from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.logs.truth_frames import in_body
 from fbench.replay.logs.truth_part import TruthPart
@@ -34,9 +43,22 @@ class LogReader:
         ConfigError: where a pattern in `topics` fits nothing.
     """
 
-    def __init__(self, container: Container, topics: Sequence[str] = ()) -> None:
+    def __init__(
+        self, container: Container, topics: Sequence[str] = (), setup: Setup | None = None,
+        faults: FaultLog | None = None,
+    ) -> None:  # fmt: skip
+        """Open a log.
+
+        Args:
+            container: Its messages.
+            topics: Patterns of those that are read; all where there are none.
+            setup: What the user says about the log.
+            faults: Where faults of files beside the log are counted; the container counts its own.
+        """
         self.container = container
-        every = roles(container)
+        self.setup = setup or Setup()
+        self.faults = faults or FaultLog()
+        every = arranged(roles(container), container, self.setup)
         self.roles = selected(every, topics)
         kept = {role.sensor for role in self.roles.values()}
         self.left_out = frozenset(role.sensor for role in every.values()) - kept
@@ -46,7 +68,8 @@ class LogReader:
         """Name, id and metadata; a log without an id gets one from its topics, schemas and first messages."""
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
-        return LogInfo(self.container.path.stem, log_id, {} if header is None else header.metadata)
+        metadata = {} if header is None else header.metadata
+        return LogInfo(self.container.path.stem, log_id, {**metadata, **facts(self.setup)})
 
     @cached_property
     def rig(self) -> Rig:
@@ -55,7 +78,32 @@ class LogReader:
         Raises:
             LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
         """
-        return self.container.rigs[0][1].without(self.left_out) if self.container.rigs else self._state.rig()
+        return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
+
+    @cached_property
+    def coordinate_frames(self) -> CoordinateFrames:
+        """What names of coordinate frames and cameras mean here.
+
+        Raises:
+            LogError: where the rig is incomplete.
+        """
+        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
+        if self.container.rigs:
+            return CoordinateFrames(self.rig, tree_of(self.rig), BODY, names)
+        return CoordinateFrames(self.rig, self._state.tree, self._state.body(), names)
+
+    @cached_property
+    def _stored_rigs(self) -> list[tuple[int, Rig]]:
+        """Rigs that the container itself holds, as the setup wants them."""
+        return [(log_ns, self._arranged_rig(rig)) for log_ns, rig in self.container.rigs]
+
+    def _arranged_rig(self, rig: Rig) -> Rig:
+        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        if self.setup.sensors:
+            rig = renamed(rig, {role.frame_id: role.sensor for role in heard})
+        patch = fitted(self.setup.rig, self.roles)
+        return patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard}).without(self.left_out)
 
     @cached_property
     def num_messages(self) -> Mapping[str, int]:
@@ -101,10 +149,31 @@ class LogReader:
                 yield entry, None
 
     def truths(self) -> Iterator[Truth]:
-        """Ground truth, 3D and 2D of one stamp together, in the order of stamps; see `joined`."""
+        """Ground truth, 3D and 2D of one stamp together, in the order of stamps (see `joined`); from a file beside the
+        log where the setup names one.
+        """
+        if self.setup.truth is not None:
+            return self._filed(self.setup.truth)
         return joined(
             part for entry in self.container.entries(self._channels("truth")) for part in self.truth_parts(entry)
         )
+
+    def detections(self, topic: str) -> Iterator[Truth]:
+        """Results of another system; see `fbench.replay.protocols.BoxReader`.
+
+        Raises:
+            LogError: where there is no such topic.
+        """
+        if not topic and self.setup.results is not None:
+            return self._filed(self.setup.results)
+        wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
+        return joined(part for entry in self.container.entries(wanted) for part in self.truth_parts(entry))
+
+    def _filed(self, source: BoxSource) -> Iterator[Truth]:
+        """Boxes of a file, with the labels that the setup gives them."""
+        unknown = self._unknown(source.path.name)
+        for truth in open_boxes(source, self.coordinate_frames, self.faults).truths():
+            yield self._classed(truth, unknown)
 
     def truth_parts(self, entry: Entry) -> Iterator[TruthPart]:
         """Decode one message of truth, into body coordinates; nothing where it can't be read."""
@@ -113,15 +182,16 @@ class LogReader:
             _check(entry)
             if isinstance(entry.data, memoryview):
                 part = _codec(role).truth(entry.data, _origin(role, entry))
-                yield self._placed(replace(part, truth=self._stamped(entry, part.truth)))
+                part = self._placed(replace(part, truth=self._stamped(entry, part.truth)))
             else:
-                yield self._placed(_truth(entry.data.read()))
+                part = self._placed(_truth(entry.data.read()))
+            yield replace(part, truth=self._classed(part.truth, self._unknown("" if role.is_own else entry.topic)))
         except (DecodeError, DataError) as error:
             self._count(entry, error)
 
     def _changes(self) -> RigChanges:
         """Messages can be read even where the rig can't."""
-        stored = [(log_ns, rig.without(self.left_out)) for log_ns, rig in self.container.rigs[1:]]
+        stored = self._stored_rigs[1:]
         try:
             rig: Rig | None = self.rig
         except LogError:
@@ -130,7 +200,7 @@ class LogReader:
 
     @cached_property
     def _state(self) -> RigState:
-        return first_state(self.container, self.roles, self.left_out)
+        return first_state(self.container, self.roles, self.left_out, self.setup)
 
     def _channels(self, *kinds: str) -> frozenset[int]:
         return frozenset(id_ for id_, role in self.roles.items() if role.kind in kinds)
@@ -140,16 +210,29 @@ class LogReader:
             return part
         cameras = {role.frame_id: role.sensor for _, role in sorted(self.roles.items()) if role.kind == "camera"}
         if self.container.rigs:
-            return in_body(part, tree_of(self.rig), BODY, cameras)
-        return in_body(part, self._state.tree, self._state.body(), cameras)
+            return in_body(part, tree_of(self.rig), BODY, cameras, bool(self.poses))
+        return in_body(part, self._state.tree, self._state.body(), cameras, bool(self.poses))
+
+    def _classed(self, truth: Truth, unknown: Callable[[str], None]) -> Truth:
+        classes = ClassMap(self.setup.classes)
+        boxes3d = None if truth.boxes3d is None else classes.applied(truth.boxes3d, unknown)
+        boxes2d = None if truth.boxes2d is None else classes.applied(truth.boxes2d, unknown)
+        return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
+
+    def _unknown(self, where: str) -> Callable[[str], None]:
+        """Return what counts the name of a class that means nothing, once each; importers of fbench know theirs."""
+        if not where:
+            return lambda name: None
+        return lambda name: self.container.once("GT007", (where, name), f"{where}: '{name}'")
 
     def _decoded(self, entry: Entry) -> Message | None:
         role = self.roles[entry.channel]
         try:
             _check(entry)
             if isinstance(entry.data, memoryview):
-                return self._stamped(entry, _codec(role).message(role.kind, entry.data, _origin(role, entry)))
-            return _message(entry.data.read())
+                message = _codec(role).message(role.kind, entry.data, _origin(role, entry))
+                return as_set_up(self._stamped(entry, message), self.setup)
+            return as_set_up(replace(_message(entry.data.read()), sensor=role.sensor), self.setup)
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None

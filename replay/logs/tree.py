@@ -7,7 +7,7 @@ import numpy as np
 from fbench.replay.arrays import Float64
 from fbench.replay.data import Rig
 from fbench.replay.errors import DecodeError
-from fbench.replay.geometry.transforms import pose_matrix, quaternion
+from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 
 BODY = "body"
 BODIES = (BODY, "base_link", "base_footprint", "ego_vehicle", "ego")
@@ -91,21 +91,29 @@ class TransformTree:
     def pose(self, frame: str, body: str) -> tuple[Float64, Float64] | None:
         """Translation (3,) and quaternion (4,) of `frame` in the body's; `None` where nothing links them.
 
-        A direct transform is returned as it is stored, a chain is composed; a sensor in the body's frame sits at 0.
+        A direct transform is returned as it is stored, a chain is composed, also over a common parent; a sensor in the
+        body's frame sits at 0.
 
         Raises:
             DecodeError: where the transforms form a loop, or a quaternion of a chain is zero.
         """
         path = self.path(frame)
-        if body not in path:
-            return None
         if frame == body:
             return (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if self._is_body(frame) else None
+        if body not in path:
+            return self._across(path, body)
         edge = self.edges[frame]
         if edge.parent == body:
             return edge.translation_m, edge.rotation_xyzw
-        matrix = self._chain(path, body)
-        return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])
+        return _split(self._chain(path, body))
+
+    def _across(self, path: list[str], body: str) -> tuple[Float64, Float64] | None:
+        """Pose of a coordinate frame beside the body, or above it, over what both have in common."""
+        down = self.path(body)
+        common = next((name for name in path if name in down), None)
+        if common is None:
+            return None
+        return _split(inverse(self._chain(down, common)) @ self._chain(path, common))
 
     @staticmethod
     def _body_on(path: list[str]) -> str | None:
@@ -123,3 +131,7 @@ class TransformTree:
             except ValueError as error:
                 raise DecodeError(f"transform of '{frame}' has no valid rotation ({error})") from error
         return matrix
+
+
+def _split(matrix: Float64) -> tuple[Float64, Float64]:
+    return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])

@@ -9,18 +9,25 @@ from scipy.spatial.transform import Rotation
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.errors import DecodeError
 from fbench.replay.geometry.transforms import pose_matrix, transform
+from fbench.replay.logs.coordinates import WORLDS
 from fbench.replay.logs.tree import TransformTree
 from fbench.replay.logs.truth_part import TruthPart
 
 
-def in_body(part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str]) -> TruthPart:
+def in_body(
+    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], has_poses: bool = False
+) -> TruthPart:
     """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
+
+    Where the log has poses, boxes in a coordinate frame that stands still are left in it, and say so.
 
     Raises:
         DecodeError: where nothing links the boxes' coordinate frame to the body, or no camera has it.
     """
     truth = part.truth
-    if truth.boxes3d is not None and part.frame_id != body:
+    if truth.boxes3d is not None and has_poses and part.frame_id in WORLDS and tree.pose(part.frame_id, body) is None:
+        truth = replace(truth, in_world=True)
+    elif truth.boxes3d is not None and part.frame_id != body:
         truth = replace(truth, boxes3d=_moved(truth.boxes3d, part.frame_id, tree, body))
     if truth.boxes2d is not None:
         if part.frame_id not in cameras:

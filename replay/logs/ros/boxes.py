@@ -7,10 +7,10 @@ import numpy as np
 
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.classes import labels
 from fbench.replay.errors import DecodeError
 from fbench.replay.logs.ros.cursor import Header
 from fbench.replay.logs.ros.fields import find, get, header
-from fbench.replay.classes import labels
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 _INT64 = range(-(2**63), 2**63)

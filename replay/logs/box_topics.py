@@ -1,0 +1,28 @@
+"""Finding the topic that holds the results of another system."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from fbench.replay.errors import LogError
+from fbench.replay.logs.roles import Role
+from fbench.replay.names import did_you_mean
+
+
+def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[int]:
+    """Return the channels of a topic with boxes; without a name, of the only one with results.
+
+    Raises:
+        LogError: where there is no such topic, or several without a name.
+    """
+    boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in ("detections", "truth")}
+    known = sorted({role.topic for role in boxes.values()})
+    if not topic:
+        results = sorted({role.topic for role in boxes.values() if role.kind == "detections"})
+        if len(results) != 1:
+            there = ", ".join(results or known) or "none"
+            raise LogError(f"{log}: which topic holds the results? there are: {there}", "CFG001")
+        topic = results[0]
+    found = frozenset(id_ for id_, role in boxes.items() if topic in (role.topic, role.sensor))
+    if not found:
+        raise LogError(f"{log}: no topic '{topic}' with boxes{did_you_mean(topic, known)}", "CFG001")
+    return found
