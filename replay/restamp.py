@@ -22,6 +22,8 @@ class StampParams:
     """`header`: when the sensor says it measured; `log`: when the message was recorded."""
     offsets_ns: Mapping[str, int] = field(default_factory=dict)
     """Added to the stamps of one sensor, by its name [ns]."""
+    assumed: tuple[str, ...] = ()
+    """Sensors whose offset a configuration gives, which may be left out."""
 
     def restamped(self, message: Message) -> Message:
         """Return the message with the stamp that counts."""
@@ -36,7 +38,7 @@ class StampParams:
             ConfigError: naming the nearest one.
         """
         for name in sorted(self.offsets_ns):
-            if name not in sensors:
+            if name not in sensors and name not in self.assumed:
                 raise ConfigError(f"--offset {name}: no such sensor{did_you_mean(name, sensors)}")
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from fbench.replay.cli.job import Job, run_job
 from fbench.replay.cli.run_summary import show_run
 from fbench.replay.cli.show import console
+from fbench.replay.config.source import LogSource
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.plugins import load
 
@@ -23,7 +24,8 @@ def run_demo(folder: Path) -> None:
     runs = []
     for pipeline in PIPELINES:
         out.print(f"\n[bold]{pipeline}[/bold]")
-        runs.append(run_job(Job(log, pipeline, out=folder / pipeline, overwrite=True, budget=FaultBudget(None))))
+        job = Job(LogSource(log), pipeline, out=folder / pipeline, overwrite=True, budget=FaultBudget(None))
+        runs.append(run_job(job))
         show_run(runs[-1], as_json=False)
     report = folder / "report.html"
     load("reports", "html")().write(runs, report)

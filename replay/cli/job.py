@@ -1,7 +1,6 @@
 """One replay from the command line: open, replay, score, report."""
 
 import json
-import re
 import sys
 import time
 import traceback
@@ -14,13 +13,16 @@ from fbench.replay.cli.fault_text import explained
 from fbench.replay.cli.progress import frame_progress
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.clock import Pace, make_clock
+from fbench.replay.config.source import LogSource
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
-from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import load, make_pipeline
+from fbench.replay.pipeline_name import parse_name
+from fbench.replay.plugins import load, opened_pipeline
+from fbench.replay.protocols import KeepsStderr, Pipeline
+from fbench.replay.protocols import UsesLog
 from fbench.replay.read_ahead import DEFAULT, opened_ahead
 from fbench.replay.restamp import StampParams
 from fbench.replay.run import Plan, replay
@@ -33,16 +35,16 @@ from fbench.replay.sync import SyncParams
 class Job:
     """Everything that `fbench replay` was asked for."""
 
-    log: Path
+    log: LogSource
     pipeline: str
     settings: list[str] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
     out: Path | None = None
     overwrite: bool = False
     rate: str = "max"
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
-    topics: list[str] = field(default_factory=list)
     read_ahead: int | None = DEFAULT
     """Messages to decode in advance; `None`: as many as fit into the memory set aside for it."""
     budget: FaultBudget = field(default_factory=FaultBudget)
@@ -54,32 +56,42 @@ class Job:
     @property
     def folder(self) -> Path:
         """Where the run goes."""
-        return self.out or Path("runs") / f"{self.log.stem}-{short_name(self.pipeline)}"
+        return self.out or Path("runs") / f"{self.log.path.stem}-{short_name(self.pipeline)}"
 
 
 def short_name(pipeline: str) -> str:
     """A pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`."""
-    file, _, cls = pipeline.rpartition(":")
-    name = f"{Path(file).stem}-{cls}" if file else cls
-    return re.sub(r"[^\w.-]+", "_", name)
+    return parse_name(pipeline).short
+
+
+def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
+    """Write what the pipeline's program said, if it has one and that said something."""
+    text = pipeline.stderr() if isinstance(pipeline, KeepsStderr) else b""
+    if text:
+        (folder / "stderr.txt").write_bytes(text)
 
 
 def run_job(job: Job) -> Run:
     """Replay, score, and report if asked to; returns the finished run."""
     clock = make_clock(job.rate, job.sync.max_gap_ns)
-    pipeline, parameters = make_pipeline(job.pipeline, job.settings)
     start = time.monotonic()
 
     def complete(folder: Path) -> None:
         wall_s = round(time.monotonic() - start, 3)
         host = {**describe_host(), "rate": job.rate, "wall_s": wall_s, **_measured(clock.pace)}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
+        keep_stderr(pipeline, folder)
         score_folder(folder, job.scoring)
 
     faults = FaultLog()
     name = short_name(job.pipeline)
     # What a plug-in prints must not get between the lines of --json.
-    with explained(faults), frame_progress(f"{job.log.name} → {name}") as progress, redirect_stdout(sys.stderr):
+    with (
+        redirect_stdout(sys.stderr),
+        opened_pipeline(job.pipeline, job.settings) as (pipeline, parameters),
+        explained(faults),
+        frame_progress(f"{job.log.path.name} → {name}") as progress,
+    ):
         plan = Plan(
             pipeline,
             name,
@@ -87,13 +99,17 @@ def run_job(job: Job) -> Run:
             sync=job.sync,
             stamps=job.stamps,
             excerpt=job.excerpt,
-            topics=job.topics,
+            topics=job.log.topics,
+            sensors=job.sensors,
+            inputs=job.log.inputs,
             clock=clock,
             budget=job.budget,
             progress=progress,
             failed=_first_traceback(job.debug),
         )
-        with opened_ahead(lambda met: open_log(job.log, met, job.topics), faults, job.read_ahead) as reader:
+        if isinstance(pipeline, UsesLog):
+            pipeline.use_log(job.log.open(faults))
+        with opened_ahead(job.log.open, faults, job.read_ahead) as reader:
             replay(reader, plan, job.folder, faults, job.overwrite, complete)
     run = Run(job.folder)
     if job.report:

@@ -1,7 +1,8 @@
 """What `fbench log check` prints."""
 
 import sys
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -15,10 +16,11 @@ from fbench.replay.cli.fault_text import explained
 from fbench.replay.cli.job import short_name
 from fbench.replay.cli.progress import message_progress
 from fbench.replay.cli.show import console, print_json
+from fbench.replay.config.source import LogSource
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import make_pipeline
+from fbench.replay.plugins import opened_pipeline
+from fbench.replay.protocols import Pipeline
 from fbench.replay.restamp import StampParams
 from fbench.replay.sync import SyncParams
 
@@ -27,12 +29,11 @@ from fbench.replay.sync import SyncParams
 class CheckJob:
     """Everything that `fbench log check` was asked for."""
 
-    log: Path
+    log: LogSource
     pipeline: str | None = None
     settings: list[str] = field(default_factory=list)
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
-    topics: list[str] = field(default_factory=list)
     ignored: list[str] = field(default_factory=list)
     decode_images: bool = False
     as_json: bool = False
@@ -41,22 +42,29 @@ class CheckJob:
 def run_check(job: CheckJob) -> int:
     """Check a log and print what was found; returns the exit code."""
     require_codes(job.ignored)
-    pipeline = None
-    if job.pipeline is not None:
-        pipeline = (short_name(job.pipeline), make_pipeline(job.pipeline, job.settings)[0])
     faults = FaultLog()
     # What a plug-in prints must not get between the lines of --json.
-    with explained(faults), redirect_stdout(sys.stderr):
-        reader = open_log(job.log, faults, job.topics)
+    with redirect_stdout(sys.stderr), _tried(job) as pipeline, explained(faults):
+        reader = job.log.open(faults)
         total = sum(reader.container.counts.values())
-        with message_progress(f"{job.log.name}: reading all", total) as progress:
+        with message_progress(f"{job.log.path.name}: reading all", total) as progress:
             options = CheckOptions(job.sync, job.stamps, job.decode_images, pipeline, tuple(job.ignored), progress)
             result = check_log(reader, faults, options)
     if job.as_json:
         print_json(_content(result))
     else:
-        _print(job.log, result)
+        _print(job.log.path, result)
     return EXIT_NO if result.num_problems else EXIT_OK
+
+
+@contextmanager
+def _tried(job: CheckJob) -> Iterator[tuple[str, Pipeline] | None]:
+    """Give the pipeline to be tried and its name, if there is one."""
+    if job.pipeline is None:
+        yield None
+        return
+    with opened_pipeline(job.pipeline, job.settings) as (pipeline, _):
+        yield short_name(job.pipeline), pipeline
 
 
 def _content(result: CheckResult) -> dict[str, object]:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli.log_options import Config, RigFiles
 from fbench.replay.cli.options import Json, Log
 
 
@@ -37,15 +38,25 @@ def convert(
     decode: Annotated[
         bool, typer.Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
     ] = False,
+    config: Config = None,
+    rig: RigFiles = None,
     json: Json = False,
 ) -> None:
     """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
     from fbench.replay.cli.convert_job import run_convert
+    from fbench.replay.config.source import NO_CONFIG, LogWish, log_source
+    from fbench.replay.errors import ConfigError
     from fbench.replay.excerpt import make_excerpt
     from fbench.replay.logs.convert.parts import make_split
     from fbench.replay.logs.convert.run import Wish
     from fbench.replay.logs.convert.target import Target
+    from fbench.replay.logs.setup import Setup
 
     target = Target(out, overwrite, compression, chunk_size, rows_per_group, make_split(split_s, split_mb))
-    wish = Wish(tuple(topics or ()), make_excerpt(from_, to, None), decode)
+    if not decode and (rig or config not in (None, NO_CONFIG)):
+        raise ConfigError(
+            "--config and --rig change what is decoded: give --decode too, or leave them to `fbench replay`"
+        )
+    setup = log_source(LogWish(source, config, rig or [])).setup if decode else Setup()
+    wish = Wish(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
     raise typer.Exit(run_convert(source, target, wish, json))

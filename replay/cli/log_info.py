@@ -8,24 +8,23 @@ from rich.table import Table
 
 from fbench.replay.cli.fault_text import explained, fault_lines
 from fbench.replay.cli.show import console, print_json
+from fbench.replay.config.source import LogSource
 from fbench.replay.data import CameraModel, Mount
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.open import open_log
 from fbench.replay.logs.storage import Storage
 from fbench.replay.survey import Stream, Survey, survey
-from fbench.replay.sync import SyncParams
 
 
-def show_info(log: Path, as_json: bool) -> int:
+def show_info(log: LogSource, as_json: bool) -> int:
     """Print what a log holds; returns the exit code."""
     faults = FaultLog()
     with explained(faults):
-        result = survey(open_log(log, faults), SyncParams())
+        result = survey(log.open(faults), log.sync(None, None, None, None))
     if as_json:
         print_json(_content(result, faults))
     else:
-        _print(log, result, faults)
+        _print(log.path, result, faults)
     return EXIT_LOSSY if faults.lost else EXIT_OK
 
 

@@ -26,13 +26,18 @@ Reference = Annotated[
     str | None, typer.Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
 ]
 TimeoutMs = Annotated[
-    float, typer.Option("--timeout-ms", metavar="MS", min=0, help="How long a frame waits for its sensors, in ms.")
+    float | None,
+    typer.Option("--timeout-ms", metavar="MS", min=0, help="How long a frame waits for its sensors, in ms; else 30."),
 ]
 ToleranceMs = Annotated[
-    float, typer.Option("--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms.")
+    float | None,
+    typer.Option(
+        "--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."
+    ),
 ]
 MaxGapS = Annotated[
-    float, typer.Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s.")
+    float | None,
+    typer.Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2."),
 ]
 From = Annotated[
     str | None,
@@ -46,14 +51,22 @@ Topics = Annotated[
         "--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."
     ),
 ]
+Sensors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."
+    ),
+]
 Offset = Annotated[
     list[str] | None,
     typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable."),
 ]
 Stamps = Annotated[
-    str,
+    str | None,
     typer.Option(
-        "--stamps", metavar="SOURCE", help="Instants are those of the 'header', or of the 'log', when it was recorded."
+        "--stamps",
+        metavar="SOURCE",
+        help="Instants are those of the 'header' (by default), or of the 'log', when it was recorded.",
     ),
 ]
 ReadAhead = Annotated[

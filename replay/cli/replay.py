@@ -5,6 +5,15 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli.log_options import (
+    Config,
+    DetectionsFile,
+    PipelineOrFile,
+    RigFiles,
+    TruthFile,
+    TruthFormat,
+    TruthFrame,
+)
 from fbench.replay.cli.options import (
     DistanceM,
     Frames,
@@ -16,10 +25,10 @@ from fbench.replay.cli.options import (
     MaxGapS,
     Offset,
     Overwrite,
-    Pipeline,
     RangeM,
     ReadAhead,
     Reference,
+    Sensors,
     Settings,
     Stamps,
     TimeoutMs,
@@ -32,23 +41,30 @@ from fbench.replay.cli.options import (
 def replay(
     context: typer.Context,
     log: Log,
-    pipeline: Pipeline,
+    pipeline: PipelineOrFile = None,
     settings: Settings = None,
+    config: Config = None,
+    rig: RigFiles = None,
+    truth: TruthFile = None,
+    truth_format: TruthFormat = None,
+    truth_frame: TruthFrame = "",
+    detections: DetectionsFile = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")] = None,
     overwrite: Overwrite = False,
     rate: Annotated[
         str, typer.Option(metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
     ] = "max",
     reference: Reference = None,
-    timeout_ms: TimeoutMs = 30.0,
-    tolerance_ms: ToleranceMs = 50.0,
-    max_gap_s: MaxGapS = 2.0,
+    timeout_ms: TimeoutMs = None,
+    tolerance_ms: ToleranceMs = None,
+    max_gap_s: MaxGapS = None,
     from_: From = None,
     to: To = None,
     frames: Frames = None,
     topics: Topics = None,
+    sensors: Sensors = None,
     offset: Offset = None,
-    stamps: Stamps = "header",
+    stamps: Stamps = None,
     read_ahead: ReadAhead = "auto",
     on_fault: Annotated[
         str, typer.Option(metavar="HOW", help="'strict': lost data mean exit 4; 'tolerant': only counted.")
@@ -68,26 +84,30 @@ def replay(
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
     from fbench.replay.cli.job import Job, run_job
+    from fbench.replay.cli.log_options import box_source, pipeline_of
     from fbench.replay.cli.run_summary import show_run
+    from fbench.replay.config.source import LogWish, log_source
     from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.excerpt import make_excerpt
     from fbench.replay.fault_budget import parse_budget
     from fbench.replay.read_ahead import make_limit
-    from fbench.replay.restamp import make_stamp_params
     from fbench.replay.scores import ScoreOptions
-    from fbench.replay.sync import make_sync_params
+    from fbench.replay.sensor_choice import make_sensors
 
+    filed = box_source(truth, truth_format, truth_frame)
+    results = box_source(detections, None, truth_frame)
+    source = log_source(LogWish(log, config, rig or [], filed, results, topics or []))
     job = Job(
-        log=log,
-        pipeline=pipeline,
+        log=source,
+        pipeline=pipeline_of(pipeline, results),
         settings=settings or [],
+        sensors=make_sensors(sensors or []),
         out=out,
         overwrite=overwrite,
         rate=rate,
-        sync=make_sync_params(reference, timeout_ms, tolerance_ms, max_gap_s),
-        stamps=make_stamp_params(stamps, offset or []),
+        sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
+        stamps=source.stamps(stamps, offset or []),
         excerpt=make_excerpt(from_, to, frames),
-        topics=topics or [],
         read_ahead=make_limit(read_ahead),
         budget=parse_budget(on_fault, fault_budget or []),
         scoring=ScoreOptions(range_m, in_view, distance_m, iou),

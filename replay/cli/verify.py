@@ -5,6 +5,15 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli.log_options import (
+    Config,
+    DetectionsFile,
+    PipelineOrFile,
+    RigFiles,
+    TruthFile,
+    TruthFormat,
+    TruthFrame,
+)
 from fbench.replay.cli.options import (
     Frames,
     From,
@@ -12,8 +21,8 @@ from fbench.replay.cli.options import (
     Log,
     MaxGapS,
     Offset,
-    Pipeline,
     Reference,
+    Sensors,
     Settings,
     Stamps,
     TimeoutMs,
@@ -25,8 +34,14 @@ from fbench.replay.cli.options import (
 
 def verify(
     log: Log,
-    pipeline: Pipeline,
+    pipeline: PipelineOrFile = None,
     settings: Settings = None,
+    config: Config = None,
+    rig: RigFiles = None,
+    truth: TruthFile = None,
+    truth_format: TruthFormat = None,
+    truth_frame: TruthFrame = "",
+    detections: DetectionsFile = None,
     repeat: Annotated[
         int, typer.Option(min=1, max=100, help="How often the same is replayed, the first time included.")
     ] = 2,
@@ -35,32 +50,38 @@ def verify(
     ] = False,
     keep: Annotated[Path | None, typer.Option(help="Keep the runs of all replays in this folder.")] = None,
     reference: Reference = None,
-    timeout_ms: TimeoutMs = 30.0,
-    tolerance_ms: ToleranceMs = 50.0,
-    max_gap_s: MaxGapS = 2.0,
+    timeout_ms: TimeoutMs = None,
+    tolerance_ms: ToleranceMs = None,
+    max_gap_s: MaxGapS = None,
     from_: From = None,
     to: To = None,
     frames: Frames = None,
     topics: Topics = None,
+    sensors: Sensors = None,
     offset: Offset = None,
-    stamps: Stamps = "header",
+    stamps: Stamps = None,
     json: Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
+    from fbench.replay.cli.log_options import box_source, pipeline_of
     from fbench.replay.cli.verify_job import run_verify
+    from fbench.replay.config.source import LogWish, log_source
     from fbench.replay.excerpt import make_excerpt
-    from fbench.replay.restamp import make_stamp_params
-    from fbench.replay.sync import make_sync_params
+    from fbench.replay.sensor_choice import make_sensors
     from fbench.replay.verify.task import Task
 
+    filed = box_source(truth, truth_format, truth_frame)
+    results = box_source(detections, None, truth_frame)
+    wish = LogWish(log, config, rig or [], filed, results, topics or [])
+    source = log_source(wish)
     task = Task(
-        log=log,
-        pipeline=pipeline,
+        log=wish,
+        pipeline=pipeline_of(pipeline, results),
         folder=Path(),
         settings=settings or [],
-        sync=make_sync_params(reference, timeout_ms, tolerance_ms, max_gap_s),
-        stamps=make_stamp_params(stamps, offset or []),
+        sensors=make_sensors(sensors or []),
+        sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
+        stamps=source.stamps(stamps, offset or []),
         excerpt=make_excerpt(from_, to, frames),
-        topics=topics or [],
     )
     raise typer.Exit(run_verify(task, repeat, quick, keep, json))

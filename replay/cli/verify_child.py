@@ -14,10 +14,12 @@ from pathlib import Path
 
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.clock import make_clock
+from fbench.replay.config.source import LogSource, log_source
 from fbench.replay.errors import EXIT_OK, FbenchError
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.open import open_container, open_log
-from fbench.replay.plugins import make_pipeline
+from fbench.replay.logs.open import open_container
+from fbench.replay.plugins import opened_pipeline
+from fbench.replay.protocols import UsesLog
 from fbench.replay.read_ahead import opened_ahead
 from fbench.replay.run import Plan, replay
 from fbench.replay.scores import ScoreOptions
@@ -42,8 +44,11 @@ def run(task: Task) -> None:
     """Replay, score, and note what the frames were made of."""
     _prepare(task.num_threads)
     faults = FaultLog()
-    pipeline, parameters = make_pipeline(task.pipeline, task.settings)
-    with _log(task) as log, opened_ahead(lambda met: open_log(log, met, task.topics), faults, task.read_ahead) as ahead:
+    with (
+        opened_pipeline(task.pipeline, task.settings) as (pipeline, parameters),
+        _log(task) as log,
+        opened_ahead(log.open, faults, task.read_ahead) as ahead,
+    ):
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
         plan = Plan(
@@ -53,7 +58,9 @@ def run(task: Task) -> None:
             sync=task.sync,
             stamps=task.stamps,
             excerpt=task.excerpt,
-            topics=task.topics,
+            topics=log.topics,
+            sensors=task.sensors,
+            inputs=log.inputs,
             clock=make_clock(task.rate, task.sync.max_gap_ns),
             num_media=0,
         )
@@ -74,15 +81,16 @@ def _prepare(num_threads: int) -> None:
 
 
 @contextmanager
-def _log(task: Task) -> Iterator[Path]:
+def _log(task: Task) -> Iterator[LogSource]:
     """Give the log, converted if that is wanted; the converted one is removed at the end."""
+    source = log_source(task.log)
     if task.form is None:
-        yield task.log
+        yield source
         return
     beside = task.folder.with_name(f"{task.folder.name}.log")
     beside.mkdir(parents=True)
     try:
-        yield converted(open_container(task.log, FaultLog()), beside, task.form)
+        yield source.at(converted(open_container(source.path, FaultLog()), beside, task.form))
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 

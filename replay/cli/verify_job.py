@@ -15,7 +15,7 @@ from fbench.replay.verify.task import Task
 
 def run_verify(task: Task, num_repeats: int, quick: bool, keep: Path | None, as_json: bool) -> int:
     """Verify and print what was found; returns the exit code."""
-    title = f"{task.log.name} → {short_name(task.pipeline)}"
+    title = f"{task.log.log.name} → {short_name(task.pipeline)}"
     with workplace(keep) as folder, replay_progress(title) as progress:
         found = verify(task, num_repeats, quick, folder, progress)
     if as_json:
@@ -28,7 +28,7 @@ def run_verify(task: Task, num_repeats: int, quick: bool, keep: Path | None, as_
 def _content(task: Task, found: Verified) -> dict[str, object]:
     rows = [{**asdict(verdict), "identical": verdict.identical} for verdict in found.verdicts]
     return {
-        "log": str(task.log),
+        "log": str(task.log.log),
         "pipeline": task.pipeline,
         "identical": found.identical,
         "stages": dict(found.digests),

@@ -62,7 +62,7 @@ def verify(
     Raises:
         ConfigError, LogError: where the reference itself can't be replayed.
     """
-    children = _Children(replace(task, log=task.log.resolve(), pipeline=_absolute(task.pipeline),
+    children = _Children(replace(task, log=task.log.absolute(), pipeline=_absolute(task.pipeline),
                                  settings=[_absolute_value(s) for s in task.settings]), folder.resolve())  # fmt: skip
     with ThreadPoolExecutor(_AT_ONCE) as pool, children.ended(pool):
         failed = children.replay(BASE)

@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import TypeAdapter
 
+from fbench.replay.config.source import LogWish
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.read_ahead import DEFAULT
 from fbench.replay.restamp import StampParams
@@ -18,7 +19,7 @@ Form = Literal["unchunked", "lz4", "small chunks", "parquet"]
 class Task:
     """One replay."""
 
-    log: Path
+    log: LogWish
     pipeline: str
     folder: Path
     """Where the run goes; what else the process writes goes beside it."""
@@ -26,7 +27,6 @@ class Task:
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
-    topics: list[str] = field(default_factory=list)
     rate: str = "max"
     read_ahead: int | None = DEFAULT
     form: Form | None = None

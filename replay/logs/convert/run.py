@@ -16,6 +16,7 @@ from fbench.replay.logs.convert.sinks import Sink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.setup import Setup
 
 _EVERY = 64
 """Progress is told after so many messages."""
@@ -32,6 +33,8 @@ class Wish:
     """A range of time, by `log_ns`."""
     decode: bool = False
     """Everything becomes fbench's own messages; what fbench doesn't understand is left out."""
+    setup: Setup = field(default_factory=Setup)
+    """What the user says about the log, where it is decoded."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def _copied(container: Container, target: Target, wish: Wish, progress: Progress
 
 
 def _decoded(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
-    reader = LogReader(container, wish.topics)
+    reader = LogReader(container, wish.topics, wish.setup)
     decoding = Decoding(reader, Source(container, (), wish.excerpt).window)
     sink = open_sink(target, decoding.about)
     written = _written(decoding.items(), sink, target, progress, decoding.about.log_id)

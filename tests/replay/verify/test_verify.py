@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from fbench.replay.config.source import LogWish
 from fbench.replay.verify.run import verify
 from fbench.replay.verify.task import Task
 from fbench.replay.verify.variants import variants
@@ -215,7 +216,7 @@ def test_interrupt_ends_the_replays_that_run_and_begins_no_others(log, mine, tmp
         if done == 2:
             raise KeyboardInterrupt
 
-    task = Task(log, str(tmp_path / mine(sleep="time.sleep(0.2)")), Path())
+    task = Task(LogWish(log), str(tmp_path / mine(sleep="time.sleep(0.2)")), Path())
     with pytest.raises(KeyboardInterrupt):
         verify(task, 10, True, tmp_path / "runs", interrupt)
     begun = [p for p in (tmp_path / "runs").iterdir() if p.name != "elsewhere"]
