@@ -7,10 +7,9 @@ from functools import cached_property
 from hashlib import blake2b
 from typing import TypeVar
 
-from fbench.replay.boxfiles.open import open_boxes
 from fbench.replay.classes import ClassMap
 from fbench.replay.data import KINDS, LogInfo, Message, Rig, RigChange, Truth
-from fbench.replay.errors import DataError, DecodeError, LogError, PointsError
+from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.arrange import arranged
 from fbench.replay.logs.box_topics import box_channels
@@ -22,7 +21,7 @@ from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges
 from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
-from fbench.replay.logs.set_up import as_set_up, facts
+from fbench.replay.logs.set_up import as_set_up, facts, with_names
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.logs.truth_frames import in_body
@@ -68,7 +67,7 @@ class LogReader:
         """Name, id and metadata; a log without an id gets one from its topics, schemas and first messages."""
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
-        metadata = {} if header is None else header.metadata
+        metadata = {} if header is None else with_names(header.metadata, self._names if self.setup.sensors else {})
         return LogInfo(self.container.path.stem, log_id, {**metadata, **facts(self.setup)})
 
     @cached_property
@@ -99,11 +98,16 @@ class LogReader:
         return [(log_ns, self._arranged_rig(rig)) for log_ns, rig in self.container.rigs]
 
     def _arranged_rig(self, rig: Rig) -> Rig:
-        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
-        if self.setup.sensors:
-            rig = renamed(rig, {role.frame_id: role.sensor for role in heard})
-        patch = fitted(self.setup.rig, self.roles)
-        return patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard}).without(self.left_out)
+        if self.setup.body not in ("", BODY):
+            raise ConfigError(f"{self.setup.source}: body.frame: this log holds no coordinate frame but the body's")
+        rig = renamed(rig, self._names) if self.setup.sensors else rig
+        heard = {role.sensor: KINDS[role.kind] for _, role in sorted(self.roles.items()) if role.kind in SENSORS}
+        return fitted(self.setup.rig, self.roles).on(rig, heard).without(self.left_out)
+
+    @property
+    def _names(self) -> dict[str, str]:
+        """Sensors by what a log of fbench itself calls them."""
+        return {role.frame_id: role.sensor for _, role in sorted(self.roles.items()) if role.kind in SENSORS}
 
     @cached_property
     def num_messages(self) -> Mapping[str, int]:
@@ -171,6 +175,8 @@ class LogReader:
 
     def _filed(self, source: BoxSource) -> Iterator[Truth]:
         """Boxes of a file, with the labels that the setup gives them."""
+        from fbench.replay.boxfiles.open import open_boxes  # most logs have no such file, and tables need pyarrow
+
         unknown = self._unknown(source.path.name)
         for truth in open_boxes(source, self.coordinate_frames, self.faults).truths():
             yield self._classed(truth, unknown)

@@ -1,5 +1,6 @@
 """Applying to messages what a user says about their sensors."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from fbench.replay.data import Message, RadarScan
@@ -29,3 +30,14 @@ def facts(setup: Setup) -> dict[str, str]:
         if sensor.velocity_period_mps is not None:
             found[f"radar.{name}.{VELOCITY_PERIOD}"] = f"{sensor.velocity_period_mps:g}"
     return found
+
+
+def with_names(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, str]:
+    """Return metadata that speak of sensors by their new names; `names` are these by the old ones."""
+    return {_renamed(key, names): value for key, value in metadata.items()}
+
+
+def _renamed(key: str, names: Mapping[str, str]) -> str:
+    kind, _, rest = key.partition(".")
+    sensor, _, fact = rest.rpartition(".")
+    return f"{kind}.{names[sensor]}.{fact}" if kind == "radar" and sensor in names else key

@@ -120,7 +120,8 @@ class TransformTree:
         return next((name for name in BODIES if name in path), None)
 
     def _is_body(self, frame: str) -> bool:
-        return frame in BODIES or any(edge.parent == frame for edge in self.edges.values())
+        known = frame in BODIES or frame in self.edges
+        return known or any(edge.parent == frame for edge in self.edges.values())
 
     def _chain(self, path: list[str], body: str) -> Float64:
         matrix = np.eye(4)
