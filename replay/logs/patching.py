@@ -54,7 +54,7 @@ def fitted(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
     """Find the sensors that a patch means: by their name, their topic, or their coordinate frame.
 
     Raises:
-        ConfigError: where a camera of the patch isn't in the log, or nothing in it is.
+        ConfigError: where a camera of the patch isn't in the log.
     """
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     by_topic = {role.topic: role.sensor for role in sensors.values()}
@@ -72,7 +72,6 @@ def fitted(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
             hint = did_you_mean(key, known)
             raise ConfigError(f"{patch.places.get(key, 'rig')}: the log has no camera '{key}'{hint}", "CFG001")
         cameras |= dict.fromkeys(named, model)
-    _require_use(patch, sensors, own, by_frame, cameras)
     return FittedPatch({**_aliases(patch, sensors, by_key, own), **patch.edges}, cameras, own)
 
 
@@ -106,12 +105,16 @@ def _same_place(parent: str) -> Edge:
     return Edge(parent, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
 
 
-def _require_use(
-    patch: RigPatch, sensors: Mapping[str, Role], own: Mapping[str, str], by_frame: Mapping[str, list[str]],
-    cameras: Mapping[str, CameraModel],
-) -> None:  # fmt: skip
-    named = {*patch.edges, *(edge.parent for edge in patch.edges.values())}
-    if not patch.edges or own or cameras or any(frame in named for frame in by_frame):
+def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
+    """Refuse transforms that none of a log's sensors stands on: their names must be wrong.
+
+    Raises:
+        ConfigError: naming the file and the log's sensors.
+    """
+    sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
+    used = {step for frame in frames for step in tree.reached(frame)}
+    if not fit.edges or used & set(fit.edges):
         return
     place = next(iter(patch.places.values()), "rig")
     there = ", ".join(f"{name} (frame '{role.frame_id}')" for name, role in sensors.items())

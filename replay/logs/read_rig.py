@@ -9,7 +9,7 @@ from fbench.replay.data import KINDS, CameraModel, Kind, Mount, Rig
 from fbench.replay.errors import DecodeError, LogError
 from fbench.replay.logs.codec import SENSORS
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.patching import FittedPatch, fitted
+from fbench.replay.logs.patching import FittedPatch, fitted, require_use
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.tree import BODIES, BODY, TransformTree
@@ -186,6 +186,7 @@ def first_state(
     _search_calibrations(state, _channels(container, roles, "calibration"))
     if not _is_linked(state):
         _search(state, frozenset(i for i in transforms if not roles[i].is_static), _MAX_MOVING)
+    require_use(said.rig, state.patch, roles, state.tree)
     return state
 
 

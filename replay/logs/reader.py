@@ -16,7 +16,7 @@ from fbench.replay.logs.box_topics import box_channels
 from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinates import CoordinateFrames
-from fbench.replay.logs.patching import fitted, renamed
+from fbench.replay.logs.patching import fitted, renamed, require_use
 from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges
 from fbench.replay.logs.roles import Role, roles
@@ -26,7 +26,7 @@ from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.logs.truth_frames import in_body
 from fbench.replay.logs.truth_part import TruthPart
-from fbench.replay.logs.truth_stream import joined
+from fbench.replay.logs.truth_stream import joined, paired
 
 T = TypeVar("T", bound=Message | Truth)
 
@@ -57,6 +57,8 @@ class LogReader:
         self.container = container
         self.setup = setup or Setup()
         self.faults = faults or FaultLog()
+        if container.header is not None and self.setup.body not in ("", BODY):
+            raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
         every = arranged(roles(container), container, self.setup)
         self.roles = selected(every, topics)
         kept = {role.sensor for role in self.roles.values()}
@@ -98,11 +100,11 @@ class LogReader:
         return [(log_ns, self._arranged_rig(rig)) for log_ns, rig in self.container.rigs]
 
     def _arranged_rig(self, rig: Rig) -> Rig:
-        if self.setup.body not in ("", BODY):
-            raise ConfigError(f"{self.setup.source}: body.frame: this log holds no coordinate frame but the body's")
         rig = renamed(rig, self._names) if self.setup.sensors else rig
         heard = {role.sensor: KINDS[role.kind] for _, role in sorted(self.roles.items()) if role.kind in SENSORS}
-        return fitted(self.setup.rig, self.roles).on(rig, heard).without(self.left_out)
+        patch = fitted(self.setup.rig, self.roles)
+        require_use(self.setup.rig, patch, self.roles, patch.tree(tree_of(rig), BODY))
+        return patch.on(rig, heard).without(self.left_out)
 
     @property
     def _names(self) -> dict[str, str]:
@@ -171,7 +173,7 @@ class LogReader:
         if not topic and self.setup.results is not None:
             return self._filed(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
-        return joined(part for entry in self.container.entries(wanted) for part in self.truth_parts(entry))
+        return paired(part for entry in self.container.entries(wanted) for part in self.truth_parts(entry))
 
     def _filed(self, source: BoxSource) -> Iterator[Truth]:
         """Boxes of a file, with the labels that the setup gives them."""

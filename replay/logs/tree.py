@@ -65,6 +65,13 @@ class TransformTree:
             path.append(parent)
         return path
 
+    def reached(self, frame: str) -> list[str]:
+        """Coordinate frames from `frame` to its root; what comes before the transforms form a loop."""
+        path = [frame]
+        while path[-1] in self.edges and self.edges[path[-1]].parent not in path:
+            path.append(self.edges[path[-1]].parent)
+        return path
+
     def known(self, frame: str) -> bool:
         """Tell whether `frame` reaches a coordinate frame that is called like a body."""
         try:

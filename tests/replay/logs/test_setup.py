@@ -30,13 +30,15 @@ def log(request, tmp_path):
     names = {"lidar": "lidar", "radar_a": "radar", "radar_b": "radar", "camera": "camera"}
     mounts = {name: Mount(kind, np.array([float(i), 0, 1]), UPRIGHT) for i, (name, kind) in enumerate(names.items())}
     path = tmp_path / "own.mcap"
-    with McapWriter(path, LogInfo("own", "id", {"radar.radar_a.velocity_period_mps": "7"}), Rig(mounts, {"camera": CAMERA})) as writer:  # fmt: skip
+    info = LogInfo("own", "id", {"radar.radar_a.velocity_period_mps": "7"})
+    with McapWriter(path, info, Rig(mounts, {"camera": CAMERA})) as writer:
         for stamp in (10**9, 2 * 10**9):
             writer.write(Image("camera", stamp, stamp, encode_jpeg(np.zeros((60, 80, 3), np.uint8)), "jpeg", (80, 60)))
             writer.write(PointCloud("lidar", stamp, stamp, XYZ))
             for name in ("radar_a", "radar_b"):
                 writer.write(RadarScan(name, stamp, stamp, XYZ, np.array([1.5, -2.0], np.float32)))
-            boxes = Boxes3D(np.array([[10.0, 0, 0]]), np.ones((1, 3)), np.zeros(1), label=np.array(["car"]), source_label=np.array(["Auto"]))  # fmt: skip
+            names = {"label": np.array(["car"]), "source_label": np.array(["Auto"])}
+            boxes = Boxes3D(np.array([[10.0, 0, 0]]), np.ones((1, 3)), np.zeros(1), **names)
             flat = Boxes2D(np.array(["camera"]), np.array([[1.0, 2, 3, 4]]), label=np.array(["car"]))
             writer.write(Truth(stamp, stamp, boxes, flat))
     if request.param == "mcap":
@@ -120,9 +122,8 @@ def test_chains_are_composed_by_hand(log):
 
 
 def test_a_topic_finds_the_sensor_that_a_file_calls_otherwise(log):
-    patch = RigPatch(
-        {"cam1": Edge("cam0", np.array([0.5, 0, 0]), UPRIGHT)}, {}, {"cam0": topic(log, "lidar"), "cam1": topic(log, "camera")}
-    )  # fmt: skip
+    topics = {"cam0": topic(log, "lidar"), "cam1": topic(log, "camera")}
+    patch = RigPatch({"cam1": Edge("cam0", np.array([0.5, 0, 0]), UPRIGHT)}, {}, topics)
     reader = open_log(log, FaultLog(), (), Setup(rig=patch))
     np.testing.assert_allclose(reader.rig.mounts["camera"].translation_m, [0.5, 0, 1])
 
@@ -145,7 +146,7 @@ def test_a_file_about_one_camera_means_the_only_one(log):
     ("sensors", "message"),
     [
         ({"a": SensorSetup("/nowhere", "lidar")}, "sensor 'a': the log has no topic '/nowhere'"),
-        ({"a": SensorSetup("LIDAR", "radar"), "b": SensorSetup("LIDAR", "lidar")}, "sensors 'a' and 'b' have one topic"),
+        ({n: SensorSetup("LIDAR", "lidar") for n in ("a", "b")}, "sensors 'a' and 'b' have one topic"),
         ({"a": SensorSetup("LIDAR", "camera")}, "holds lidar, not camera"),
         ({"a": SensorSetup("/truth/boxes", "lidar")}, "holds truth, not lidar"),
     ],
@@ -185,9 +186,6 @@ def test_results_must_be_named_where_there_are_several(log):
         list(reader.detections("/tracks"))
 
 
-def test_the_body_may_be_any_coordinate_frame(log):
-    if log.suffix == ".parquet":
-        pytest.skip("a rig that is stored as data has no other coordinate frames")
-    reader = open_log(log, FaultLog(), (), Setup(body="radar_b"))
-    np.testing.assert_allclose(reader.rig.mounts["lidar"].translation_m, [-2, 0, 0])
-    np.testing.assert_allclose(next(reader.truths()).boxes3d.center_m, [[8, 0, -1]])
+def test_our_own_logs_have_one_body(log):
+    with pytest.raises(ConfigError, match=r"body\.frame: in a log that fbench wrote it is 'body'"):
+        open_log(log, FaultLog(), (), Setup(body="radar_b", source="fbench.toml"))

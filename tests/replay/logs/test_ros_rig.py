@@ -1,0 +1,94 @@
+"""Calibration of ROS logs, replaced and completed from elsewhere."""
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fbench.datasets.boxes import write_boxes_log
+from fbench.replay.errors import LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+from fbench.replay.logs.setup import SensorSetup, Setup
+from fbench.replay.logs.tree import Edge
+from fbench.replay.rig_patch import RigPatch
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_log.py"
+UPRIGHT = np.array([0.0, 0, 0, 1])
+TOPIC = "/sensing/lidar/top/pointcloud"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A log of fbench, and the same as a ROS 2 recorder would have written it."""
+    folder = tmp_path_factory.mktemp("ros")
+    write_boxes_log(folder / "boxes.mcap", seconds=1.0)
+    runpy.run_path(str(EXAMPLE))["rewrite"](folder / "boxes.mcap", folder / "drive.mcap")
+    return folder / "boxes.mcap", folder / "drive.mcap"
+
+
+def opened(log, **setup):
+    return open_log(log, FaultLog(), (), Setup(**setup))
+
+
+def test_the_example_keeps_points_mounts_and_truth(logs):
+    own, ros = (open_log(log, FaultLog()) for log in logs)
+    for kind in ("lidar", "radar"):
+        a, b = own.rig.sensors(kind)[0], ros.rig.sensors(kind)[0]
+        np.testing.assert_allclose(ros.rig.body_T_sensor(b), own.rig.body_T_sensor(a), atol=1e-12)
+    for a, b in zip(own.truths(), ros.truths(), strict=True):
+        assert (a.stamp_ns, a.log_ns) == (b.stamp_ns, b.log_ns)
+        np.testing.assert_allclose(a.boxes3d.center_m, b.boxes3d.center_m)
+        np.testing.assert_array_equal(a.boxes3d.track_id, b.boxes3d.track_id)
+    lidar = [[m.xyz for m in reader.messages() if m.sensor in reader.rig.sensors("lidar")] for reader in (own, ros)]
+    np.testing.assert_array_equal(np.concatenate(lidar[0]), np.concatenate(lidar[1]))
+
+
+def test_an_edge_by_the_name_of_a_coordinate_frame_replaces_the_logs(logs):
+    patch = RigPatch({"lidar_top_link": Edge("base_link", np.array([0.0, 0, 9]), UPRIGHT)})
+    assert opened(logs[1], rig=patch).rig.mounts["lidar_top_link"].translation_m.tolist() == [0, 0, 9]
+
+
+def test_an_edge_by_the_name_of_a_sensor_hangs_on_the_body_of_the_log(logs):
+    sensors = {"top": SensorSetup(TOPIC, "lidar"), "left": SensorSetup("/sensing/radar/front_left/detections", "radar")}
+    patch = RigPatch({"top": Edge("body", np.array([0.0, 0, 9]), UPRIGHT)})
+    rig = opened(logs[1], sensors=sensors, rig=patch).rig
+    assert rig.mounts["top"].translation_m.tolist() == [0, 0, 9]
+    plain = opened(logs[1], sensors=sensors).rig
+    assert rig.mounts["left"].equals(plain.mounts["left"])
+
+
+def test_a_parent_of_the_log_may_be_named(logs):
+    patch = RigPatch({"lidar_top_link": Edge("mast", np.array([0.0, 0, 1]), UPRIGHT)})
+    np.testing.assert_allclose(opened(logs[1], rig=patch).rig.mounts["lidar_top_link"].translation_m, [0.4, 0, 2.2])
+
+
+def test_truth_moves_with_its_coordinate_frame(logs):
+    patch = RigPatch({"base_link": Edge("chassis", np.array([1.0, 0, 0]), UPRIGHT)})
+    plain, moved = (next(opened(logs[1], **s).truths()) for s in ({}, {"rig": patch, "body": "chassis"}))
+    np.testing.assert_allclose(moved.boxes3d.center_m, plain.boxes3d.center_m + np.array([1, 0, 0]))
+
+
+def test_a_loop_is_one_line(logs):
+    patch = RigPatch({"mast": Edge("lidar_top_link", np.zeros(3), UPRIGHT), "lidar_top_link": Edge("mast", np.zeros(3), UPRIGHT)})  # fmt: skip # noqa: E501
+    with pytest.raises(LogError, match="transforms form a loop"):
+        opened(logs[1], rig=patch).rig  # noqa: B018
+
+
+def test_the_body_may_be_a_coordinate_frame_beside_the_sensors(logs):
+    rig = opened(logs[1], body="lidar_top_link").rig
+    plain = open_log(logs[1], FaultLog()).rig
+    left = plain.mounts["radar_front_link_left"].translation_m - plain.mounts["lidar_top_link"].translation_m
+    np.testing.assert_allclose(rig.mounts["radar_front_link_left"].translation_m, left, atol=1e-12)
+    assert rig.mounts["lidar_top_link"].translation_m.tolist() == [0, 0, 0]
+
+
+def test_classes_of_others_that_mean_nothing_are_counted_once(logs):
+    faults = FaultLog()
+    setup = Setup(classes={"car": "van"})
+    labels = [truth.boxes3d.label for truth in open_log(logs[1], faults, (), setup).truths()]
+    assert "car" not in np.concatenate(labels)
+    assert faults.counts["GT007"] == 0
+    assert replace(setup, classes={}).classes == {}
