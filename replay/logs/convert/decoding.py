@@ -38,8 +38,8 @@ class Decoding:
             if self._window.is_before(entry.log_ns) or isinstance(content, RigChange):
                 continue
             role = self._reader.roles.get(entry.channel)
-            if content is None or role is None or role.kind == "detections":
-                if _is_lost(role):
+            if content is None or role is None or role.kind == "detections" or _in_world(content):
+                if _is_lost(role) or _in_world(content):
                     self.left_out[entry.topic] += 1
                 continue
             if waiting is not None:
@@ -56,6 +56,11 @@ def _topic(topic: str, content: object) -> str:
     if isinstance(content, TruthPart):
         return BOXES2D if content.is_2d else BOXES3D
     return topic
+
+
+def _in_world(content: object) -> bool:
+    """Tell whether content is truth that only a pose could move to the body."""
+    return isinstance(content, TruthPart) and content.truth.in_world
 
 
 def _is_lost(role: Role | None) -> bool:
