@@ -31,22 +31,29 @@ class Labelling:
     """Finds the frame of each truth: by frame number where both have one, else by nearest stamp.
 
     Numbers may start again in another segment: of several frames of one number the one with the nearest stamp is meant.
+    Truth of a file that counts frames has no stamp to tell: its numbers are those of the log where each is there once,
+    else indices. It gets its frame's stamp.
 
     Args:
-        instants: Of all frames, the first one's first.
+        instants: Of all frames, or of some.
     """
 
     def __init__(self, instants: Sequence[Instant]) -> None:
+        self._indices = [i.index for i in instants]
+        self._rows = {index: row for row, index in enumerate(self._indices)}
         self._stamps = np.array([i.stamp_ns for i in instants], np.int64)
         self._order = np.argsort(self._stamps, kind="stable")
         self._sorted = self._stamps[self._order]
         self._by_number: dict[int, list[int]] = {}
-        for instant in instants:
+        for row, instant in enumerate(instants):
             if instant.frame_number is not None:
-                self._by_number.setdefault(instant.frame_number, []).append(instant.index)
+                self._by_number.setdefault(instant.frame_number, []).append(row)
+        self._is_numbered = bool(self._by_number) and all(len(rows) == 1 for rows in self._by_number.values())
 
     def frame_of(self, truth: Truth) -> int | None:
         """Index of the frame, or `None` where there is none."""
+        if truth.frame_index is not None:
+            return self._counted(truth.frame_number, truth.frame_index)
         if truth.frame_number is not None and self._by_number:
             return self._nearest(np.array(self._by_number.get(truth.frame_number, []), np.int64), truth.stamp_ns)
         at = int(np.searchsorted(self._sorted, truth.stamp_ns))
@@ -55,7 +62,11 @@ class Labelling:
 
     def distance_ns(self, index: int, truth: Truth) -> int:
         """How far the stamps of a frame and a truth are apart."""
-        return abs(int(self._stamps[index]) - truth.stamp_ns)
+        return abs(self.stamp_of(index) - truth.stamp_ns)
+
+    def stamp_of(self, index: int) -> int:
+        """Stamp of a frame."""
+        return int(self._stamps[self._rows[index]])
 
     def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
         """Yield every truth with its frame. Several truths of one frame are joined where they complement each other (3D
@@ -65,8 +76,7 @@ class Labelling:
         """
         kept: tuple[int, Truth] | None = None
         done: dict[int, None] = {}
-        for truth in truths:
-            index = self.frame_of(truth)
+        for index, truth in map(self._found, truths):
             if index is None or index in done:
                 yield None, truth
             elif kept is not None and kept[0] == index:
@@ -83,9 +93,28 @@ class Labelling:
         if kept is not None:
             yield kept
 
+    def _found(self, truth: Truth) -> tuple[int | None, Truth]:
+        """The frame of a truth; what counts frames gets the frame's stamp."""
+        index = self.frame_of(truth)
+        if index is None or truth.frame_index is None:
+            return index, truth
+        return index, replace(truth, stamp_ns=self.stamp_of(index))
+
+    def _counted(self, number: int | None, index: int) -> int | None:
+        if number is not None and self._is_numbered:
+            row = next(iter(self._by_number.get(number, ())), None)
+            return None if row is None else self._indices[row]
+        return index if index in self._rows else None
+
     def _nearest(self, candidates: Int64, stamp_ns: int) -> int | None:
         rows = [int(i) for i in candidates]
-        return min(rows, key=lambda i: (abs(int(self._stamps[i]) - stamp_ns), i), default=None)
+        best = min(rows, key=lambda i: (abs(int(self._stamps[i]) - stamp_ns), i), default=None)
+        return None if best is None else self._indices[best]
+
+
+def stray(truth: Truth) -> str:
+    """Name truth that belongs to no frame."""
+    return f"truth at {truth.stamp_ns} ns" if truth.frame_index is None else f"truth of frame {truth.frame_index}"
 
 
 def joined(nearer: Truth, farther: Truth) -> Truth | None:

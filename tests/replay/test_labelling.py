@@ -45,3 +45,31 @@ def test_truths_of_the_same_thing_arent_joined():
     assert matched(near, far) == [(None, far), (1, near)]
     near, far = Truth(99 * MS, 0, None, boxes2d("left")), Truth(95 * MS, 0, None, boxes2d("left", "right"))
     assert matched(far, near) == [(None, far), (1, near)]
+
+
+def counted(index, number=None):
+    return Truth(0, 0, boxes3d(), None, number, index)
+
+
+def test_files_that_count_frames_mean_numbers_where_there_are_some():
+    numbered = Labelling([Instant(i, i * 100 * MS, 50 + i, True) for i in range(3)])
+    assert numbered.frame_of(counted(51, 51)) == 1
+    assert numbered.frame_of(counted(1, 1)) is None
+    assert numbered.frame_of(counted(1)) == 1
+    plain = Labelling([Instant(i, i * 100 * MS, None, True) for i in range(3)])
+    assert plain.frame_of(counted(2, 2)) == 2
+    assert plain.frame_of(counted(3, 3)) is None
+    again = Labelling([Instant(i, i * 100 * MS, i % 2, True) for i in range(4)])
+    assert again.frame_of(counted(3, 3)) == 3
+
+
+def test_counted_truth_gets_the_stamp_of_its_frame():
+    [(index, truth)] = matched(counted(2, 2))
+    assert (index, truth.stamp_ns) == (2, 200 * MS)
+
+
+def test_frames_of_a_part_of_a_log():
+    part = Labelling([Instant(i, i * 100 * MS, None, True) for i in range(10, 13)])
+    assert part.frame_of(counted(11)) == 11
+    assert part.frame_of(counted(1)) is None
+    assert part.frame_of(Truth(1_200 * MS, 0, boxes3d())) == 12

@@ -1,0 +1,108 @@
+"""KITTI's object benchmark (a file a frame) and tracking benchmark (a file a sequence)."""
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby
+from pathlib import Path
+
+from fbench.replay.boxfiles.kitti_rows import CAMERA_T_LEVEL, labelled, track_id
+from fbench.replay.boxfiles.placing import body_T, camera_of
+from fbench.replay.boxfiles.rows import Labelled, flats, solids
+from fbench.replay.boxfiles.text import Line, frame_number, lines
+from fbench.replay.data import Truth
+from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.geometry.boxes import moved
+from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.setup import BoxSource
+
+_Frames = Iterable[tuple[int, list[Labelled]]]
+
+
+def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read a folder of files named by frame, `label_2/000000.txt` ..., or one of them; a file without rows says that
+    its frame is empty.
+
+    Raises:
+        ConfigError: where the camera isn't known.
+        LogError: where a row can't be read.
+    """
+    camera = _camera(source, coordinates)
+    files = {frame_number(path.stem, str(path)): path for path in text_files(source.path, "label_2")}
+
+    def frames() -> _Frames:
+        for number in sorted(files):
+            yield number, [labelled(line, line.fields, camera, None) for line in lines(files[number])]
+
+    return _truths(frames, source, coordinates)
+
+
+def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read the file of one sequence; up to the last frame with a row, those without are empty.
+
+    Raises:
+        ConfigError: where the camera isn't known, or the folder has several sequences.
+        LogError: where a row can't be read.
+    """
+    camera = _camera(source, coordinates)
+    files = text_files(source.path, "label_02")
+    if len(files) > 1:
+        raise ConfigError(f"{source.path}: {len(files)} sequences, {files[0].name} to {files[-1].name}; name one file")
+    return _truths(lambda: filled(_sequence(files[0], camera)), source, coordinates)
+
+
+def filled(frames: _Frames, first: int = 0, num: int = 0) -> _Frames:
+    """Put frames without rows between the others, and behind them up to `num` frames."""
+    expected = first
+    for number, objects in frames:
+        yield from ((i, []) for i in range(expected, number))
+        yield number, objects
+        expected = number + 1
+    yield from ((i, []) for i in range(expected, first + num))
+
+
+def in_order(rows: Iterable[tuple[int, Labelled]]) -> _Frames:
+    """Group rows by frame, whatever their order."""
+    ordered = sorted(rows, key=lambda row: row[0])
+    for number, group in groupby(ordered, key=lambda row: row[0]):
+        yield number, [row for _, row in group]
+
+
+def text_files(path: Path, inner: str) -> list[Path]:
+    """Return the file itself, or those of a folder or of its subfolder `inner`.
+
+    Raises:
+        LogError: where there are none.
+    """
+    if path.is_file():
+        return [path]
+    folder = path / inner if (path / inner).is_dir() else path
+    found = sorted(file for file in folder.glob("*.txt") if file.stem.isascii() and file.stem.isdigit())
+    if not found:
+        raise LogError(f"{folder}: no file that is named by a number, such as 000000.txt")
+    return found
+
+
+def _camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
+    """Whose image 2D boxes are in; 3D boxes are in the coordinates of that camera too, unless `frame` names another."""
+    return camera_of(source.camera or source.frame, coordinates, str(source.path))
+
+
+def _sequence(path: Path, camera: str) -> _Frames:
+    return in_order((frame_number(line.fields[0], line.where), _tracked(line, camera)) for line in lines(path))
+
+
+def _tracked(line: Line, camera: str) -> Labelled:
+    if len(line.fields) not in (17, 18):
+        raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
+    return labelled(line, line.fields[2:], camera, track_id(line.fields[1], line.where))
+
+
+def _truths(frames: Callable[[], _Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
+    where = str(source.path)
+    owner = camera_of(source.frame or source.camera, coordinates, where)
+    body_T_level = body_T(owner, coordinates, where) @ CAMERA_T_LEVEL
+    is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
+    for number, objects in frames():
+        yield Truth(
+            0, 0, moved(solids(objects), body_T_level) if is_solid else None, flats(objects), number, number
+        )  # fmt: skip

@@ -1,0 +1,105 @@
+"""MOTChallenge: ground truth, detections and results (https://motchallenge.net/instructions)."""
+
+import configparser
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from fbench.replay.boxfiles.kitti import filled, in_order
+from fbench.replay.boxfiles.parse import number, whole
+from fbench.replay.boxfiles.placing import camera_of
+from fbench.replay.boxfiles.rows import Flat, Labelled, flats
+from fbench.replay.boxfiles.text import MAX_FRAMES, Line, frame_number, lines
+from fbench.replay.data import Truth
+from fbench.replay.errors import LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.setup import BoxSource
+
+_CLASSES = {
+    1: ("pedestrian", "pedestrian"), 2: ("person on vehicle", "pedestrian"), 3: ("car", "car"),
+    4: ("bicycle", "bicycle"), 5: ("motorbike", "motorcycle"), 6: ("non motorized vehicle", "other"),
+    7: ("static person", "pedestrian"), 8: ("distractor", "other"), 9: ("occluder", "other"),
+    10: ("occluder on the ground", "other"), 11: ("occluder full", "other"), 12: ("reflection", "other"),
+    13: ("crowd", "other"),
+}  # fmt: skip
+"""Name and label by the number of MOT16 and later."""
+_SHIFT_PX = 1.0
+"""Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
+middle is taken."""
+
+
+@dataclass(frozen=True)
+class _Sequence:
+    """Which file, and what `seqinfo.ini` says."""
+
+    path: Path
+    num_frames: int
+    is_truth: bool
+
+
+def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read `gt.txt`, `det.txt` or a tracker's results: comma-separated, a row a box. A folder is one sequence, of which
+    `gt/gt.txt` is taken, else `det/det.txt`; its `seqinfo.ini` tells how many frames are labelled. A frame's number
+    is its place among the log's frames, the first being 1.
+
+    Raises:
+        ConfigError: where the camera isn't known.
+        LogError: where there is no such file, or a row can't be read.
+    """
+    camera = camera_of(source.camera or source.frame, coordinates, str(source.path))
+    sequence = _sequence(source.path)
+    rows = (_row(line, camera, sequence.is_truth) for line in lines(sequence.path, ","))
+    for frame, objects in filled(in_order(rows), 1, sequence.num_frames):
+        yield Truth(0, 0, None, flats(objects), frame_index=frame - 1)
+
+
+def _sequence(path: Path) -> _Sequence:
+    files = [path / "gt" / "gt.txt", path / "det" / "det.txt", path / "gt.txt", path / "det.txt"]
+    file = path if path.is_file() else next((file for file in files if file.is_file()), None)
+    if file is None:
+        raise LogError(f"{path}: no gt/gt.txt and no det/det.txt")
+    near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
+    info = next((ini for ini in near if ini.is_file()), None)
+    return _Sequence(file, 0 if info is None else _length(info), file.stem.startswith("gt"))
+
+
+def _length(path: Path) -> int:
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        parser.read_string(path.read_text(encoding="utf-8-sig"))
+        text = parser.get("Sequence", "seqLength")
+    except (configparser.Error, OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: no seqLength in [Sequence] ({str(error).splitlines()[0]})") from error
+    return min(frame_number(text, f"{path} seqLength"), MAX_FRAMES)
+
+
+def _row(line: Line, camera: str, is_truth: bool) -> tuple[int, Labelled]:
+    fields = [field for field in line.fields if field] if line.fields[-1] == "" else line.fields
+    where = line.where
+    if not 6 <= len(fields) <= 10:
+        raise LogError(f"{where}: {len(fields)} columns, expected 6 to 10: frame, id, left, top, width, height ...")
+    frame = frame_number(str(whole(fields[0], where, "frame")), where)
+    if frame < 1:
+        raise LogError(f"{where}: frame is 0, but MOTChallenge counts frames from 1")
+    names = ("left", "top", "width", "height")
+    left, top, width, height = (number(text, where, name) for name, text in zip(names, fields[2:6], strict=True))
+    left, top = left - _SHIFT_PX, top - _SHIFT_PX
+    flat = Flat(camera, (left, top, left + width, top + height))
+    return frame, _labelled(fields, where, flat, is_truth)
+
+
+def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool) -> Labelled:
+    """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 behind the confidence."""
+    has_class = len(fields) in (8, 9)
+    kind = whole(fields[7], where, "class") if has_class else 1
+    name, label = _CLASSES.get(kind, (str(kind), "other"))
+    confidence = number(fields[6], where, "confidence") if len(fields) > 6 else None
+    is_flag = is_truth or has_class
+    return Labelled(
+        name, None, flat, label,
+        score=None if is_flag else confidence,
+        track_id=max(whole(fields[1], where, "id"), -1),
+        ignore=confidence == 0 if is_flag else None,
+        visibility=number(fields[8], where, "visibility") if len(fields) == 9 else None,
+    )  # fmt: skip

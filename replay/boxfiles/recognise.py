@@ -1,0 +1,69 @@
+"""Telling the form of a file or folder of boxes from names and content."""
+
+from pathlib import Path
+
+from fbench.replay.boxfiles.json_file import head_of
+from fbench.replay.boxfiles.nuscenes import COMPANIONS
+from fbench.replay.boxfiles.table_files import SUFFIXES
+from fbench.replay.errors import LogError
+
+_LOOKED_AT = 20
+
+
+def recognised(path: Path) -> str:
+    """Return the name of the form.
+
+    Raises:
+        LogError: where it can't be told.
+    """
+    form = _of_folder(path) if path.is_dir() else _of_file(path)
+    if form is None:
+        raise LogError(
+            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI or MOTChallenge .txt, "
+            "nuScenes or OpenLABEL .json)"
+        )
+    return form
+
+
+def _of_folder(path: Path) -> str | None:
+    if (path / "label_2").is_dir():
+        return "kitti"
+    if (path / "label_02").is_dir():
+        return "kitti-tracking"
+    if any((path / name).is_file() for name in ("gt/gt.txt", "det/det.txt", "gt.txt", "det.txt")):
+        return "mot"
+    files = sorted(file for file in path.iterdir() if file.is_file() and file.name not in COMPANIONS)
+    if any(file.suffix.lower() in SUFFIXES for file in files):
+        return "table"
+    numbered = [file for file in files if file.suffix == ".txt" and file.stem.isascii() and file.stem.isdigit()]
+    found = (form for file in numbered[:_LOOKED_AT] if (form := _of_text(file)) is not None)
+    return next(found, "kitti" if numbered else None)
+
+
+def _of_file(path: Path) -> str | None:
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        head = head_of(path)
+        return "openlabel" if '"openlabel"' in head else "nuscenes" if '"results"' in head else None
+    if suffix in SUFFIXES and not (suffix == ".csv" and _of_text(path) == "mot"):
+        return "table"
+    return _of_text(path) if suffix in (".txt", ".csv") else None
+
+
+def _of_text(path: Path) -> str | None:
+    """Tell from the first row; a table has a row of names first."""
+    first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
+    fields, split = first.split(), first.split(",")
+    if len(split) > 5:
+        return "mot" if all(map(_is_number, filter(None, (field.strip() for field in split)))) else None
+    if len(fields) in (15, 16):
+        return "kitti"
+    return "kitti-tracking" if 17 <= len(fields) < 20 else None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

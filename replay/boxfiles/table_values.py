@@ -1,0 +1,132 @@
+"""Columns of a table as arrays; errors name file, row and column."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from fbench.replay.arrays import Bool, Float64, Int64, Text
+from fbench.replay.boxfiles.parse import stamp_of_seconds, track_number
+from fbench.replay.boxfiles.table_files import ROW
+from fbench.replay.errors import LogError
+
+_TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
+
+
+@dataclass(frozen=True)
+class Values:
+    """Some rows of a table."""
+
+    path: Path
+    table: pa.Table
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.table.column_names
+
+    def where(self, index: int) -> str:
+        """For errors: file and row."""
+        return f"{self.path} row {self.table.column(ROW)[index].as_py()}"
+
+    def numbers(self, name: str) -> tuple[Float64, Bool]:
+        """Return float64 (N,), NaN where there is none, and where there is one (also one that isn't finite)."""
+        column = self._column(name)
+        if pa.types.is_string(column.type):
+            column = pc.utf8_trim_whitespace(column)
+            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
+        cast = self._cast(column, pa.float64(), name, "a number")
+        there = np.asarray(cast.is_valid().to_numpy(zero_copy_only=False), bool)
+        return np.asarray(cast.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64), there
+
+    def wholes(self, name: str, absent: int = -1) -> Int64:
+        """Return int64 (N,)."""
+        column = self._column(name)
+        if pa.types.is_timestamp(column.type):
+            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+        if pa.types.is_string(column.type):
+            column = pc.utf8_trim_whitespace(column)
+            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
+        cast = self._cast(column, pa.int64(), name, "a whole number")
+        return np.asarray(cast.fill_null(absent).to_numpy(zero_copy_only=False), np.int64)
+
+    def texts(self, name: str) -> Text:
+        """Return texts (N,), empty where there is none."""
+        return np.array([text.strip() for text in self._texts(name)], np.str_)
+
+    def flags(self, name: str) -> Bool:
+        """Return bool (N,), false where there is none."""
+        column = self._column(name)
+        if pa.types.is_boolean(column.type):
+            return np.asarray(column.fill_null(False).to_numpy(zero_copy_only=False), bool)
+
+        def read(text: str) -> bool:
+            if text.lower() not in (*_TRUE, *_FALSE):
+                raise ValueError(text)
+            return text.lower() in _TRUE
+
+        return np.array(self._each(name, read, "true or false"), bool)
+
+    def ids(self, name: str) -> Int64:
+        """Return track ids (N,), -1 where there is none; texts get numbers of their own."""
+        if pa.types.is_integer(self._column(name).type):
+            return np.maximum(self.wholes(name), -1)
+        return np.array(self._each(name, track_number, "an id"), np.int64)
+
+    def seconds(self, name: str) -> Int64:
+        """Return stamps [ns] (N,) from seconds, -1 where there are none."""
+        return np.array(self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds"), np.int64)
+
+    def _each(self, name: str, read: Callable[[str], Any], expected: str) -> list[Any]:
+        """Read each different text once."""
+        known: dict[str, Any] = {}
+        texts = [text.strip() for text in self._texts(name)]
+        for index, text in enumerate(texts):
+            if text not in known:
+                try:
+                    known[text] = read(text)
+                except ValueError:
+                    raise self._wrong(name, index, text, expected) from None
+        return [known[text] for text in texts]
+
+    def _texts(self, name: str) -> Iterable[str]:
+        values = self._column(name).to_pylist()
+        return ("" if value is None else value if isinstance(value, str) else repr(value) if isinstance(value, float)
+                else str(value) for value in values)  # fmt: skip
+
+    def _cast(self, column: pa.Array, kind: pa.DataType, name: str, expected: str) -> pa.Array:
+        try:
+            return column.cast(kind)
+        except pa.ArrowException:
+            for index, value in enumerate(column):
+                try:
+                    value.cast(kind)
+                except pa.ArrowException:
+                    raise self._wrong(name, index, str(value.as_py()), expected) from None
+            raise LogError(f"{self.path}: column '{name}' is {column.type}, expected {expected}") from None
+
+    def _wrong(self, name: str, index: int, text: str, expected: str) -> LogError:
+        return LogError(f"{self.where(index)}: {name} is '{text[:40]}', expected {expected}")
+
+    def _column(self, name: str) -> pa.Array:
+        column = self.table.column(name).combine_chunks()
+        if isinstance(column, pa.ChunkedArray):
+            column = pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
+        if pa.types.is_dictionary(column.type):
+            column = column.dictionary_decode()
+        if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
+            column = column.cast(pa.string())
+        if not _is_plain(column.type):
+            raise LogError(f"{self.path}: column '{name}' is {column.type}, expected single values")
+        return column
+
+
+def _is_plain(kind: pa.DataType) -> bool:
+    checks = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
+              pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
+    return any(check(kind) for check in checks)

@@ -1,0 +1,209 @@
+"""Giving a run other ground truth, without replaying the log."""
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxfiles.entry import truth_entry
+from fbench.replay.boxfiles.open import BoxFile, open_boxes
+from fbench.replay.classes import ClassMap
+from fbench.replay.data import Boxes, Truth
+from fbench.replay.errors import MetricError
+from fbench.replay.fault_budget import FaultBudget
+from fbench.replay.faults import FAULTS, FaultLog
+from fbench.replay.files import replace_text
+from fbench.replay.frame_poses import pose_of
+from fbench.replay.labelling import Instant, Labelling, stray
+from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.logs.tree import BODY, tree_of
+from fbench.replay.manifest import Manifest, save_manifest
+from fbench.replay.redact import redacted_rows
+from fbench.replay.store import FRAMES, Run, with_truth, write_frames
+from fbench.replay.tables import BoxWriter
+from fbench.replay.truth_boxes import fitted
+
+_ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007")
+_TABLES = ("truth.parquet", "truth_2d.parquet")
+
+
+@dataclass(frozen=True)
+class Relabelled:
+    """How much of a file of truth a run could use."""
+
+    num_truths: int
+    """Instants in the file."""
+    num_matched: int
+    """Frames of the run that it labels."""
+
+
+def relabel(run: Run, source: BoxSource, classes: Mapping[str, str] | None = None) -> Relabelled:
+    """Replace the truth of a run by that of a file. Scores stay as they were until the run is scored again.
+
+    Args:
+        run: A finished run, made with or without truth.
+        source: The file.
+        classes: Labels by the names that the file gives to classes.
+
+    Raises:
+        ConfigError: where the file isn't there, or names a camera or coordinate frame that the run doesn't know.
+        LogError: where the file can't be read, or is in the world and the run has no poses.
+        MetricError: where none of its instants belongs to a frame of the run.
+    """
+    rig, faults, span = run.manifest.rig, FaultLog(), _Span()
+    file = open_boxes(source, CoordinateFrames(rig, tree_of(rig), BODY), faults)
+    map_ = ClassMap(classes or {})
+    truths = (_classed(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
+    with _Tables(run) as tables:
+        _match(run, Labelling(_instants(run)).matched(truths), tables, faults)
+        if not tables.truths:
+            raise MetricError(_unmatched(run, source.path, span))
+        tables.finish(faults, file)
+    return Relabelled(span.num, len(tables.truths))
+
+
+@dataclass
+class _Span:
+    """The first and the last instant of a file."""
+
+    num: int = 0
+    first: int = 0
+    last: int = 0
+    counts_frames: bool = False
+
+    def taken(self, truth: Truth) -> Truth:
+        """Note when it is."""
+        at = truth.stamp_ns if truth.frame_index is None else truth.frame_index
+        self.first, self.last = (min(self.first, at), max(self.last, at)) if self.num else (at, at)
+        self.num, self.counts_frames = self.num + 1, truth.frame_index is not None
+        return truth
+
+
+class _Tables:
+    """Tables of truth under temporary names, renamed when all are whole."""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._writers: dict[str, BoxWriter] = {}
+        self.truths: dict[int, Truth] = {}
+        """Truth without its boxes, by frame."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for writer in self._writers.values():
+            writer.close()
+        for name in (*_TABLES, FRAMES):
+            self._partial(name).unlink(missing_ok=True)
+
+    def add(self, index: int, truth: Truth) -> None:
+        """Label a frame."""
+        for name, boxes in zip(_TABLES, (truth.boxes3d, truth.boxes2d), strict=True):
+            if boxes is not None:
+                self._writer(name, boxes).add(index, boxes)
+        self.truths[index] = replace(
+            truth,
+            boxes3d=None if truth.boxes3d is None else Boxes3D.empty(),
+            boxes2d=None if truth.boxes2d is None else Boxes2D.empty(),
+        )
+
+    def finish(self, faults: FaultLog, file: BoxFile) -> None:
+        """Put the tables in place; the manifest comes last."""
+        records = [with_truth(record, self.truths.get(record.index)) for record in self._run.frames]
+        write_frames(self._partial(FRAMES), records, self._run.poses)
+        content, manifest = _with_faults(self._run, faults), self._run.manifest
+        for writer in self._writers.values():
+            writer.close()
+        for name in _TABLES:
+            if name in self._writers:
+                self._partial(name).replace(self._run.folder / name)
+            else:
+                (self._run.folder / name).unlink(missing_ok=True)
+        self._writers = {}
+        self._partial(FRAMES).replace(self._run.folder / FRAMES)
+        replace_text(self._run.folder / "faults.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+        partial = self._partial("manifest.json")
+        save_manifest(partial, _with_truth_entry(manifest, file, content))
+        partial.replace(self._run.folder / "manifest.json")
+
+    def _writer(self, name: str, boxes: Boxes) -> BoxWriter:
+        if name not in self._writers:
+            self._writers[name] = BoxWriter(self._partial(name), type(boxes))
+        return self._writers[name]
+
+    def _partial(self, name: str) -> Path:
+        return self._run.folder / f".{name}.partial-{os.getpid()}"
+
+
+def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Tables, faults: FaultLog) -> None:
+    poses = dict(zip((frame.index for frame in run.frames), run.poses, strict=True))
+    has_poses = any(pose_of(pose) is not None for pose in poses.values())
+    is_whole = run.manifest.frames.excerpt == "all"
+    stamps = [frame.stamp_ns for frame in run.frames]
+    for index, truth in matched:
+        if index is None:
+            if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
+                faults.add("GT006", stray(truth))
+        elif (kept := fitted(truth, index, pose_of(poses[index]), has_poses, faults)) is not None:
+            tables.add(index, kept)
+
+
+def _instants(run: Run) -> list[Instant]:
+    """Truth refers to stamps as recorded, before an offset was added."""
+    frames = run.manifest.frames
+    offset_ns = frames.offsets_ns.get(frames.reference, 0)
+    return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True) for f in run.frames]
+
+
+def _classed(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
+    def unknown(name: str) -> None:
+        faults.once("GT007", (where, name), f"{where}: '{name}'")
+
+    return replace(
+        truth,
+        boxes3d=None if truth.boxes3d is None else classes.applied(truth.boxes3d, unknown),
+        boxes2d=None if truth.boxes2d is None else classes.applied(truth.boxes2d, unknown),
+    )
+
+
+def _unmatched(run: Run, path: Path, span: _Span) -> str:
+    frames = run.frames
+    if not span.num:
+        return f"{path}: no boxes in it"
+    if span.counts_frames:
+        there = f"{frames[0].index} to {frames[-1].index}"
+        return f"{path}: none of its {span.num} frames, {span.first} to {span.last}, is in the run, which has {there}"
+    stamps = [frame.stamp_ns for frame in frames]
+    apart_s = (stamps[0] - span.first) / 1e9
+    return (
+        f"{path}: none of its {span.num} instants, {span.first} to {span.last} ns, belongs to a frame of the run, "
+        f"{min(stamps)} to {max(stamps)} ns, {apart_s:+.3f} s from there; shift the stamps, or count frames"
+    )
+
+
+def _with_faults(run: Run, faults: FaultLog) -> dict[str, Any]:
+    """What `faults.json` says, with other faults of truth."""
+    content: dict[str, Any] = run.json("faults.json")
+    told = redacted_rows(faults.rows()) if run.manifest.redacted else faults.rows()
+    new: dict[str, dict[str, Any]] = {str(row["code"]): row for row in told if row["code"] in _ABOUT_TRUTH}
+    old = {row["code"]: row for row in content["rows"]}
+    rows = [new.get(code, old.get(code, row)) for row in FaultLog().rows() for code in [str(row["code"])]]
+    lost = sum(row["count"] for row in rows if FAULTS[row["code"]].behaviour == "count")
+    return {**content, "lost": lost, "rows": rows}
+
+
+def _with_truth_entry(manifest: Manifest, file: BoxFile, content: dict[str, Any]) -> Manifest:
+    """A run that was complete lacks something if boxes of truth were lost."""
+    counts = FaultLog()
+    counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
+    unreal = bool(counts.counts["GT004"])
+    complete = not unreal and (manifest.complete or not FaultBudget().exceeded(counts))
+    return manifest.model_copy(update={"truth": truth_entry(file.source), "complete": complete})
