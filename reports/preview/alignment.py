@@ -1,0 +1,163 @@
+"""Whether the LiDARs fit the image of a camera better when they are turned a little."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.arrays import Float32, Float64
+from fbench.replay.data import CameraModel
+from fbench.replay.geometry.camera import in_image, project
+from fbench.replay.geometry.transforms import inverse, transform
+from fbench.reports.preview.depth_edges import edge_strength, sampled
+from fbench.reports.preview.sample import Sample
+
+WIDTH_PX = 640
+STEP_DEG = 0.5
+REACH_DEG = 4.0
+MIN_EDGES = 60
+"""With fewer edges of depth in all images nothing is said."""
+MIN_GAIN = 0.06
+MIN_SUPPORT, MIN_STRIPES = 0.6, 8
+_STRIPES, _STRIPE_EDGES = 12, 5
+_MAX_EDGES = 600
+"""Of one frame; more tell nothing new."""
+MIN_SCORE = 1.15
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What turning LiDAR edges about the axes of a camera (x right, y down, z forward) gives."""
+
+    camera: str
+    num_edges: int
+    turn_deg: tuple[float, float, float]
+    """The rotation vector that fits best, in steps of half a degree."""
+    score: float
+    """Mean strength of image edges under LiDAR edges, as calibrated; the mean of the image is 1."""
+    best_score: float
+    support: float
+    """Share of the stripes of images in which that turn is better than the calibration."""
+    num_stripes: int
+    """Upright stripes of images with enough edges, of all frames together."""
+
+    @property
+    def is_off(self) -> bool:
+        """Whether another rotation is clearly better."""
+        gain = self.best_score - self.score
+        angle = float(np.sqrt(np.sum(np.square(self.turn_deg))))
+        clear = self.support >= MIN_SUPPORT and self.num_stripes >= MIN_STRIPES
+        return clear and not self.is_unclear and angle >= 1.0 and gain > MIN_GAIN * self.best_score
+
+    @property
+    def is_unclear(self) -> bool:
+        """Whether the best turn is at the border of the search, as where all edges are on one object."""
+        return max(abs(turn) for turn in self.turn_deg) >= REACH_DEG
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether edges of LiDAR and image have nothing to do with each other, and no turn mends it."""
+        return self.num_stripes >= MIN_STRIPES and self.score < MIN_SCORE and not self.is_off
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether the calibration deserves a look."""
+        return self.is_off or self.is_lost
+
+    @property
+    def verdict(self) -> str:
+        """One line about it."""
+        if self.num_edges < MIN_EDGES:
+            return f"too few LiDAR edges in the image to judge ({self.num_edges})"
+        if self.is_lost:
+            return (
+                f"LiDAR edges don't fit the image, turned by up to 4 deg either (score {self.score:.2f}, 1 is chance)"
+            )
+        if self.is_unclear:
+            return f"can't be judged: too few objects with edges at different places (score {self.score:.2f})"
+        if not self.is_off:
+            return f"LiDAR edges fit the image as calibrated ({self.num_edges} edges, score {self.score:.2f})"
+        most = max(abs(turn) for turn in self.turn_deg)
+        told = [(t, name) for t, name in zip(self.turn_deg, _AXES, strict=True) if abs(t) >= min(1.0, most)]
+        turns = [f"{t:+.1f} deg about the camera's {name} axis" for t, name in told]
+        scores = f"score {self.score:.2f} → {self.best_score:.2f}, {self.num_edges} edges"
+        return f"LiDAR edges fit the image better when turned by {' and '.join(turns)} ({scores})"
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """One image and the edges of the sweeps that go with it."""
+
+    field: Float32
+    edges: Float64
+    """(N, 3) in camera coordinates [m]."""
+
+
+def aligned(samples: Sequence[Sample], camera: str) -> Alignment:
+    """Compare the calibrated rotation with others up to 4 degrees away.
+
+    The score is the mean strength of image edges where edges of depth are projected to: largest where both coincide
+    (Levinson and Thrun 2013). One axis after the other is searched, twice.
+    """
+    evidence = [found for sample in samples if (found := _evidence(sample, camera)) is not None]
+    num = sum(len(found.edges) for found in evidence)
+    model = next((s.rig.cameras[camera] for s in samples if camera in s.rig.cameras), None)
+    if num < MIN_EDGES or model is None:
+        return Alignment(camera, num, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0)
+    turn = _best(evidence, model)
+    here = [_values(found, model, np.zeros(3)) for found in evidence]
+    there = [_values(found, model, turn) for found in evidence]
+    gains = [g for e, a, b in zip(evidence, here, there, strict=True) for g in _gains(e, model, a, b)]
+    x, y, z = (round(float(value), 3) + 0.0 for value in turn)
+    return Alignment(
+        camera, num, (x, y, z), float(np.mean(np.concatenate(here))), float(np.mean(np.concatenate(there))),
+        float(np.mean([gain > 0 for gain in gains])) if gains else 0.0, len(gains),
+    )  # fmt: skip
+
+
+def _gains(found: "_Evidence", model: CameraModel, here: Float64, there: Float64) -> list[float]:
+    """What a turn gains in each upright stripe of an image that has edges: one object alone proves little."""
+    uv, _ = project(model, found.edges)
+    stripe = np.floor(np.clip(uv[:, 0] / model.size_wh[0], 0, 0.999) * _STRIPES).astype(np.int64)
+    wanted = [rows for number in range(_STRIPES) if (rows := stripe == number).sum() >= _STRIPE_EDGES]
+    return [float(np.mean(there[rows]) - np.mean(here[rows])) for rows in wanted]
+
+
+def edges_of(sample: Sample, camera: str) -> Float64:
+    """Edges of depth (N, 3) [m] of all placed LiDARs, in coordinates of a camera."""
+    return transform(inverse(sample.rig.body_T_sensor(camera)), sample.depth_edges_m)
+
+
+def _evidence(sample: Sample, camera: str) -> _Evidence | None:
+    if camera not in sample.cameras or camera not in sample.rig.cameras:
+        return None
+    edges = edges_of(sample, camera)
+    uv, _ = project(sample.rig.cameras[camera], edges)
+    edges = edges[in_image(sample.rig.cameras[camera], uv)]
+    edges = edges[:: max(1, -(-len(edges) // _MAX_EDGES))]
+    if not len(edges):
+        return None
+    field = edge_strength(sample.image(camera), WIDTH_PX)
+    mean = max(float(field.mean(dtype=np.float64)), 1e-6)
+    return _Evidence((field / np.float32(mean)).astype(np.float32), edges)
+
+
+def _best(evidence: Sequence[_Evidence], model: CameraModel) -> Float64:
+    """Rotation vector [deg] with the highest score; of equal ones the one that turns least."""
+    turn = np.zeros(3)
+    steps = np.arange(-REACH_DEG, REACH_DEG + STEP_DEG / 2, STEP_DEG)
+    for axis in (1, 0, 2, 1, 0, 2):
+        candidates = [np.where(np.arange(3) == axis, step, turn) for step in sorted(steps, key=abs)]
+        scores = [float(np.mean(np.concatenate([_values(e, model, c) for e in evidence]))) for c in candidates]
+        turn = candidates[int(np.argmax(scores))]
+    return turn
+
+
+def _values(found: _Evidence, model: CameraModel, turn_deg: Float64) -> Float64:
+    """Strength (N,) of the image at LiDAR edges that are turned by a rotation vector [deg] in camera coordinates."""
+    turned = np.eye(4)
+    turned[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
+    uv, _ = project(model, transform(turned, found.edges))
+    return sampled(found.field, (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5)

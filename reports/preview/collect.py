@@ -1,0 +1,169 @@
+"""Reading what a preview is drawn from, in one pass over the log."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.replay.arrays import Float64
+from fbench.replay.clock import VirtualClock
+from fbench.replay.data import Frame, Kind, LogInfo, Message, Mount, Pose, Rig, RigChange, Truth
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.faults import FaultLog
+from fbench.replay.frames import FrameStream
+from fbench.replay.geometry.transforms import inverse
+from fbench.replay.logs.partial_rig import PartialRig
+from fbench.replay.protocols import Reader
+from fbench.replay.restamp import StampParams
+from fbench.replay.sync import SyncParams
+from fbench.reports.preview.sample import Arrival, Instant, Material, Sample
+from fbench.reports.preview.spread import Spread
+
+MAX_TIMES = 1000
+"""So many instants and arrivals at least are kept for the panel of times, where the log has as many."""
+_PERIOD = "velocity_period_mps"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Which frames are wanted, and how they are put together."""
+
+    num: int = 6
+    sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    excerpt: Excerpt = field(default_factory=Excerpt)
+
+
+def collect(
+    reader: Reader, partial: PartialRig, wish: Wish, faults: FaultLog, progress: Callable[[int], None] = lambda n: None
+) -> Material:
+    """Read a log, or the wanted frames of it.
+
+    Args:
+        reader: The log; its own rig isn't used, since it may be incomplete.
+        partial: What is known of the rig.
+        wish: Which frames.
+        faults: Where faults are counted.
+        progress: Told how many frames are read.
+
+    Raises:
+        ConfigError: where the reference or a sensor with an offset isn't in the log.
+        LogError: where there are no frames.
+    """
+    log = _Observed(reader, partial, wish.stamps)
+    stream = FrameStream(log, wish.sync, wish.stamps, wish.excerpt, VirtualClock(), faults)
+    kept = _Kept(wish.num)
+    for num, frame in enumerate(stream.frames(log), 1):
+        kept.add(frame, _placed(stream.rig, partial))
+        progress(num)
+    stream.require_frames(reader.info.name)
+    truths = _Truths({sample.frame.index for sample in kept.samples.chosen})
+    for index, truth in stream.labels(log):
+        truths.add(index, truth)
+    drawn = {s.frame.index: s.with_truth(truths.kept.get(s.frame.index)) for s in kept.samples.chosen}
+    return Material(
+        reader.info, partial.kinds, partial.rig, partial.problems, stream.reference,
+        list(drawn.values()), [drawn.get(s.frame.index, s) for s in kept.samples.kept],
+        kept.num_frames, truths.num, kept.instants.kept,
+        {name: arrivals.kept for name, arrivals in sorted(log.arrivals.items())}, dict(sorted(log.counts.items())),
+        {name: dict(sorted(why.items())) for name, why in sorted(kept.missing.items())},
+        _periods(reader.info, partial.kinds),
+    )  # fmt: skip
+
+
+class _Observed:
+    """A log in which every sensor has a place, so that frames hold all of them, and whose times are noted."""
+
+    def __init__(self, reader: Reader, partial: PartialRig, stamps: StampParams) -> None:
+        self._reader, self._stamps = reader, stamps
+        here, upright = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+        unknown = {name: Mount(kind, here, upright) for name, kind in partial.kinds.items()}
+        self.rig = Rig({**unknown, **partial.rig.mounts}, partial.rig.cameras)
+        self.info, self.num_messages, self.poses = reader.info, reader.num_messages, reader.poses
+        self.arrivals: dict[str, Spread[Arrival]] = {}
+        self.counts: Counter[str] = Counter()
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        for message in self._reader.messages():
+            if not isinstance(message, RigChange):
+                stamp_ns = self._stamps.restamped(message).stamp_ns
+                arrivals = self.arrivals.setdefault(message.sensor, Spread(MAX_TIMES))
+                arrivals.offer(Arrival(stamp_ns, message.log_ns))
+                self.counts[message.sensor] += 1
+            yield message
+
+    def truths(self) -> Iterator[Truth]:
+        return self._reader.truths()
+
+
+def _placed(rig: Rig, partial: PartialRig) -> Rig:
+    """Take back the places that were made up."""
+    unknown = [name for name in rig.mounts if name in partial.problems and name not in partial.rig.mounts]
+    return rig.without(unknown) if unknown else rig
+
+
+class _Kept:
+    """What is kept of the frames."""
+
+    def __init__(self, num: int) -> None:
+        self.samples: Spread[Sample] = Spread(num)
+        self.instants: Spread[Instant] = Spread(MAX_TIMES)
+        self.missing: dict[str, Counter[str]] = {}
+        self.num_frames = 0
+        self._ego = _EgoSpeed()
+
+    def add(self, frame: Frame, rig: Rig) -> None:
+        self.num_frames += 1
+        self.samples.offer(Sample(frame, rig, ego_mps=self._ego.of(frame)))
+        stamps = {name: message.stamp_ns for name, message in sorted(frame.messages.items())}
+        self.instants.offer(Instant(frame.index, frame.stamp_ns, stamps))
+        for sensor, reason in frame.missing.items():
+            self.missing.setdefault(sensor, Counter())[reason] += 1
+
+
+class _Truths:
+    """What is kept of the truth."""
+
+    def __init__(self, wanted: set[int]) -> None:
+        self._wanted, self.num = wanted, 0
+        self.kept: dict[int, Truth] = {}
+
+    def add(self, index: int, truth: Truth) -> None:
+        self.num += 1
+        if index in self._wanted:
+            self.kept[index] = truth
+
+
+class _EgoSpeed:
+    """Forward speed from the poses of two frames."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, Pose] | None = None
+
+    def of(self, frame: Frame) -> float | None:
+        """Speed [m/s] since the frame before; `None` where that isn't known."""
+        pose = next((m for _, m in sorted(frame.messages.items()) if isinstance(m, Pose)), None)
+        last, self._last = self._last, None if pose is None else (frame.segment, pose)
+        if pose is None or last is None or last[0] != frame.segment or pose.stamp_ns <= last[1].stamp_ns:
+            return None
+        moved_m: Float64 = inverse(pose.world_T_body)[:3, :3] @ (pose.translation_m - last[1].translation_m)
+        speed = float(moved_m[0]) / ((pose.stamp_ns - last[1].stamp_ns) / 1e9)
+        return speed if math.isfinite(speed) else None
+
+
+def _periods(info: LogInfo, kinds: Mapping[str, Kind]) -> dict[str, float]:
+    """Periods [m/s] that the log's metadata state, of one radar or of all."""
+    radars = sorted(name for name, kind in kinds.items() if kind == "radar")
+    texts = {n: info.metadata.get(f"radar.{n}.{_PERIOD}", info.metadata.get(f"radar.{_PERIOD}", "")) for n in radars}
+    return {name: period for name, text in texts.items() if (period := _positive(text))}
+
+
+def _positive(text: str) -> float:
+    """Return 0 where `text` is no positive number."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) and value > 0 else 0.0

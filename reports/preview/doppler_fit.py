@@ -1,0 +1,92 @@
+"""What a radar's velocities say about the vehicle's own speed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.replay.arrays import Bool, Float64
+
+INLIER_MPS = 0.4
+MAX_SPEED_MPS = 45.0
+_STEP_MPS = 0.1
+_MIN_POINTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class EgoFit:
+    """The motion of a radar over ground that most points agree with."""
+
+    velocity_mps: Float64
+    """(2,) forward and left, body axes [m/s]."""
+    share: float
+    """Share of the points that agree."""
+    still_share: float
+    """Share of the points that don't move relative to the radar."""
+    opposite_share: float
+    """Share that the best motion the other way round would explain; with aliasing it can be as good."""
+    num: int
+
+    def radial_mps(self, azimuth_rad: Float64) -> Float64:
+        """Radial velocity (N,) [m/s] of stationary objects in these directions in the plane, not aliased."""
+        forward, left = self.velocity_mps
+        return np.asarray(-(np.cos(azimuth_rad) * forward + np.sin(azimuth_rad) * left), np.float64)
+
+
+def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -> EgoFit | None:
+    """Find the velocity that makes the most points stationary: v_r = -d . v for unit vectors d (N, 3) in body axes.
+
+    After D. Kellner et al., "Instantaneous ego-motion estimation using Doppler radar", ITSC 2013; instead of RANSAC all
+    forward speeds up to 45 m/s are tried, so that nothing is random, then the agreeing points refine it.
+
+    Args:
+        directions: From the radar to its points.
+        speed_mps: (N,) radial velocities, positive receding [m/s].
+        period_mps: With which they alias; `None`: unambiguous.
+
+    Returns:
+        `None` with fewer than eight points.
+    """
+    known = np.isfinite(speed_mps)
+    d, v = directions[known, :2], speed_mps[known]
+    if len(v) < _MIN_POINTS:
+        return None
+    num = round(MAX_SPEED_MPS / _STEP_MPS)
+    candidates = np.arange(-num, num + 1) * _STEP_MPS
+    candidates = candidates[np.argsort(np.abs(candidates), kind="stable")]
+    counts = [int(np.count_nonzero(_agree(d, v, np.array([c, 0.0]), period_mps))) for c in candidates]
+    best = int(np.argmax(counts))
+    opposite = max((n for c, n in zip(candidates, counts, strict=True) if c * candidates[best] < 0), default=0)
+    velocity = np.array([candidates[best], 0.0])
+    for _ in range(3):
+        velocity = _refined(d, v, velocity, period_mps)
+    agreeing = _agree(d, v, velocity, period_mps)
+    still = np.abs(v) < INLIER_MPS
+    return EgoFit(velocity, float(agreeing.mean()), float(still.mean()), opposite / len(v), len(v))
+
+
+def wrapped(speed_mps: Float64, period_mps: float | None) -> Float64:
+    """Velocities as a radar shows them that aliases with a period: within half a period of 0."""
+    if period_mps is None:
+        return speed_mps
+    return np.asarray((speed_mps + period_mps / 2) % period_mps - period_mps / 2, np.float64)
+
+
+def _residual(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
+    return wrapped(v + d[:, 0] * velocity[0] + d[:, 1] * velocity[1], period_mps)
+
+
+def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Bool:
+    agreeing: Bool = np.abs(_residual(d, v, velocity, period_mps)) < INLIER_MPS
+    return agreeing
+
+
+def _refined(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
+    """Least squares over the agreeing points; sideways only where the directions tell it."""
+    agreeing = _agree(d, v, velocity, period_mps)
+    if np.count_nonzero(agreeing) < _MIN_POINTS:
+        return velocity
+    d, rest = d[agreeing], _residual(d, v, velocity, period_mps)[agreeing]
+    if float(np.std(d[:, 1])) < 0.2:
+        return velocity - [float(np.sum(d[:, 0] * rest) / np.sum(d[:, 0] ** 2)), 0.0]
+    step = np.linalg.lstsq(d, rest, rcond=None)[0]
+    return np.asarray(velocity - step, np.float64)

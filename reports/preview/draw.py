@@ -1,0 +1,113 @@
+"""Drawing into pictures (H, W, 3), BGR; they are changed in place."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Float64
+from fbench.replay.images import Pixels
+from fbench.reports.preview.colors import BACKGROUND, INK, PANEL, Color, Colors
+
+_FONT, _SCALE = 0, 0.42
+_MAX_NAME = 36
+
+
+def canvas(width: int, height: int) -> Pixels:
+    """Return an empty picture."""
+    return np.full((height, width, 3), BACKGROUND, np.uint8)
+
+
+def plain(name: str, length: int = _MAX_NAME) -> str:
+    """A name as pictures can show it: printable ASCII, not too long."""
+    text = "".join(c if " " <= c <= "~" else "?" for c in name)
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def text_size(text: str, scale: float = _SCALE) -> tuple[int, int]:
+    """Width and height [px] of a line of text."""
+    import cv2
+
+    (width, height), _ = cv2.getTextSize(text, _FONT, scale, 1)
+    return int(width), int(height)
+
+
+def write(picture: Pixels, text: str, at: tuple[float, float], color: Color = INK, boxed: bool = False) -> None:
+    """Write a line with its left end of the base line `at`, on a dark ground where `boxed`."""
+    import cv2
+
+    x, y = _place(at)
+    if boxed:
+        width, height = text_size(text)
+        cv2.rectangle(picture, (x - 4, y - height - 5), (x + width + 4, y + 5), PANEL, -1)
+    cv2.putText(picture, text, (x, y), _FONT, _SCALE, color, 1, cv2.LINE_AA)
+
+
+def lines(picture: Pixels, texts: Sequence[str], colors: Sequence[Color], at: tuple[int, int] = (10, 20)) -> None:
+    """Write lines below each other on a dark ground, each with its colour."""
+    import cv2
+
+    if not texts:
+        return
+    width = max(text_size(text)[0] for text in texts)
+    x, y = at
+    cv2.rectangle(picture, (x - 6, y - 15), (x + width + 6, y + 18 * len(texts) - 11), PANEL, -1)
+    for row, (text, color) in enumerate(zip(texts, colors, strict=True)):
+        write(picture, text, (x, y + 18 * row), color)
+
+
+def disks(picture: Pixels, uv: Float64, radii: Array, colors: Colors, rim: bool = False) -> None:
+    """Draw points (N, 2) [px] as disks, in their order; with a dark `rim` they are seen on a bright ground."""
+    import cv2
+
+    height, width = picture.shape[:2]
+    inside = (uv[:, 0] >= -0.5) & (uv[:, 0] < width - 0.5) & (uv[:, 1] >= -0.5) & (uv[:, 1] < height - 0.5)
+    if not rim and len(radii) and float(radii.max()) <= 1:
+        _crosses(picture, np.round(uv[inside]).astype(np.int64), colors[inside])
+        return
+    places = np.round(uv[inside]).astype(int).tolist()
+    for place, radius, color in zip(places, radii[inside].tolist(), colors[inside].tolist(), strict=True):
+        if rim:
+            cv2.circle(picture, place, int(radius) + 1, (0, 0, 0), -1, cv2.LINE_AA)
+        cv2.circle(picture, place, int(radius), color, -1, cv2.LINE_AA if rim else cv2.LINE_8)
+
+
+def _crosses(picture: Pixels, at: Array, colors: Colors) -> None:
+    """Draw disks of radius 1, which are many: five pixels each, their middles last."""
+    height, width = picture.shape[:2]
+    for du, dv in ((0, -1), (-1, 0), (1, 0), (0, 1), (0, 0)):
+        u, v = at[:, 0] + du, at[:, 1] + dv
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        picture[v[inside], u[inside]] = colors[inside]
+
+
+def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bool = False) -> None:
+    """Join points (N, 2) [px] by lines; it is broken where one isn't finite."""
+    import cv2
+
+    for under in (True, False) if rim else (False,):
+        for a, b in pairwise(uv):
+            if np.isfinite(a).all() and np.isfinite(b).all():
+                wide, ink = (thickness + 2, (0, 0, 0)) if under else (thickness, color)
+                cv2.line(picture, _place(a), _place(b), ink, wide, cv2.LINE_AA)
+
+
+def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str]], title: str) -> None:
+    """Draw a bar of colours into the lower right corner; labels stand at shares 0 to 1 of its width."""
+    import cv2
+
+    height, width = picture.shape[:2]
+    bar_width = min(240, width // 3)
+    left, top = width - bar_width - 22, height - 34
+    cv2.rectangle(picture, (left - 12, top - 20), (width - 6, height - 4), PANEL, -1)
+    bar = cv2.resize(colors.reshape(1, -1, 3), (bar_width, 9), interpolation=cv2.INTER_NEAREST)
+    picture[top : top + 9, left : left + bar_width] = bar
+    write(picture, title, (left, top - 6))
+    for share, label in labels:
+        x = left + share * bar_width - text_size(label)[0] / 2
+        write(picture, label, (min(max(x, left - 8), width - 10 - text_size(label)[0]), top + 24))
+
+
+def _place(at: Sequence[float] | Array) -> tuple[int, int]:
+    """Round to what OpenCV takes, far outside stays outside."""
+    return int(np.clip(round(float(at[0])), -16000, 16000)), int(np.clip(round(float(at[1])), -16000, 16000))

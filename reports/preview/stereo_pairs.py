@@ -1,0 +1,98 @@
+"""Which cameras of a rig are stereo pairs, and how their images are rectified."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from fbench.replay.arrays import Float32, Float64
+from fbench.replay.data import CameraModel, Rig
+from fbench.replay.geometry.camera import project, rays
+from fbench.replay.geometry.transforms import inverse, transform
+from fbench.replay.images import Pixels
+
+Maps: TypeAlias = tuple[Float32, Float32]
+MAX_ANGLE_DEG = 10.0
+_BASELINE_M = (0.05, 2.0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two cameras side by side."""
+
+    left: str
+    right: str
+    baseline_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rectified:
+    """How the images of a pair are brought into one plane, rows on rows."""
+
+    size_wh: tuple[int, int]
+    left_map: Maps
+    right_map: Maps
+    rectified_T_left: Float64
+    """Matrix (4, 4) that turns camera coordinates of the left camera."""
+    camera: CameraModel
+    """The left camera, rectified."""
+    baseline_m: float
+
+    def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
+        """Rectify two images."""
+        import cv2
+
+        one = cv2.remap(left, *self.left_map, cv2.INTER_LINEAR)
+        other = cv2.remap(right, *self.right_map, cv2.INTER_LINEAR)
+        return np.asarray(one, np.uint8), np.asarray(other, np.uint8)
+
+
+def pairs(rig: Rig) -> Sequence[Pair]:
+    """Cameras of one size that look the same way, up to 10 degrees, 0.05 to 2 m beside each other."""
+    names = [name for name in rig.sensors("camera") if name in rig.cameras]
+    return [pair for left in names for right in names if left != right and (pair := _pair(rig, left, right))]
+
+
+def _pair(rig: Rig, left: str, right: str) -> Pair | None:
+    if rig.cameras[left].size_wh != rig.cameras[right].size_wh:
+        return None
+    left_T_right = inverse(rig.body_T_sensor(left)) @ rig.body_T_sensor(right)
+    along, *others = left_T_right[:3, 3]
+    cosine = np.cos(np.radians(MAX_ANGLE_DEG))
+    parallel = left_T_right[2, 2] >= cosine and left_T_right[0, 0] >= cosine
+    beside = _BASELINE_M[0] <= along <= _BASELINE_M[1] and max(np.abs(others)) < 0.4 * along
+    return Pair(left, right, float(along)) if parallel and beside else None
+
+
+def rectified(rig: Rig, pair: Pair) -> Rectified:
+    """Compute how a pair is rectified.
+
+    Raises:
+        LogError: where the lens distortion of one isn't modelled.
+    """
+    import cv2
+
+    left, right = rig.cameras[pair.left], rig.cameras[pair.right]
+    right_T_left = inverse(rig.body_T_sensor(pair.right)) @ rig.body_T_sensor(pair.left)
+    size, straight = left.size_wh, np.zeros(5)
+    one, other, left_P, right_P = cv2.stereoRectify(
+        left.K, straight, right.K, straight, size, right_T_left[:3, :3].copy(), right_T_left[:3, 3].reshape(3, 1),
+        flags=cv2.CALIB_ZERO_DISPARITY, alpha=0,
+    )[:4]  # fmt: skip
+    turn = np.eye(4)
+    turn[:3, :3] = one
+    flat = CameraModel(np.asarray(left_P[:, :3], np.float64), size)
+    baseline_m = float(-right_P[0, 3] / right_P[0, 0])
+    return Rectified(size, _map(left, flat, one), _map(right, flat, other), turn, flat, baseline_m)
+
+
+def _map(camera: CameraModel, flat: CameraModel, rectified_R_camera: Float64) -> Maps:
+    """Where each pixel of a rectified image is in the recorded one, whatever its lens."""
+    width, height = flat.size_wh
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    back = np.eye(4)
+    back[:3, :3] = rectified_R_camera.T
+    uv, _ = project(camera, transform(back, rays(flat, np.stack([u.ravel(), v.ravel()], axis=1))))
+    places = np.nan_to_num(uv, nan=-1e4).astype(np.float32).reshape(height, width, 2)
+    return np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])

@@ -1,0 +1,187 @@
+"""Points and truth from above and from the side, in body coordinates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.replay.arrays import Float64
+from fbench.replay.geometry.boxes import corners
+from fbench.replay.images import Pixels
+from fbench.reports.preview import draw
+from fbench.reports.preview.colors import GRID, INK, QUIET, TRUTH, Colors, of_sensor, of_speed
+from fbench.reports.preview.layers import boxes3d
+from fbench.reports.preview.mounting import draw_sensors
+from fbench.reports.preview.sample import Points, Sample
+
+MAX_PX = 1100
+_REACH_M = 100.0
+_RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
+_SIDE_Z_M = (-4.0, 6.0)
+_FOOTPRINT = [0, 2, 3, 1, 0]
+"""Corners of a box around its foot; those of 0 and 2 are in front."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A part of the ground plane; x forward is up, y left is left."""
+
+    low_m: tuple[float, float]
+    high_m: tuple[float, float]
+    scale: float
+    """Pixels per metre."""
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """Of the picture [px]."""
+        wide, long = self.high_m[1] - self.low_m[1], self.high_m[0] - self.low_m[0]
+        return round(wide * self.scale), round(long * self.scale)
+
+    def to_picture(self, xy: Float64) -> Float64:
+        """Move points (N, 2) [m] into the picture."""
+        return np.stack([(self.high_m[1] - xy[:, 1]) * self.scale, (self.high_m[0] - xy[:, 0]) * self.scale], axis=1)
+
+
+def ground_of(samples: Sequence[Sample]) -> Ground:
+    """Choose the part of the ground that holds 98 % of all points and the truth within 100 m, and the body."""
+    parts = [p.xyz[:, :2] for sample in samples for p in sample.points if p.is_placed]
+    parts += [boxes3d(sample.truth).center_m[:, :2] for sample in samples]
+    xy = np.concatenate([np.zeros((1, 2)), *parts])
+    xy = xy[np.sum(xy**2, axis=1) < _REACH_M**2]
+    low = np.minimum(np.quantile(xy, 0.01, axis=0), -5) // 5 * 5
+    high = -(np.minimum(np.quantile(-xy, 0.01, axis=0), -5) // 5 * 5)
+    middle, half = (low + high) / 2, (high - low) / 2
+    half = np.maximum(half, half.max() / 2)  # not narrower than 1:2
+    low, high = middle - half, middle + half
+    return Ground((float(low[0]), float(low[1])), (float(high[0]), float(high[1])), MAX_PX / (2 * float(half.max())))
+
+
+def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
+    """LiDARs, each in a colour of its own, radars by speed, truth, range rings, and where the sensors look."""
+    picture = draw.canvas(*ground.size_wh)
+    rings = _draw_rings(picture, ground)
+    for points in sample.placed("lidar"):
+        color = of_sensor(lidars.index(points.sensor))
+        _draw_points(picture, ground, points, np.full((len(points.xyz), 3), color, np.uint8), 1)
+    _draw_boxes(picture, ground, sample)
+    for points in sample.placed("radar"):
+        _draw_points(picture, ground, points, of_speed(points.speed_mps), 4)
+    draw_sensors(picture, ground.to_picture, sample.rig)
+    _write_rings(picture, rings)
+    _draw_axes(picture, ground)
+    _draw_keys(picture, sample, lidars)
+    return picture
+
+
+def from_own(points: Points) -> Pixels:
+    """Points of a sensor without a place, in its own coordinates."""
+    xy = points.xyz[:, :2]
+    near = xy[np.isfinite(xy).all(axis=1) & (np.sum(xy**2, axis=1) < _REACH_M**2)]
+    reach = max(10.0, float(np.quantile(np.abs(near), 0.98)) if len(near) else 10.0)
+    ground = Ground((-reach, -reach), (reach, reach), 700 / (2 * reach))
+    picture = draw.canvas(*ground.size_wh)
+    _write_rings(picture, _draw_rings(picture, ground))
+    is_radar = points.kind == "radar"
+    colors = of_speed(points.speed_mps) if is_radar else np.full((len(points.xyz), 3), of_sensor(0), np.uint8)
+    _draw_points(picture, ground, points, colors, 4 if is_radar else 1)
+    _draw_axes(picture, ground)
+    draw.lines(picture, [f"{draw.plain(points.sensor)} in its own coordinates"], [INK])
+    return picture
+
+
+def from_side(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
+    """Everything within 10 m left and right of the body; heights are drawn twice as large as lengths."""
+    low, high = ground.low_m[0], ground.high_m[0]
+    scale = MAX_PX / (high - low)
+    picture = draw.canvas(MAX_PX, round((_SIDE_Z_M[1] - _SIDE_Z_M[0]) * scale * 2))
+    place = _Side(low, scale)
+    for z in range(round(_SIDE_Z_M[0]) + 1, round(_SIDE_Z_M[1])):
+        line = place.to_picture(np.array([[low, 0, z], [high, 0, z]]))
+        draw.path(picture, line, QUIET if z == 0 else GRID)
+        if z % 2 == 0:
+            draw.write(picture, f"z {z} m", (4, line[0, 1] - 3), QUIET)
+    for points in (*sample.placed("lidar"), *sample.placed("radar")):
+        near = np.abs(points.xyz[:, 1]) < 10
+        is_lidar = points.kind == "lidar"
+        color = of_sensor(lidars.index(points.sensor)) if is_lidar else (0, 0, 0)
+        colors = np.full((len(points.xyz), 3), color, np.uint8) if is_lidar else of_speed(points.speed_mps)
+        radii = np.full(int(near.sum()), 1 if is_lidar else 3)
+        draw.disks(picture, place.to_picture(points.xyz[near]), radii, colors[near], rim=not is_lidar)
+    boxes = boxes3d(sample.truth)
+    for eight in corners(boxes[np.abs(boxes.center_m[:, 1]) < 10]):
+        flat = eight[:, [0, 2]]
+        rect = np.array([*flat.min(axis=0), *flat.max(axis=0)])[[0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(5, 2)
+        draw.path(picture, place.to_picture(np.insert(rect, 1, 0, axis=1)), TRUTH)
+    draw.lines(picture, ["from the left side, |y| < 10 m, heights x 2: flat ground must be level"], [INK], (70, 20))
+    return picture
+
+
+@dataclass(frozen=True)
+class _Side:
+    low_m: float
+    scale: float
+
+    def to_picture(self, xyz: Float64) -> Float64:
+        return np.stack([(xyz[:, 0] - self.low_m) * self.scale, (_SIDE_Z_M[1] - xyz[:, 2]) * self.scale * 2], axis=1)
+
+
+def _draw_rings(picture: Pixels, ground: Ground) -> list[tuple[str, Float64]]:
+    circle = np.linspace(0, 2 * np.pi, 181)
+    labels: list[tuple[str, Float64]] = []
+    for radius in _RINGS_M:
+        if radius * ground.scale < 45:
+            continue
+        draw.path(picture, ground.to_picture(radius * np.stack([np.cos(circle), np.sin(circle)], axis=1)), GRID)
+        at = ground.to_picture(radius * np.array([[np.cos(-0.55), np.sin(-0.55)]]))[0]
+        labels.append((f"{radius} m", at))
+    return labels
+
+
+def _write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None:
+    for text, at in labels:
+        draw.write(picture, text, (at[0] - 12, at[1]), QUIET, boxed=True)
+
+
+def _draw_points(picture: Pixels, ground: Ground, points: Points, colors: Colors, radius: int) -> None:
+    uv = ground.to_picture(points.xyz[:, :2])
+    draw.disks(picture, uv, np.full(len(uv), radius), colors, rim=radius > 1)
+
+
+def _draw_boxes(picture: Pixels, ground: Ground, sample: Sample) -> None:
+    boxes = boxes3d(sample.truth)
+    for eight, center in zip(corners(boxes), boxes.center_m, strict=True):
+        draw.path(picture, ground.to_picture(eight[_FOOTPRINT, :2]), TRUTH)
+        front = (eight[0, :2] + eight[2, :2]) / 2
+        draw.path(picture, ground.to_picture(np.stack([center[:2], front])), TRUTH)
+
+
+def _draw_axes(picture: Pixels, ground: Ground) -> None:
+    import cv2
+
+    origin = ground.to_picture(np.zeros((1, 2)))[0]
+    length = 60
+    for step, text, at in (
+        (np.array([0, -length]), "x forward", (10, 0)),
+        (np.array([-length, 0]), "y left", (-52, -10)),
+    ):
+        end = origin + step
+        cv2.arrowedLine(picture, _pixel(origin), _pixel(end), INK, 2, cv2.LINE_AA, tipLength=0.2)
+        draw.write(picture, text, (end[0] + at[0], end[1] + at[1]), INK, boxed=True)
+
+
+def _draw_keys(picture: Pixels, sample: Sample, lidars: Sequence[str]) -> None:
+    texts, colors = [f"frame {sample.frame.index}, from above"], [INK]
+    for points in sample.placed("lidar"):
+        texts.append(f"LiDAR {draw.plain(points.sensor)}: {len(points.xyz)} points")
+        colors.append(of_sensor(lidars.index(points.sensor)))
+    for points in sample.placed("radar"):
+        texts.append(f"radar {draw.plain(points.sensor)}: {len(points.xyz)} points, red recedes, blue nears")
+        colors.append(INK)
+    if len(boxes3d(sample.truth)):
+        texts.append(f"truth: {len(boxes3d(sample.truth))} boxes, the line points to their front")
+        colors.append(TRUTH)
+    draw.lines(picture, texts, colors)
+
+
+def _pixel(at: Float64) -> tuple[int, int]:
+    return round(float(at[0])), round(float(at[1]))

@@ -1,0 +1,68 @@
+"""Edges of depth and brightness tell whether a camera is turned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.data import Mount, Rig
+from fbench.reports.preview.alignment import aligned
+from fbench.reports.preview.depth_edges import depth_edges
+
+from .street import Street, gray, sample, street_rig
+
+
+def turned(yaw_deg):
+    """The rig with its LiDAR's extrinsics turned to the left."""
+    rig = street_rig()
+    mount = Mount("lidar", np.zeros(3), Rotation.from_euler("z", yaw_deg, degrees=True).as_quat())
+    return Rig({**rig.mounts, "lidar": mount}, rig.cameras)
+
+
+def street_samples(rig):
+    """Three frames with poles at different places."""
+    streets = [Street(tuple((x, y + shift) for x, y in Street().poles)) for shift in (0.0, 0.7, -0.6)]
+    return [sample(rig, i, clouds={"lidar": s.cloud()}, images={"cam": s.image()}) for i, s in enumerate(streets)]
+
+
+def test_the_near_side_of_a_jump_is_an_edge():
+    azimuth = np.radians(np.arange(-5, 5, 0.2))
+    distance = np.where(np.abs(azimuth) < np.radians(1.05), 10.0, 20.0)
+    xyz = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), 0 * azimuth], axis=1)
+    edges = depth_edges(xyz)
+    assert set(np.round(np.hypot(*xyz[edges, :2].T))) == {10.0}
+    assert len(edges)
+    assert len(depth_edges(xyz[:5])) == 0
+    assert len(depth_edges(np.zeros((0, 3)))) == 0
+
+
+def test_a_right_calibration_fits():
+    found = aligned(street_samples(street_rig()), "cam")
+    assert not found.is_bad
+    assert found.score > 1.3
+    assert "fit the image as calibrated" in found.verdict
+
+
+@pytest.mark.parametrize("yaw", [2.0, -2.5, 3.0])
+def test_a_turned_lidar_is_told_by_how_much(yaw):
+    """Turning to the left is turning about the camera's y axis, which points down, by the negative angle; the mend is
+    the opposite.
+    """
+    found = aligned(street_samples(turned(yaw)), "cam")
+    assert found.is_off
+    assert found.turn_deg[1] == pytest.approx(yaw, abs=0.5)
+    assert f"{found.turn_deg[1]:+.1f} deg about the camera's y axis" in found.verdict
+
+
+def test_swapped_axes_fit_nowhere():
+    rig = turned(90)
+    assert aligned(street_samples(rig), "cam").is_bad or "too few" in aligned(street_samples(rig), "cam").verdict
+
+
+def test_without_edges_nothing_is_said():
+    seen = sample(street_rig(), clouds={"lidar": [[10.0, 0, 0]]}, images={"cam": gray()})
+    found = aligned([seen, replace(seen, rig=Rig({}, {}))], "cam")
+    assert not found.is_bad
+    assert "too few LiDAR edges" in found.verdict
+    assert "too few" in aligned([], "cam").verdict

@@ -1,0 +1,108 @@
+"""Sign, ego motion and aliasing of radial velocities."""
+
+import numpy as np
+import pytest
+
+from fbench.reports.preview.doppler import doppler_panel, judged
+from fbench.reports.preview.doppler_fit import fit_ego, wrapped
+
+from .street import sample, street_rig
+
+
+def scans(speed=12.0, sign=1, period=None, movers=0, ego=None, num=3):
+    """Stationary points all around the front as a radar measures them that drives forward."""
+    azimuth = np.radians(np.linspace(-60, 60, 121))
+    xyz = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), 0 * azimuth], axis=1)
+    measured = -speed * np.cos(azimuth)
+    measured[:movers] = np.linspace(-9, 9, movers) if movers else 0
+    measured = sign * wrapped(measured, period)
+    return [sample(street_rig(), i, scans={"radar": (xyz, measured)}, ego=ego) for i in range(num)]
+
+
+def directions(azimuth_deg):
+    a = np.radians(azimuth_deg)
+    return np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)
+
+
+def test_the_speed_is_found_among_other_traffic():
+    d = directions(np.linspace(-50, 50, 101))
+    v = -(d @ np.array([10.0, 0.5, 0]))
+    v[:40] = np.linspace(-20, 20, 40)
+    fit = fit_ego(d, v, None)
+    assert fit.velocity_mps == pytest.approx([10.0, 0.5], abs=0.05)
+    assert 0.6 <= fit.share < 0.7
+    assert fit.radial_mps(np.array([0.0, np.pi / 2])) == pytest.approx([-10.0, -0.5], abs=0.05)
+
+
+def test_a_rear_radar_sees_what_it_leaves():
+    d = directions(np.linspace(140, 220, 81))
+    assert fit_ego(d, -(d @ np.array([8.0, 0, 0])), None).velocity_mps[0] == pytest.approx(8.0, abs=0.05)
+
+
+def test_too_few_points_fit_nothing():
+    assert fit_ego(directions(np.zeros(7)), np.ones(7), None) is None
+    assert fit_ego(directions(np.zeros(20)), np.full(20, np.nan), None) is None
+
+
+def test_velocities_wrap_at_half_a_period():
+    assert wrapped(np.array([4.0, 6.0, -6.0]), 10.0).tolist() == [4.0, -4.0, 4.0]
+    assert wrapped(np.array([6.0]), None).tolist() == [6.0]
+
+
+def test_driving_forward_is_right():
+    found = judged(scans(movers=20), "radar", None)
+    assert not found.is_bad
+    assert "drives forward at 12.0 m/s" in found.text
+
+
+def test_a_wrong_sign_is_told():
+    found = judged(scans(sign=-1), "radar", None)
+    assert found.is_bad
+    assert "backwards at 12.0 m/s" in found.text
+    assert "the sign is the other way round" in found.text
+
+
+def test_poses_decide_about_the_sign():
+    assert judged(scans(ego=12.1), "radar", None).text.endswith("as its poses do")
+    wrong = judged(scans(speed=2.0, sign=-1, ego=2.0), "radar", None)
+    assert wrong.is_bad
+    assert "poses say forward at 2.0 m/s: the sign" in wrong.text
+    other = judged(scans(speed=12.0, ego=20.0), "radar", None)
+    assert other.is_bad
+    assert "but its poses say forward at 20.0" in other.text
+    assert not judged(scans(speed=-12.0, ego=-12.0), "radar", None).is_bad
+
+
+def test_removed_ego_motion_is_told():
+    assert "removed already" in judged(scans(speed=0.0), "radar", None).text
+    assert not judged(scans(speed=0.0), "radar", None).is_bad
+    assert judged(scans(speed=0.0, ego=12.0), "radar", None).is_bad
+    assert "its poses say" in judged(scans(speed=0.0, ego=0.0), "radar", None).text
+    assert not judged(scans(speed=0.0), "radar", None, is_removed=True).is_bad
+    assert judged(scans(), "radar", None, is_removed=True).is_bad
+
+
+def test_aliasing_is_undone_or_told():
+    known = judged(scans(speed=12.0, period=10.0), "radar", 10.0)
+    assert not known.is_bad
+    assert "forward at 12.0 m/s" in known.text
+    unknown = judged(scans(speed=16.0, period=10.0), "radar", None)
+    assert unknown.is_bad
+    assert "alias with a period of about 9.9" in unknown.text
+
+
+def test_noise_is_explained_by_nothing():
+    rng = np.random.Generator(np.random.Philox(1))
+    noisy = [
+        sample(street_rig(), scans={"radar": (directions(rng.uniform(-60, 60, 200)) * 20, rng.uniform(-30, 30, 200))})
+    ]
+    assert "no speed of the vehicle explains" in judged(noisy, "radar", None).text
+
+
+def test_without_velocities_there_is_no_panel():
+    silent = [sample(street_rig(), scans={"radar": ([[10.0, 0, 0]], None)})]
+    assert doppler_panel(silent, "radar", None) is None
+    assert judged(silent, "radar", None).text == "no radial velocities"
+    few = [sample(street_rig(), scans={"radar": ([[10.0, 0, 0]], [1.0])})]
+    assert "too few" in judged(few, "radar", None).text
+    assert doppler_panel(scans(num=4), "radar", 10.0).shape == (540, 1278, 3)

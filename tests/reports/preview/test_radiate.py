@@ -1,0 +1,34 @@
+"""A real drive in fog with stereo, LiDAR and radar points."""
+
+import pytest
+
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+from fbench.replay.logs.partial_rig import partial_rig
+from fbench.replay.sync import SyncParams
+from fbench.reports.preview.collect import Wish, collect
+from fbench.reports.preview.preview import write_preview
+
+from .radiate_log import write_radiate
+
+
+@pytest.fixture
+def radiate(shared, tmp_path):
+    source = shared / "data" / "radiate_tiny_foggy"
+    if not source.is_dir():
+        pytest.skip(f"no {source}")
+    return write_radiate(source, tmp_path / "radiate.mcap")
+
+
+def test_all_sensors_are_drawn_into_each_other(radiate, tmp_path):
+    reader, faults = open_log(radiate, FaultLog()), FaultLog()
+    wish = Wish(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))
+    content = write_preview(collect(reader, partial_rig(reader), wish, faults), tmp_path)
+    files = [shown.file for shown in content.pictures]
+    for part in ("0-left-lidar", "3-right-radar", "0-left-stereo-3-right", "above", "side"):
+        assert any(part in file for file in files), part
+    (stereo,) = [v for v in content.verdicts if v.what == "stereo"]
+    assert "baseline 0.121 m" in stereo.text
+    assert "median relative difference from LiDAR" in stereo.text
+    assert [v.text for v in content.verdicts if v.what == "doppler"] == ["no radial velocities"]

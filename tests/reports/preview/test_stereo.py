@@ -1,0 +1,88 @@
+"""Pairs are found by their geometry, and depth comes out right."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.reports.preview.stereo import stereo_view
+from fbench.reports.preview.stereo_pairs import pairs, rectified
+
+from .street import FORWARD, sample, street_rig
+
+
+def texture(shift, depth_m, K, size):
+    """An image of a wall with a fixed pattern, `depth_m` ahead of a camera that is `shift` to the right."""
+    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    x = (u - K[0, 2]) / K[0, 0] * depth_m + shift
+    y = (v - K[1, 2]) / K[1, 1] * depth_m
+    waves = np.sin(9 * x) + np.sin(23 * x + 5 * y) + np.sin(13 * y) + np.sin(31 * x - 17 * y)
+    return np.repeat(np.round(128 + 30 * waves).astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+def wall(depth_m):
+    return [[depth_m, y, z] for y in np.linspace(-2, 2, 20) for z in np.linspace(-1, 1, 10)]
+
+
+def test_the_left_camera_of_a_pair_is_found():
+    (pair,) = pairs(street_rig(left=0.2, right=-0.2))
+    assert (pair.left, pair.right) == ("cam", "cam2")
+    assert pair.baseline_m == pytest.approx(0.4)
+    (swapped,) = pairs(street_rig(left=-0.2, right=0.2))
+    assert swapped.left == "cam2"
+
+
+def test_cameras_that_are_no_pair_are_left_alone():
+    assert not pairs(street_rig(left=0.0, right=-3.0))
+    assert not pairs(street_rig(left=0.0, right=0.0))
+    rig = street_rig(left=0.2, right=-0.2)
+    aside = (Rotation.from_euler("z", 30, degrees=True) * Rotation.from_quat(FORWARD)).as_quat()
+    away = Mount("camera", rig.mounts["cam2"].translation_m, aside)
+    assert not pairs(Rig({**rig.mounts, "cam2": away}, rig.cameras))
+    small = CameraModel(rig.cameras["cam"].K, (100, 100))
+    assert not pairs(Rig(rig.mounts, {**rig.cameras, "cam2": small}))
+    assert not pairs(Rig(rig.mounts, {"cam": rig.cameras["cam"]}))
+
+
+@pytest.mark.parametrize("lidar_m", [6.0, 5.0])
+def test_depth_agrees_with_the_lidar_where_both_are_right(lidar_m):
+    rig = street_rig(left=0.2, right=-0.2)
+    K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
+    images = {"cam": texture(-0.2, 6.0, K, size), "cam2": texture(0.2, 6.0, K, size)}
+    (pair,) = pairs(rig)
+    view = stereo_view(sample(rig, clouds={"lidar": wall(lidar_m)}, images=images), pair, rectified(rig, pair))
+    assert view.found_share > 0.7
+    assert view.median_bias == pytest.approx((6.0 - lidar_m) / lidar_m, abs=0.02)
+    assert "median relative difference from LiDAR" in view.caption
+
+
+def test_turned_cameras_are_rectified():
+    """The right camera looks 2 degrees to the left and rolls 1: recorded pixels follow its rays."""
+    rig = street_rig(left=0.2, right=-0.2)
+    body_R_turn = Rotation.from_euler("zx", [2, 1], degrees=True)
+    mount = Mount("camera", rig.mounts["cam2"].translation_m, (body_R_turn * Rotation.from_quat(FORWARD)).as_quat())
+    rig = Rig({**rig.mounts, "cam2": mount}, rig.cameras)
+    K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
+    (pair,) = pairs(rig)
+    how = rectified(rig, pair)
+    assert how.baseline_m == pytest.approx(0.4, abs=1e-3)
+    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=-1)
+    seen = rays @ (Rotation.from_quat(FORWARD).inv() * body_R_turn * Rotation.from_quat(FORWARD)).as_matrix().T
+    at = seen / seen[..., 2:] * 6.0 + [0.2, 0, 0]
+    waves = np.sin(9 * at[..., 0]) + np.sin(23 * at[..., 0] + 5 * at[..., 1]) + np.sin(13 * at[..., 1])
+    waves += np.sin(31 * at[..., 0] - 17 * at[..., 1])
+    right = np.repeat(np.round(128 + 30 * waves).astype(np.uint8)[:, :, None], 3, axis=2)
+    images = {"cam": texture(-0.2, 6.0, K, size), "cam2": right}
+    view = stereo_view(sample(rig, clouds={"lidar": wall(6.0)}, images=images), pair, how)
+    assert view.median_error < 0.03
+
+
+def test_without_a_lidar_nothing_is_compared():
+    rig = street_rig(left=0.2, right=-0.2)
+    K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
+    images = {"cam": texture(-0.2, 6.0, K, size), "cam2": texture(0.2, 6.0, K, size)}
+    (pair,) = pairs(rig)
+    view = stereo_view(sample(rig, images=images), pair, rectified(rig, pair))
+    assert view.median_error is None
+    assert "no comparison" in view.caption
