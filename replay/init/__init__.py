@@ -1,0 +1,1 @@
+"""Looking at a log, and writing the `fbench.toml` that says what it most probably holds."""

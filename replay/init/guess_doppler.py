@@ -1,0 +1,124 @@
+"""Whether radial velocities are positive when receding, and whether the vehicle's own motion is in them."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fbench.replay.data import Rig
+from fbench.replay.init.draft import Line
+from fbench.replay.init.ego_motion import fit_scan, forward_speed
+from fbench.replay.init.guess_sensors import Candidate
+from fbench.replay.init.look import Heard
+
+_MIN_SHARE = 0.4
+_STILL_SHARE = 0.6
+_MOVING_MPS = 1.5
+_SURELY_MOVING_MPS = 3.0
+_STILL_MPS = 0.2
+
+
+@dataclass(frozen=True)
+class _Vote:
+    """What one scan says."""
+
+    window: int
+    along_mps: float
+    is_still: bool
+
+
+def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -> dict[str, tuple[Line, ...]]:
+    """Guess for each radar, by name, from the scans of the sample.
+
+    Most of what a radar sees stands still. Seen from a vehicle that drives forward, things ahead come nearer: so the
+    sign of the numbers ahead is that of approaching, unless the vehicle reverses, which poses tell. Numbers that stay
+    near zero while the vehicle moves, as another radar or poses say, are free of its motion.
+    """
+    radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts]
+    votes = {s.name: _votes(s, rig) for s in radars}
+    speeds = _speeds(poses)
+    found: dict[str, tuple[Line, ...]] = {}
+    for s in radars:
+        others = {v.window for name, cast in votes.items() if name != s.name for v in cast if _is_fast(v)}
+        moving = others | {window for window, speed in speeds.items() if abs(speed) > _SURELY_MOVING_MPS}
+        num = sum(seen.scan is not None for seen in s.heard.seen)
+        lines = _decide(votes[s.name], num, moving, speeds)
+        found[s.name] = tuple(map(_own, lines)) if s.is_own else lines
+    return found
+
+
+def _own(line: Line) -> Line:
+    """In fbench's logs the meaning is fixed; data that contradict it are worth a look."""
+    meant = "receding" if line.key == "doppler" else "included"
+    if line.value == meant:
+        return replace(line, why="as in all logs of fbench" if line.is_guess else line.why, is_guess=False)
+    return Line(line.key, meant, f"as in all logs of fbench, but {line.why}: {line.value}", is_guess=True)
+
+
+def _is_fast(vote: _Vote) -> bool:
+    return not vote.is_still and abs(vote.along_mps) > _SURELY_MOVING_MPS
+
+
+def _votes(radar: Candidate, rig: Rig) -> list[_Vote]:
+    rotation = rig.body_T_sensor(radar.name)[:3, :3]
+    votes = []
+    for seen in radar.heard.seen:
+        fit = None if seen.scan is None else fit_scan(seen.scan, rotation)
+        if fit is None or fit.share < _MIN_SHARE:
+            continue
+        if abs(fit.along_mps) > _MOVING_MPS:
+            votes.append(_Vote(seen.window, fit.along_mps, False))
+        elif abs(fit.along_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
+            votes.append(_Vote(seen.window, 0.0, True))
+    return votes
+
+
+def _speeds(poses: Heard | None) -> dict[int, float]:
+    """Speed along the body's x axis by window [m/s]."""
+    windows: dict[int, list[int]] = {}
+    for i, seen in enumerate(() if poses is None else poses.seen):
+        windows.setdefault(seen.window, []).append(i)
+    found = {}
+    for window, numbers in windows.items():
+        speed = forward_speed([pose for i in numbers if poses is not None and (pose := poses.seen[i].pose) is not None])
+        if speed is not None:
+            found[window] = speed
+    return found
+
+
+def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Mapping[int, float]) -> tuple[Line, ...]:
+    if not votes:
+        return _unknown(f"none of {num_scans} scans shows a motion clearly")
+    included = [v for v in votes if not v.is_still]
+    free = [v for v in votes if v.is_still and v.window in moving]
+    if len(free) > len(included):
+        why = f"{len(free)} of {num_scans} scans stand still while the vehicle moves, as others say"
+        return (
+            Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True),
+            Line("ego_motion", "removed", why, is_guess=len(free) < 3),
+        )
+    if not included:
+        return _unknown("the vehicle hardly moves in the scans that were looked at")
+    signs = Counter(_sign(v, speeds) for v in included)
+    sign, num = min(signs.items(), key=lambda item: (-item[1], item[0] != "receding"))
+    speed = float(np.median([abs(v.along_mps) for v in included]))
+    is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
+    backed = "poses say so" if speeds else "taken for driving forward"
+    why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
+    return (
+        Line("doppler", sign, why, is_guess=not is_clear),
+        Line("ego_motion", "included", "what stands still moves as the vehicle does", is_guess=not is_clear),
+    )
+
+
+def _sign(vote: _Vote, speeds: Mapping[int, float]) -> str:
+    reverses = speeds.get(vote.window, 1.0) < -1.0
+    return "receding" if (vote.along_mps < 0) != reverses else "approaching"
+
+
+def _unknown(why: str) -> tuple[Line, ...]:
+    return (
+        Line("doppler", "receding", why, is_guess=True),
+        Line("ego_motion", "included", why, is_guess=True),
+    )  # fmt: skip

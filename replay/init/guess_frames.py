@@ -1,0 +1,133 @@
+"""How messages become frames: reference, time-out and tolerance, from the rates and delays of the sample."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fbench.replay.arrays import Bool, Int64
+from fbench.replay.data import LogInfo, Mount, Rig
+from fbench.replay.errors import FbenchError
+from fbench.replay.init.draft import Line, Table
+from fbench.replay.init.guess_clocks import Clocks
+from fbench.replay.init.guess_sensors import Candidate
+from fbench.replay.sync import SyncParams, choose_reference
+
+_DEFAULT = SyncParams()
+_STEP_MS = 5.0
+_MAX_TIMEOUT_MS = 1000.0
+
+
+def guess_reference(sensors: Sequence[Candidate], metadata: Mapping[str, str]) -> Line:
+    """Choose the sensor whose stamps are the instants, as a replay would."""
+    mounts = {s.name: Mount(s.kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for s in sensors}
+    nums = {s.name: s.heard.num_messages for s in sensors}
+    try:
+        name = choose_reference(Rig(mounts, {}), LogInfo("", "", metadata), nums, SyncParams())
+    except FbenchError:
+        return Line("reference", sensors[0].name, "no sensor has messages", is_guess=True)
+    if metadata.get("reference") == name:
+        return Line("reference", name, "the log's metadata say so")
+    chosen = next(s for s in sensors if s.name == name)
+    equals = [
+        s for s in sensors if s.kind == chosen.kind and 0 < s.heard.num_messages <= 1.1 * chosen.heard.num_messages
+    ]
+    best = min(equals, key=lambda s: (-(s.heard.median_points or 0), s.name))
+    what = f"the slowest, {_rate(best)}; of equals a LiDAR before a camera before a radar, then who has most points"
+    return Line("reference", best.name, what)
+
+
+def _rate(sensor: Candidate) -> str:
+    period_ns = sensor.heard.period_ns
+    return "rate unknown" if period_ns is None else f"{1e9 / period_ns:.1f} Hz"
+
+
+def frames_table(sensors: Sequence[Candidate], reference: Line, clocks: Clocks) -> Table:
+    """Write `[frames]`."""
+    chosen = next(s for s in sensors if s.name == reference.value)
+    others = [s for s in sensors if s is not chosen]
+    period_ns = _stamp_period_ns(clocks.stamps_ns(chosen)) or chosen.heard.period_ns
+    lines = [reference, _timeout(chosen, others, clocks, period_ns), _tolerance(period_ns)]
+    if period_ns is not None and 2 * period_ns > _DEFAULT.max_gap_ns:
+        lines.append(Line("max_gap_s", round(4 * period_ns / 1e9, 1), "four periods of the reference", is_guess=True))
+    stamps = clocks.stamps_line()
+    return Table(("frames",), tuple(lines if stamps is None else [*lines, stamps]))
+
+
+def _stamp_period_ns(stamps: Int64) -> int | None:
+    steps = np.sort(np.diff(np.sort(stamps, kind="stable")), kind="stable")
+    return int(steps[len(steps) // 2]) or None if len(steps) else None
+
+
+def _tolerance(period_ns: int | None) -> Line:
+    if period_ns is None:
+        return Line("tolerance_ms", _DEFAULT.tolerance_ns / 1e6, "the default: the period isn't known", is_guess=True)
+    return Line(
+        "tolerance_ms",
+        round(max(period_ns / 2e6, 1.0), 1),
+        f"half the period of the reference, {period_ns / 1e6:.1f} ms",
+    )
+
+
+def _timeout(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, period_ns: int | None) -> Line:
+    """The time-out with which 99 % of the frames are complete that have all sensors at all, with a margin."""
+    default_ms = _DEFAULT.timeout_ns / 1e6
+    tolerance_ns = _DEFAULT.tolerance_ns if period_ns is None else period_ns // 2
+    waits, num = _waits_ns(chosen, others, clocks, tolerance_ns)
+    if not others:
+        return Line("timeout_ms", default_ms, "the default: nothing to wait for")
+    if not len(waits):
+        return Line("timeout_ms", default_ms, "the default: no frame of the sample has all sensors", is_guess=True)
+    late_ms = float(np.quantile(waits, 0.99)) / 1e6
+    wanted = float(np.ceil(1.2 * late_ms / _STEP_MS) * _STEP_MS)
+    what = f"{late_ms:.1f} ms after the reference's message 99 % of {len(waits)} sampled frames have all sensors"
+    what += f"; {num - len(waits)} lack one" if num > len(waits) else ""
+    if wanted > _MAX_TIMEOUT_MS:
+        return Line("timeout_ms", _MAX_TIMEOUT_MS, f"{what}, too long to wait for", is_guess=True)
+    return Line("timeout_ms", max(wanted, default_ms), what, is_guess=len(waits) < 0.5 * num)
+
+
+def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, tolerance_ns: int) -> tuple[Int64, int]:
+    """How long after the reference the last sensor came [ns], for each frame that has all; and how many there are."""
+    windows = sorted({s.window for s in chosen.heard.seen})
+    waits: list[int] = []
+    num = 0
+    for window in windows:
+        stamps, logs = _in_window(chosen, clocks, window)
+        arrivals = [_arrivals(stamps, other, clocks, window, tolerance_ns) for other in others]
+        known = np.all([a >= 0 for a in arrivals], axis=0) if arrivals else np.ones(len(stamps), bool)
+        inside = _inside(stamps, others, clocks, window)
+        num += int(np.count_nonzero(inside))
+        rows = np.flatnonzero(known & inside)
+        last = np.max(arrivals, axis=0) if arrivals else logs
+        waits += np.maximum(last[rows] - logs[rows], 0).tolist()
+    return np.array(waits, np.int64), num
+
+
+def _in_window(sensor: Candidate, clocks: Clocks, window: int) -> tuple[Int64, Int64]:
+    """Stamps and times of recording in a window, by stamp."""
+    rows = np.array([s.window == window for s in sensor.heard.seen], bool)
+    stamps = clocks.stamps_ns(sensor)[rows]
+    logs = np.array([s.log_ns for s in sensor.heard.seen], np.int64)[rows]
+    order = np.argsort(stamps, kind="stable")
+    return stamps[order], logs[order]
+
+
+def _inside(stamps: Int64, others: Sequence[Candidate], clocks: Clocks, window: int) -> Bool:
+    """Which instants (N,) aren't at the borders of a window, where messages lie outside."""
+    inside = np.ones(len(stamps), bool)
+    for other in others:
+        theirs, _ = _in_window(other, clocks, window)
+        if len(theirs):
+            inside &= (stamps >= theirs[0] - _DEFAULT.tolerance_ns) & (stamps <= theirs[-1] + _DEFAULT.tolerance_ns)
+    return inside
+
+
+def _arrivals(stamps: Int64, other: Candidate, clocks: Clocks, window: int, tolerance_ns: int) -> Int64:
+    """When the message of another sensor that is nearest to each instant (N,) arrived [ns], -1 where none is near."""
+    theirs, logs = _in_window(other, clocks, window)
+    if not len(theirs):
+        return np.full(len(stamps), -1)
+    right = np.clip(np.searchsorted(theirs, stamps), 0, len(theirs) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(theirs[left] - stamps) <= np.abs(theirs[right] - stamps), left, right)
+    return np.where(np.abs(theirs[nearest] - stamps) <= tolerance_ns, logs[nearest], -1)
