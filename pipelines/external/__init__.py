@@ -1,0 +1,1 @@
+"""Any program as a pipeline, in lockstep over its stdin and stdout."""

@@ -1,0 +1,144 @@
+"""`exec`: any program as a pipeline, watched, and started again where it fails."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import ClassVar
+
+from fbench.pipelines.checks import require_between
+from fbench.pipelines.external import fbench_exec_pb2 as schema
+from fbench.pipelines.external.command import parse_command
+from fbench.pipelines.external.dialogue import Dialogue, ProgramError, ProtocolError, RefusedError
+from fbench.pipelines.external.requests import hello
+from fbench.pipelines.external.responses import to_output
+from fbench.pipelines.external.stderr import KeptText
+from fbench.replay.data import Frame, LogInfo, Output, Rig
+from fbench.replay.errors import LogError, RunError
+
+_MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class ExecParams:
+    """Parameters of `exec`."""
+
+    command: str = ""
+    """The program with its arguments, split as a shell does; found in PATH, or as a path."""
+    frame_timeout_s: float = 10.0
+    """A program that takes longer for a frame [s] is killed and started again."""
+    start_timeout_s: float = 60.0
+    """So long [s] it may take to be ready."""
+    close_timeout_s: float = 2.0
+    """So long [s] it may take to exit when its stdin is closed, and again when it is terminated; then it is killed."""
+    max_response_mib: int = 64
+    """Longer answers [MiB] are refused."""
+
+    def __post_init__(self) -> None:
+        for name in ("frame_timeout_s", "start_timeout_s", "close_timeout_s"):
+            require_between(name, getattr(self, name), 0.001)
+        require_between("max_response_mib", self.max_response_mib, 1, 1024)
+
+
+class Exec:
+    """Runs a program in lockstep over its stdin and stdout, as docs/exec.md describes.
+
+    A frame on which the program crashes, hangs or gives garbage fails, and before the next frame it is started again.
+
+    Raises:
+        ConfigError: where there is no such program.
+    """
+
+    argument: ClassVar[str] = "command"
+
+    def __init__(self, params: ExecParams = ExecParams()) -> None:
+        self._params = params
+        self._command = parse_command(params.command)
+        self._kept = KeptText()
+        self._dialogue: Dialogue | None = None
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Start the program, or tell it of another rig.
+
+        Raises:
+            LogError: where the program says that it can't work with this log.
+            RunError: where it ends, hangs or speaks another version.
+        """
+        self._hello = hello(rig, log_info)
+        try:
+            with self._watched():
+                self._greet(self._dialogue or self._begin())
+        except RefusedError as error:
+            self._kill()
+            raise LogError(str(error)) from error
+        except (ProgramError, ProtocolError) as error:
+            raise RunError(f"exec: can't start: {error}") from error
+
+    def reset(self, reason: str) -> None:
+        """Have the program forget all tracks; one that was lost has none."""
+        if self._dialogue is None:
+            return
+        try:
+            with self._watched():
+                self._dialogue.reset(reason, self._params.frame_timeout_s)
+        except RefusedError:
+            self._kill()  # it may still hold what it should have forgotten
+            raise
+
+    def step(self, frame: Frame) -> Output:
+        """Have the program process a frame, after starting it again if it was lost.
+
+        Raises:
+            ProgramError: where it crashes or hangs.
+            ProtocolError: where it doesn't keep to the protocol.
+            RefusedError: where it says that it can't do this frame.
+            DataError: where boxes are incomplete or not finite.
+        """
+        with self._watched():
+            dialogue = self._dialogue or self._begin_again()
+            output = dialogue.step(frame, self._params.frame_timeout_s)
+        return to_output(output)
+
+    def close(self) -> None:
+        """End the program."""
+        dialogue, self._dialogue = self._dialogue, None
+        if dialogue is not None:
+            dialogue.process.close(self._params.close_timeout_s)
+
+    def stderr(self) -> bytes:
+        """What the program wrote to stderr in all its lives: the first and the last 512 KiB."""
+        return self._kept.text()
+
+    def _begin(self) -> Dialogue:
+        self._kept.begin()
+        self._dialogue = Dialogue(self._command, self._kept, self._params.max_response_mib * _MIB)
+        return self._dialogue
+
+    def _begin_again(self) -> Dialogue:
+        dialogue = self._begin()
+        try:
+            self._greet(dialogue)
+            dialogue.reset("the program was started again", self._params.frame_timeout_s)
+        except RefusedError:
+            self._kill()
+            raise
+        return dialogue
+
+    def _greet(self, dialogue: Dialogue) -> schema.Ready:
+        return dialogue.greet(self._hello, self._params.start_timeout_s)
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Kill a program that can't be trusted any more, and say what it said last."""
+        try:
+            yield
+        except (ProgramError, ProtocolError) as error:
+            self._kill()
+            last = f"; last line on stderr: {self._kept.last_line}" if self._kept.last_line else ""
+            raise type(error)(f"{self._command.name} {error}{last}") from error
+        except RefusedError as error:
+            raise RefusedError(f"{self._command.name} {error}") from error
+
+    def _kill(self) -> None:
+        dialogue, self._dialogue = self._dialogue, None
+        if dialogue is not None:
+            dialogue.process.kill()

@@ -1,0 +1,134 @@
+"""What a program answers: responses of the schema, checked and turned into outputs."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from google.protobuf.message import DecodeError as ProtobufError
+
+from fbench.pipelines.external import fbench_exec_pb2 as schema
+from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.data import Boxes, Output
+from fbench.replay.errors import DataError
+
+_MAX_STAGES = 64
+_MAX_STAGE_NS = 2**62
+_ALL_SOURCES = 15
+
+
+class ProtocolError(DataError):
+    """A program doesn't keep to the protocol: what it says next can't be trusted either."""
+
+
+def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
+    """Decode the answer to request number `sequence`.
+
+    Raises:
+        ProtocolError: where it can't be decoded, or answers another request.
+    """
+    try:
+        response = schema.Response.FromString(bytes(data))
+    except ProtobufError as error:
+        raise ProtocolError(f"answered with {len(data)} bytes that are no Response; texts must be UTF-8") from error
+    if response.WhichOneof("kind") is None:
+        raise ProtocolError("answered with a Response that says nothing of Ready, Done, Output or error")
+    if response.sequence != sequence:
+        raise ProtocolError(f"answered request {response.sequence}, expected {sequence}")
+    return response
+
+
+def to_output(output: schema.Output) -> Output:
+    """Return what a program found in a frame.
+
+    Raises:
+        DataError: where boxes are incomplete or not finite, saying which field.
+    """
+    detections, tracks = _results(output)
+    for name, boxes in (("detections", detections), ("tracks", tracks)):
+        _require_finite(name, boxes)
+    return Output(detections, tracks, _stage_ns(output.stages), missing=dict(sorted(output.missing.items())))
+
+
+def _results(output: schema.Output) -> tuple[Boxes, Boxes]:
+    kind = output.WhichOneof("boxes")
+    if kind == "in_3d":
+        return _boxes3d("detections", output.in_3d.detections), _boxes3d("tracks", output.in_3d.tracks)
+    if kind == "in_2d":
+        return _boxes2d("detections", output.in_2d.detections), _boxes2d("tracks", output.in_2d.tracks)
+    raise DataError("gave an Output without in_3d or in_2d; set one, empty where nothing was found")
+
+
+def _boxes3d(name: str, boxes: schema.Boxes3D) -> Boxes3D:
+    return Boxes3D(
+        center_m=_vectors(f"{name}.center_m", boxes.center_m, 3),
+        size_lwh_m=_vectors(f"{name}.size_lwh_m", boxes.size_lwh_m, 3),
+        yaw_rad=np.array(boxes.yaw_rad, np.float64),
+        roll_rad=_numbers(boxes.roll_rad),
+        pitch_rad=_numbers(boxes.pitch_rad),
+        velocity_mps=_vectors(f"{name}.velocity_mps", boxes.velocity_mps, 3) if boxes.velocity_mps else None,
+        **_common(name, boxes),
+    )
+
+
+def _boxes2d(name: str, boxes: schema.Boxes2D) -> Boxes2D:
+    visible = boxes.visible_xyxy_px
+    return Boxes2D(
+        camera=_texts(boxes.camera),
+        xyxy_px=_vectors(f"{name}.xyxy_px", boxes.xyxy_px, 4),
+        visible_xyxy_px=_vectors(f"{name}.visible_xyxy_px", visible, 4) if visible else None,
+        distance_m=_numbers(boxes.distance_m),
+        range_rate_mps=_numbers(boxes.range_rate_mps),
+        **_common(name, boxes),
+    )
+
+
+def _common(name: str, boxes: schema.Boxes3D | schema.Boxes2D) -> dict[str, Any]:
+    """Fields of both kinds of boxes."""
+    track_id: Int64 | None = np.array(boxes.track_id, np.int64) if boxes.track_id else None
+    predicted: Bool | None = np.array(boxes.predicted, np.bool_) if boxes.predicted else None
+    return {
+        "label": _texts(boxes.label) if boxes.label else None,
+        "score": _numbers(boxes.score),
+        "track_id": track_id,
+        "sources": _sources(name, boxes.sources),
+        "predicted": predicted,
+    }
+
+
+def _numbers(values: Sequence[float]) -> Float64 | None:
+    return np.array(values, np.float64) if values else None
+
+
+def _texts(values: Sequence[str]) -> Text:
+    return np.array(list(values), np.str_)
+
+
+def _vectors(where: str, values: Sequence[float], size: int) -> Float64:
+    if len(values) % size:
+        raise DataError(f"{where}: expected {size} numbers a box, got {len(values)} in all")
+    return np.array(values, np.float64).reshape(-1, size)
+
+
+def _sources(name: str, values: Sequence[int]) -> Array | None:
+    if not values:
+        return None
+    if max(values) > _ALL_SOURCES:
+        raise DataError(f"{name}.sources: expected sums of 1, 2, 4 and 8, got {max(values)}")
+    return np.array(values, np.uint8)
+
+
+def _require_finite(name: str, boxes: Boxes) -> None:
+    sane, scored = finite(boxes)
+    if not np.all(sane & scored):
+        first = int(np.argmin(sane & scored))
+        raise DataError(f"{name}: {'score' if sane[first] else 'geometry'} of box {first} isn't finite")
+
+
+def _stage_ns(stages: Sequence[schema.Stage]) -> dict[str, int]:
+    if len(stages) > _MAX_STAGES:
+        raise DataError(f"stages: expected at most {_MAX_STAGES}, got {len(stages)}")
+    for stage in stages:
+        if stage.duration_ns > _MAX_STAGE_NS:
+            raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")
+    return {stage.name: stage.duration_ns for stage in stages}

@@ -1,0 +1,120 @@
+"""`fbench replay -p exec:...` as a user calls it."""
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from fbench.datasets.boxes import write_boxes_log
+from fbench.replay.errors import RunError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+from fbench.replay.run import Plan, replay
+from fbench.replay.store import Run
+
+from .programs import ROOT, wicked
+
+FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+NEAREST = f"exec:{sys.executable} nearest.py 4"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where a user works: a log, and a program beside it."""
+    monkeypatch.chdir(tmp_path)
+    write_boxes_log(tmp_path / "boxes.mcap", 1.0)
+    for name in ("client.py", "nearest.py"):
+        (tmp_path / name).write_text((ROOT / "examples" / "exec" / "python" / name).read_text())
+    return tmp_path
+
+
+def fbench(*arguments):
+    return subprocess.run([*FBENCH, *arguments], capture_output=True, text=True, timeout=60)
+
+
+def program(folder, code):
+    """`exec:` of a program that runs `code` first."""
+    with closing(wicked(folder, code)) as pipeline:
+        return "exec:" + shlex.join(pipeline._command.words)
+
+
+def test_runs_are_the_same(folder):
+    for out in ("a", "b"):
+        assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", out).returncode == 0
+    a, b = Run(Path("a")), Run(Path("b"))
+    assert a.manifest.digest == b.manifest.digest
+    assert a.manifest.parameters["command"] == f"{sys.executable} nearest.py 4"
+
+
+def test_crashes_are_counted_and_stderr_is_kept(folder):
+    result = fbench("replay", "boxes.mcap", "-p", program(folder, "ACTIONS = {3: lambda r: os.abort()}"), "-o", "run")
+    assert result.returncode == 4
+    assert "PRD002" in result.stdout
+    assert Path("run/stderr.txt").read_bytes() == b"hello\nhello\n"
+    failed = pq.read_table("run/frames.parquet")["failed"].to_pylist()
+    assert [reason is not None for reason in failed] == [i == 3 for i in range(10)]
+    assert "exited with 134 (SIGABRT); last line on stderr: hello" in failed[3]
+
+
+def test_failures_in_a_row_end_the_replay(tmp_path):
+    write_boxes_log(tmp_path / "boxes.mcap", 1.2)
+    faults = FaultLog()
+    with closing(wicked(tmp_path, "ACTIONS = {i: lambda r: os._exit(1) for i in range(99)}")) as pipeline:
+        plan = Plan(pipeline, "exec")
+        with pytest.raises(
+            RunError, match=r"failed on 10 frames in a row: .*exited with 1; last line on stderr: hello"
+        ):
+            replay(open_log(tmp_path / "boxes.mcap", faults), plan, tmp_path / "run", faults)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "code", "line"),
+    [
+        ("exec:./absent --x", 2, "fbench: exec: ./absent: no such program\n"),
+        ("exec:", 2, "fbench: exec: needs a command, such as -p 'exec:./my_stack --option'\n"),
+        ("exec", 2, "fbench: exec: needs a command, such as -p 'exec:./my_stack --option'\n"),
+        ("exec:true", 3, "fbench: exec: can't start: true exited with 0\n"),
+    ],
+)
+def test_commands_that_cannot_run_are_one_line(folder, pipeline, code, line):
+    result = fbench("replay", "boxes.mcap", "-p", pipeline)
+    assert (result.returncode, result.stderr) == (code, line)
+    assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+def test_check_tries_the_program_and_ends_it(folder):
+    result = fbench("log", "check", "boxes.mcap", "-p", NEAREST, "--json")
+    assert result.returncode in (0, 1)
+    assert "PRD002" not in result.stdout
+
+
+@pytest.mark.slow
+def test_verify_replays_the_program_in_fresh_processes(folder):
+    result = fbench("verify", "boxes.mcap", "-p", NEAREST, "--quick")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "identical: all" in result.stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_cancelled_replay_ends_the_program(folder, number):
+    code = "open('pid', 'w').write(str(os.getpid())); ACTIONS = {2: lambda r: (open('here', 'w'), time.sleep(60))}"
+    arguments = ["replay", "boxes.mcap", "-p", program(folder, code), "--set", "close_timeout_s=0.2"]
+    process = subprocess.Popen([*FBENCH, *arguments], stderr=subprocess.PIPE)
+    while not Path("here").exists():
+        time.sleep(0.05)
+        assert process.poll() is None
+    process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 128 + number
+    assert b"Traceback" not in err
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(Path("pid").read_text()), 0)
+    assert list(Path("runs").iterdir()) == []
