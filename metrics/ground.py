@@ -11,7 +11,7 @@ from fbench.replay.boxes import Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.errors import MetricError
 from fbench.replay.geometry.boxes import distance_bev
-from fbench.replay.geometry.camera import in_image, is_pinhole, project_body
+from fbench.replay.geometry.camera import in_image, not_projectable, project_body
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.store import Run
 
@@ -40,8 +40,8 @@ class GroundSpace:
 
     @property
     def _cameras(self) -> tuple[str, ...]:
-        """Cameras whose view is known: those without lens distortion."""
-        return tuple(name for name, camera in sorted(self.rig.cameras.items()) if is_pinhole(camera))
+        """Cameras whose view is known: those whose lens distortion is modelled."""
+        return tuple(name for name, camera in sorted(self.rig.cameras.items()) if not_projectable(camera) is None)
 
     def truth(self, run: Run, index: int) -> Boxes | None:
         """Truth of frame `index`."""

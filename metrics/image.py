@@ -11,8 +11,9 @@ from fbench.replay.arrays import Bool, Float64
 from fbench.replay.boxes import Boxes2D, Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.geometry.boxes import iou_2d
-from fbench.replay.geometry.camera import is_pinhole, project_boxes
+from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.scores import ScoreOptions
+from fbench.replay.sensor_choice import chosen_sensors
 from fbench.replay.store import Run
 
 
@@ -35,21 +36,29 @@ class ImageSpace:
 
     @classmethod
     def of(cls, run: Run, options: ScoreOptions) -> "ImageSpace":
-        """Use the 2D truth of the run's log where it has any, with the cameras that it names; else 3D truth."""
+        """Use the 2D truth of the run's log where it has any, with the cameras that it names; else 3D truth.
+
+        A pipeline that works in images is judged in those of the cameras that it got.
+        """
         recorded = [t for t in (run.truth2d(frame.index) for frame in run.frames) if t is not None]
         rig = run.manifest.rig
         named = {str(name) for truth in recorded for name in np.unique(truth.camera)}
         ranged = any(t.distance_m is not None and bool(np.isfinite(t.distance_m).any()) for t in recorded)
         derived = not recorded
         projects = derived or isinstance(run.detections.boxes, Boxes3D)
-        return cls(rig, options, tuple(sorted(named or rig.cameras)), derived, ranged or derived, projects)
+        cameras = named or set(rig.cameras)
+        if isinstance(run.detections.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
+            names = rig.sensors("camera", "lidar", "radar")
+            cameras -= set(names) - set(chosen_sensors(names, run.manifest.frames.sensors))
+        return cls(rig, options, tuple(sorted(cameras)), derived, ranged or derived, projects)
 
     @property
     def reason(self) -> str | None:
         """Why nothing can be scored here."""
         if not self.cameras:
             return "no cameras"
-        bent = [name for name in self.cameras if name in self.rig.cameras and not is_pinhole(self.rig.cameras[name])]
+        known = [(name, self.rig.cameras[name]) for name in self.cameras if name in self.rig.cameras]
+        bent = [name for name, camera in known if not_projectable(camera) is not None]
         return f"lens distortion of '{bent[0]}' isn't modelled" if self.projects and bent else None
 
     @property

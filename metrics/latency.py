@@ -5,6 +5,8 @@ from typing import Any
 
 _NS_PER_MS = 1e6
 _WHOLE = "total"
+_RECORDED = "recorded"
+"""The stage that stands for another system's: its times come from the log."""
 
 
 def summarise(timings: Mapping[str, Sequence[int]], budget_ms: float = 100.0) -> dict[str, Any]:
@@ -14,13 +16,16 @@ def summarise(timings: Mapping[str, Sequence[int]], budget_ms: float = 100.0) ->
     time that was measured. The first run of each stage is shown apart as `first_ms` and is in no other number.
 
     Args:
-        timings: Wall times [ns] by stage, in the order of frames; `total` is the whole frame.
+        timings: Wall times [ns] by stage, in the order of frames; `total` is the whole frame. Where results were only
+            recorded (a stage `recorded`), they are times from a frame's instant to the recording of its result.
         budget_ms: Time that a frame may take.
     """
     frames = timings.get(_WHOLE, [])[1:]
+    clock = "log" if _RECORDED in timings else "host"
     over = sum(ns > budget_ms * _NS_PER_MS for ns in frames)
     stages = [stage for stage in timings if stage != _WHOLE]
     return {
+        "clock": clock,
         "budget_ms": budget_ms,
         "frames": len(frames),
         "over_budget": over,

@@ -4,13 +4,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.camera.detector import CameraDetections, CameraParams
+from fbench.pipelines.camera.detectors import CameraDetectors
 from fbench.pipelines.camera.look import look
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
 from fbench.replay.boxes import Boxes2D, concatenate
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig, Source
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
@@ -21,6 +23,8 @@ class Camera2DParams:
     """The detector."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
 
 
 class Camera2D:
@@ -31,17 +35,18 @@ class Camera2D:
     """
 
     def __init__(self, params: Camera2DParams) -> None:
-        if params.camera.weights is None:
+        if params.camera.weights is None and not any(".weights=" in setting for setting in params.by_sensor):
             raise ConfigError("camera2d needs a detector: --set camera.weights=PATH (an ONNX file)")
-        self._detector = CameraDetector(params.camera)
+        self._params, self._detectors = params, CameraDetectors(params.camera)
         self._tracker = Tracker2D(params.tracking)
         self._cameras: tuple[str, ...] = ()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all cameras of the rig."""
+        """Take all cameras of the rig; those without weights count as missing."""
         self._cameras = rig.sensors("camera")
         if not self._cameras:
             raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")
+        self._detectors.assign(SensorSettings(self._params, rig).own("camera", self._params.camera))
         self.reset("start")
 
     def reset(self, reason: str) -> None:
@@ -53,15 +58,17 @@ class Camera2D:
         clock, faults, parts = StageClock(), list[Fault](), [no_detections()]
         for camera in self._cameras:
             image = frame.messages.get(camera)
-            if not isinstance(image, Image):
+            detector = self._detectors.of(camera)
+            if detector is None or not isinstance(image, Image):
                 continue
-            found = look(self._detector, image, clock, faults)
+            found = look(detector, image, clock, faults)
             if found is not None:
                 parts.append(camera_boxes(camera, found))
         detections = concatenate(parts)
         with clock.stage("track"):
             tracks = self._tracker.step(detections, frame.stamp_ns)
-        return Output(detections, tracks, clock.stage_ns, tuple(faults))
+        blind = [camera for camera in self._cameras if self._detectors.of(camera) is None]
+        return Output(detections, tracks, clock.stage_ns, tuple(faults), dict.fromkeys(blind, "no weights"))
 
 
 def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.camera.detector import CameraDetections, CameraParams
+from fbench.pipelines.camera.detectors import CameraDetectors
 from fbench.pipelines.camera.look import look
 from fbench.pipelines.fusion.late import Seen, fuse
 from fbench.pipelines.fusion.params import FusionParams
@@ -15,6 +16,7 @@ from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
 from fbench.replay.geometry.camera import require_projection
+from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,10 @@ class Late3DParams:
     """How the sensors' objects become one."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
+    in everything, LiDARs in min_range_m and max_range_m, radars in max_range_m, min_magnitude_db and doppler.
+    """
 
 
 class Late3D:
@@ -41,7 +47,7 @@ class Late3D:
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
         self._params = params
-        self._detector = None if params.camera.weights is None else CameraDetector(params.camera)
+        self._detectors = CameraDetectors(params.camera)
         self._tracker = Tracker3D(params.tracking)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
@@ -51,11 +57,14 @@ class Late3D:
             LogError: where it has no LiDAR or radar, or a camera that is to be used can't be projected into.
         """
         require("late3d", ("lidar", "radar"), rig, log_info)
-        for name in rig.sensors("camera") if self._detector is not None else ():
-            require_projection(rig, name)
+        settings = SensorSettings(self._params, rig)
+        self._detectors.assign(settings.own("camera", self._params.camera))
+        for name in rig.sensors("camera"):
+            if self._detectors.of(name) is not None:
+                require_projection(rig, name)
         self._rig = rig
-        self._lidar = LidarStage(rig, self._params.lidar)
-        self._radar = RadarStage(rig, log_info, self._params.radar)
+        self._lidar = LidarStage(rig, self._params.lidar, settings)
+        self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self.reset("start")
 
     def reset(self, reason: str) -> None:
@@ -67,7 +76,7 @@ class Late3D:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
         clock, faults = StageClock(), list[Fault]()
         cameras = self._cameras(frame, clock, faults)
-        blind = self._rig.sensors("camera") if self._detector is None else ()
+        blind = [name for name in self._rig.sensors("camera") if self._detectors.of(name) is None]
         seen = Seen(self._rig, cameras, self._lidar.view(frame, clock), self._radar.view(frame, clock))
         with clock.stage("fuse"):
             detections = fuse(seen, self._params.fusion)
@@ -78,10 +87,10 @@ class Late3D:
     def _cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
         found: dict[str, CameraDetections] = {}
         for name in self._rig.sensors("camera"):
-            image = frame.messages.get(name)
-            if self._detector is None or not isinstance(image, Image):
+            image, detector = frame.messages.get(name), self._detectors.of(name)
+            if detector is None or not isinstance(image, Image):
                 continue
-            seen = look(self._detector, image, clock, faults)
+            seen = look(detector, image, clock, faults)
             if seen is not None:
                 found[name] = seen
         return found

@@ -10,6 +10,7 @@ from fbench.pipelines.points.reported import reported
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.replay.data import Frame, LogInfo, Output, Rig, Source
+from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,10 @@ class Lidar3DParams:
     """Clusters that look less like a car than this are dropped."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one LiDAR, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; so does max_range_m. What
+    acts on the points of all LiDARs together can't differ.
+    """
 
     def __post_init__(self) -> None:
         require_between("min_score", self.min_score, 0.0, 1.0)
@@ -37,7 +42,8 @@ class Lidar3D:
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig."""
         require("lidar3d", ("lidar",), rig, log_info)
-        self._rig, self._lidar = rig, LidarStage(rig, self._params.lidar)
+        self._rig = rig
+        self._lidar = LidarStage(rig, self._params.lidar, SensorSettings(self._params, rig))
         self.reset("start")
 
     def reset(self, reason: str) -> None:

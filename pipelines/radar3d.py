@@ -10,6 +10,7 @@ from fbench.pipelines.points.reported import reported
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.replay.data import Frame, LogInfo, Output, Rig, Source
+from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,10 @@ class Radar3DParams:
     """Clusters with a lower score are dropped."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one radar, by its name: `--set rear.max_range_m=40` goes before `radar.max_range_m`; so do min_magnitude_db
+    and doppler. What acts on the echoes of all radars together can't differ.
+    """
 
     def __post_init__(self) -> None:
         require_between("min_score", self.min_score, 0.0, 1.0)
@@ -38,7 +43,7 @@ class Radar3D:
         """Take all radars of the rig."""
         require("radar3d", ("radar",), rig, log_info)
         self._rig = rig
-        self._radar = RadarStage(rig, log_info, self._params.radar)
+        self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))
         self.reset("start")
 
     def reset(self, reason: str) -> None:

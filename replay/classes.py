@@ -36,8 +36,11 @@ def labels(names: Sequence[str]) -> dict[str, Any]:
 
 
 def label(name: str) -> str:
-    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`."""
-    return _LABELS.get(_plain(name), "other")
+    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`.
+
+    Without a name there is no class: such boxes are scored as those of sensors that know none.
+    """
+    return _LABELS.get(_plain(name), "other") if name.strip() else ""
 
 
 def is_known(name: str) -> bool:
@@ -59,7 +62,8 @@ class ClassMap:
         if boxes.source_label is None:
             return boxes
         names = boxes.source_label.tolist()
-        for name in dict.fromkeys(names):
+        counted = names if boxes.ignore is None else boxes.source_label[~boxes.ignore].tolist()
+        for name in dict.fromkeys(counted):
             if name and name not in self.own and not is_known(name):
                 unknown(name)
         if self.own.keys().isdisjoint(names):

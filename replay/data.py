@@ -304,6 +304,8 @@ class Output:
     """Time from the frame's instant to this output [ns], where the pipeline only passes on what was computed elsewhere;
     `None`: what the step took.
     """
+    is_elsewhere: bool = False
+    """Whether the pipeline passes on what was computed elsewhere: without `latency_ns` there is no latency then."""
 
     def __post_init__(self) -> None:
         if type(self.detections) is not type(self.tracks):

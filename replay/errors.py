@@ -3,6 +3,8 @@
 import traceback
 from pathlib import Path
 
+from fbench.replay.secrets import without_secrets
+
 EXIT_OK = 0
 EXIT_NO = 1
 EXIT_USAGE = 2
@@ -14,13 +16,13 @@ class FbenchError(Exception):
     """Root of all errors that fbench raises on purpose.
 
     The message is one line: what, where (file, topic, stamp, offset), what to do. What isn't printable in names that
-    come from data becomes a space.
+    come from data becomes a space; credentials are left out.
     """
 
     exit_code = EXIT_DATA
 
     def __init__(self, text: str = "", code: str = "") -> None:
-        super().__init__("".join(c if c.isprintable() else " " for c in text))
+        super().__init__("".join(c if c.isprintable() else " " for c in without_secrets(text)))
         self.code = code
         """Row of the fault table (`replay/faults.py`), empty where none fits."""
 
@@ -69,6 +71,6 @@ class MetricError(FbenchError):
 
 def one_line(error: BaseException) -> str:
     """What a plug-in raised, with the place where it did."""
-    what = str(error).splitlines()[0] if str(error) else "no message"
+    what = without_secrets(str(error)).splitlines()[0] if str(error) else "no message"
     last = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"

@@ -4,6 +4,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Literal
 
+from fbench.replay.secrets import without_secrets
+
 Behaviour = Literal["fatal", "count", "degrade"]
 
 
@@ -46,6 +48,7 @@ FAULTS: dict[str, FaultKind] = {
     "CAL001": FaultKind("fatal", "calibration or transform is missing or invalid"),
     "CAL002": FaultKind("degrade", "calibration changes within the log, new segment"),
     "CFG001": FaultKind("fatal", "sensor or topic isn't in the log"),
+    "CFG003": FaultKind("fatal", "configuration is damaged or malformed"),
     "SEC002": FaultKind("fatal", "path leads out of the log's folder"),
     "TIM001": FaultKind("degrade", "reference message out of order, no frame"),
     "TIM005": FaultKind("degrade", "clock jumped back, new segment"),
@@ -53,10 +56,14 @@ FAULTS: dict[str, FaultKind] = {
     "TIM008": FaultKind("fatal", "clocks of two sensors differ"),
     "TIM011": FaultKind("degrade", "topic without stamps, those of recording taken"),
     "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),
+    "GT004": FaultKind("count", "truth box isn't finite or has no size"),
+    "GT005": FaultKind("degrade", "label in a file that is no box, or of no camera"),
     "GT006": FaultKind("degrade", "truth that belongs to no frame"),
     "GT007": FaultKind("degrade", "class that isn't known, counts as other"),
     "PRD001": FaultKind("count", "pipeline gave a non-finite box or score"),
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
+    "PRD003": FaultKind("degrade", "recorded result that belongs to no frame"),
+    "PRD004": FaultKind("degrade", "recorded result was there before its frame, so it has no latency"),
 }
 """Codes follow the fault matrix of docs/faults.md."""
 
@@ -81,7 +88,7 @@ class FaultLog:
         self.counts[code] += num
         kept = self.places.setdefault(code, [])
         if len(kept) < self.keep:
-            kept.append(where)
+            kept.append(without_secrets(where))
 
     @property
     def lost(self) -> int:

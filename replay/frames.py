@@ -4,16 +4,19 @@ from collections.abc import Iterator, Sequence
 
 from fbench.replay.clean import clean
 from fbench.replay.clock import Clock
-from fbench.replay.data import Frame, Message, Rig, RigChange, Truth
+from fbench.replay.data import Frame, Message, Pose, Rig, RigChange, Truth
 from fbench.replay.digest import Digest
 from fbench.replay.errors import LogError
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.faults import FaultLog
-from fbench.replay.labelling import Instant, Labelling
+from fbench.replay.frame_poses import FramePoses
+from fbench.replay.labelling import Instant, Labelling, stray
 from fbench.replay.protocols import Reader
 from fbench.replay.restamp import ClockCheck, StampParams
+from fbench.replay.sensor_choice import chosen_sensors
 from fbench.replay.skipped import Skipped, SkippedMessages
 from fbench.replay.sync import FrameBuffer, SyncCounts, SyncParams, choose_reference
+from fbench.replay.truth_boxes import fitted
 
 
 class FrameStream:
@@ -21,22 +24,34 @@ class FrameStream:
     up to the last chosen one.
 
     Raises:
-        ConfigError: where the reference or a sensor with an offset isn't in the log.
+        ConfigError: where the reference, a sensor with an offset or a chosen sensor isn't in the log.
         LogError: where the log has no message of any sensor with calibration.
     """
 
     def __init__(
-        self, reader: Reader, sync: SyncParams, stamps: StampParams, excerpt: Excerpt, clock: Clock, faults: FaultLog
+        self,
+        reader: Reader,
+        sync: SyncParams,
+        stamps: StampParams,
+        excerpt: Excerpt,
+        clock: Clock,
+        faults: FaultLog,
+        sensors: Sequence[str] = (),
     ) -> None:
-        self.rig: Rig = reader.rig
-        self.rigs: dict[int, Rig] = {0: self.rig}
-        """Rig of the first segment and of those from which on another one holds."""
+        whole = reader.rig
+        names = whole.sensors("camera", "lidar", "radar")
+        chosen = chosen_sensors(names, sensors)
+        self._left_out = frozenset(names) - frozenset(chosen)
+        self.rig: Rig = whole.without(self._left_out)
+        """The chosen sensors; which they are changes neither instants nor segments nor the log's digest."""
+        self.rigs: dict[int, Rig] = {0: whole}
+        """Rig of the log in the first segment and in those from which on another one holds."""
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
         self._max_gap_ns = sync.max_gap_ns
-        self.reference = choose_reference(self.rig, reader.info, reader.num_messages, sync)
-        self._expected = (*self.rig.sensors("camera", "lidar", "radar"), *reader.poses)
-        stamps.require_known(self._expected)
-        self._buffer = FrameBuffer(self._expected, self.reference, sync)
+        self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
+        self._known = (*names, *reader.poses)
+        stamps.require_known(self._known)
+        self._buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)
         self._clocks = ClockCheck(self.reference, stamps)
         self._digest = Digest()
         self._start_ns: int | None = None
@@ -44,6 +59,8 @@ class FrameStream:
         self._stop = excerpt.stop
         self._waits = excerpt.is_whole
         self._instants: list[Instant] = []
+        self.poses = FramePoses(min(reader.poses, default=None))
+        """Of all frames that were opened."""
         self.skipped = SkippedMessages(sync.tolerance_ns)
         self.is_cut = False
         """Whether reading stopped before the log's end."""
@@ -60,14 +77,20 @@ class FrameStream:
                 yield frame
 
     def labels(self, reader: Reader) -> Iterator[tuple[int, Truth]]:
-        """Read the truth and yield that of chosen frames, with their indices."""
+        """Read the truth and yield that of chosen frames, with their indices, in body coordinates.
+
+        Raises:
+            LogError: where it is in the world, and the log has no pose then.
+        """
         first_ns, last_ns = self._chosen_ns()
         for index, truth in Labelling(self._instants).matched(self._truths(reader)):
             if index is None:
                 if self._excerpt.is_whole or first_ns <= truth.stamp_ns <= last_ns:
-                    self._faults.add("GT006", f"truth at {truth.stamp_ns} ns")
+                    self._faults.add("GT006", stray(truth))
             elif self._instants[index].is_chosen:
-                yield index, truth
+                pose = self.poses.world_T_body(index)
+                if (kept := fitted(truth, index, pose, self.poses.is_known, self._faults)) is not None:
+                    yield index, kept
 
     @property
     def counts(self) -> SyncCounts:
@@ -110,18 +133,24 @@ class FrameStream:
                 yield from self._taken(recorded, self._stamps.restamped(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
+                self.poses.finish()
                 return
         yield from self._buffer.flush()
+        self.poses.finish()
 
     def _taken(self, recorded: Message, message: Message) -> Iterator[Frame]:
-        if message.sensor in self._expected:
+        if message.sensor in self._known:
             self._clocks.check(message)
             self._start_ns = message.stamp_ns if self._start_ns is None else self._start_ns
         yield from self._buffer.advance(message.log_ns)
+        if isinstance(message, Pose):
+            self.poses.add(message)
         if message.sensor == self.reference:
             yield from self._opened(recorded, message)
         if self._waits:
             self._clock.wait_until(message.log_ns)
+        if message.sensor in self._left_out:
+            return
         usable = clean(message, self.rig, self._faults)
         if isinstance(usable, Skipped):
             self.skipped.add(usable)
@@ -132,7 +161,8 @@ class FrameStream:
         """End the segment: what comes next was measured by other sensors."""
         yield from self._buffer.break_off(change.reason)
         self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
-        self.rig = self.rigs[self._buffer.segment] = change.rig
+        self.rigs[self._buffer.segment] = change.rig
+        self.rig = change.rig.without(self._left_out)
 
     def _opened(self, recorded: Message, message: Message) -> Iterator[Frame]:
         num_breaks, num_frames = len(self._buffer.breaks), self._buffer.num_frames
@@ -149,6 +179,7 @@ class FrameStream:
         if self._waits and self._excerpt.is_past(index, stamp_ns, start_ns):
             self._stop = index if self._stop is None else min(index, self._stop)
         self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen))
+        self.poses.open(index, stamp_ns)
         self._waits = self._waits or chosen
 
     def _truths(self, reader: Reader) -> Iterator[Truth]:

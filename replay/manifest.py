@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fbench.replay.data import CameraModel, Kind, LogInfo, Mount, Rig
 from fbench.replay.errors import RunError
+from fbench.replay.secrets import clean_mapping
 
 FORMAT = 1
 
@@ -77,8 +78,32 @@ class FrameEntry(_Strict):
     """Added to the stamps of a sensor."""
     topics: list[str] = []
     """Patterns of those that were read; empty: all."""
+    sensors: list[str] = []
+    """Patterns of the sensors that the pipeline got; empty: all."""
     excerpt: str = "all"
     """Which frames were replayed: `all`, or half-open ranges such as `from +5ns to 90ns frames 30:40`."""
+
+
+class InputEntry(_Strict):
+    """A file beside the log that decided how it was read."""
+
+    role: str
+    """`config`, `rig` or `results`."""
+    name: str
+    """Without the folder."""
+    digest: str
+    """blake2b over the file, or over names and content of the folder's files."""
+
+
+class TruthEntry(_Strict):
+    """A file that ground truth came from, instead of the log."""
+
+    name: str
+    """Without the folder."""
+    format: str
+    """One of `boxfiles.open.FORMATS`."""
+    digest: str
+    """blake2b over the file, or over names and content of the folder's files."""
 
 
 class Manifest(_Strict):
@@ -91,6 +116,10 @@ class Manifest(_Strict):
     pipeline: str
     parameters: dict[str, Any]
     frames: FrameEntry
+    inputs: list[InputEntry] = []
+    """Files beside the log that decided how it was read."""
+    truth: TruthEntry | None = None
+    """`None`: ground truth is the log's own."""
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
     rig_changes: list[RigEntry] = []
@@ -100,6 +129,8 @@ class Manifest(_Strict):
     digest: str
     """The last link of the chain of frame digests."""
     versions: dict[str, str]
+    redacted: bool = False
+    """Whether names, paths, places and poses were left out."""
 
     @property
     def rig(self) -> Rig:
@@ -136,8 +167,15 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
 
 
 def save_manifest(path: Path, manifest: Manifest) -> None:
-    """Write the manifest as JSON."""
-    path.write_text(manifest.model_dump_json(indent=1) + "\n")
+    """Write the manifest as JSON, without credentials; one that is redacted without names of files."""
+    kept = Manifest.model_validate(clean_mapping((_unnamed(manifest) if manifest.redacted else manifest).model_dump()))
+    path.write_text(kept.model_dump_json(indent=1) + "\n")
+
+
+def _unnamed(manifest: Manifest) -> Manifest:
+    inputs = [entry.model_copy(update={"name": ""}) for entry in manifest.inputs]
+    truth = None if manifest.truth is None else manifest.truth.model_copy(update={"name": ""})
+    return manifest.model_copy(update={"inputs": inputs, "truth": truth})
 
 
 def load_manifest(path: Path) -> Manifest:

@@ -4,6 +4,8 @@ import importlib.util
 import inspect
 import sys
 import typing
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import is_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -11,7 +13,8 @@ from typing import Any, Literal
 
 from fbench.replay.errors import ConfigError, FbenchError
 from fbench.replay.names import did_you_mean
-from fbench.replay.protocols import Pipeline
+from fbench.replay.pipeline_name import parse_name
+from fbench.replay.protocols import Closes, Pipeline, TakesArgument
 from fbench.replay.settings import apply_settings, describe
 
 Group = Literal["datasets", "pipelines", "metrics", "reports"]
@@ -71,13 +74,33 @@ def _from_file(name: str) -> Any:
     return classes[class_name]
 
 
+@contextmanager
+def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
+    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something."""
+    pipeline, parameters = make_pipeline(name, settings)
+    try:
+        yield pipeline, parameters
+    finally:
+        if isinstance(pipeline, Closes):
+            pipeline.close()
+
+
 def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:
     """Build a pipeline and return it with its parameters as the manifest shows them.
+
+    Args:
+        name: `NAME`, `FILE.py:CLASS`, or `NAME:ARGUMENT`, short for the parameter that the class takes from there.
+        settings: `NAME=VALUE`, applied after the argument.
 
     Raises:
         ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
     """
-    cls = load("pipelines", name)
+    parsed = parse_name(name)
+    cls = load("pipelines", parsed.plugin)
+    if parsed.argument is not None:
+        if not isinstance(cls, TakesArgument):
+            raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
+        settings = [f"{cls.argument}={parsed.argument}", *settings]
     absent = [method for method in ("start", "reset", "step") if not callable(getattr(cls, method, None))]
     if absent:
         raise ConfigError(f"pipeline '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Truth
 from fbench.replay.scores import Score, ScoreOptions
@@ -83,9 +83,14 @@ class Pipeline(Protocol):
 class BoxReader(Protocol):
     """What a log, or a file beside it, holds of another system's results."""
 
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses, which alone can move boxes from the world to the body."""
+        ...
+
     def detections(self, topic: str) -> Iterator[Truth]:
-        """Boxes of one topic, or of the file that was named beside the log where `topic` is empty, in the order of
-        their stamps; `log_ns` is when they were recorded.
+        """Boxes of one topic in the order in which they were recorded; where `topic` is empty, those of the file that
+        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded.
 
         Raises:
             LogError: where there is no such topic, naming the nearest ones.
@@ -108,6 +113,23 @@ class Closes(Protocol):
 
     def close(self) -> None:
         """Give it back; called once, at the end, also after an error."""
+        ...
+
+
+@runtime_checkable
+class TakesArgument(Protocol):
+    """A pipeline's class with a parameter that may follow its name: `exec:./my_stack`."""
+
+    argument: ClassVar[str]
+    """Name of that parameter."""
+
+
+@runtime_checkable
+class KeepsStderr(Protocol):
+    """A pipeline whose work is done by a program that talks."""
+
+    def stderr(self) -> bytes:
+        """What it wrote to stderr until now, bounded; may be any bytes."""
         ...
 
 

@@ -18,10 +18,12 @@ class RigPatch:
     """Topic of the messages of a name, where the file tells it (`rostopic` of Kalibr): another way to find a sensor."""
     places: Mapping[str, str] = field(default_factory=dict)
     """For errors: which file each name comes from."""
+    moving: Mapping[str, str] = field(default_factory=dict)
+    """Children whose pose a file can't tell, and why: `joint 'pan' (revolute)`. The log may."""
 
     def over(self, other: "RigPatch") -> "RigPatch":
         """Return both, this one going first where they name the same."""
         return RigPatch(
             {**other.edges, **self.edges}, {**other.cameras, **self.cameras}, {**other.topics, **self.topics},
-            {**other.places, **self.places},
+            {**other.places, **self.places}, {**other.moving, **self.moving},
         )  # fmt: skip

@@ -10,22 +10,25 @@ import numpy as np
 
 from fbench.replay.boxes import finite
 from fbench.replay.clock import Clock, VirtualClock
-from fbench.replay.data import Boxes, Frame, Output
+from fbench.replay.data import Boxes, Frame, Output, Rig
 from fbench.replay.digest import START, digest, link
-from fbench.replay.errors import FbenchError, RunError, one_line
+from fbench.replay.errors import FbenchError, LogError, RunError, one_line
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.frames import FrameStream
 from fbench.replay.host import package_versions
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
+from fbench.replay.manifest import FrameEntry, InputEntry, LogEntry, Manifest, TruthEntry, rig_entry
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
 from fbench.replay.protocols import Pipeline, Reader
+from fbench.replay.redact import redacted_manifest, redacted_record, redacted_rows
 from fbench.replay.restamp import StampParams
+from fbench.replay.secrets import clean_mapping, without_secrets
 from fbench.replay.store import FrameRecord, RunWriter
 from fbench.replay.sync import NOT_THERE, SyncCounts, SyncParams
 
+NUM_MEDIA = 8
 MAX_FAILURES_IN_A_ROW = 10
 """A pipeline that fails on so many frames in a row is given up."""
 
@@ -42,10 +45,18 @@ class Plan:
     excerpt: Excerpt = field(default_factory=Excerpt)
     topics: Sequence[str] = ()
     """Patterns with which the log was opened, for the manifest."""
+    sensors: Sequence[str] = ()
+    """Patterns of the sensors that the pipeline gets, see `sensor_choice`; empty: all."""
+    inputs: Sequence[InputEntry] = ()
+    """Files that decided how it was read, for the manifest."""
+    truth: TruthEntry | None = None
+    """The file that truth comes from, for the manifest."""
     clock: Clock = field(default_factory=VirtualClock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
-    num_media: int = 8
+    redact: bool = False
+    """Leave out of the run what tells whose log it is; see `redact`."""
+    num_media: int = NUM_MEDIA
     """So many frames at least keep images and points for reports, where the log has as many."""
     progress: Callable[[int], None] = lambda num_frames: None
     failed: Callable[[BaseException], None] = lambda error: None
@@ -90,10 +101,10 @@ class _Loop:
     """The state of one replay."""
 
     def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
-        self._rig, self._info = reader.rig, reader.info
         self._plan, self._faults, self._writer = plan, faults, writer
-        self.stream = FrameStream(reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults)
-        self._media = MediaKeeper(self._rig, plan.num_media)
+        self.stream = FrameStream(reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors)
+        self._rig, self._info = self.stream.rig, reader.info
+        self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
         self._segment: int | None = None
@@ -105,6 +116,7 @@ class _Loop:
             RunError: where it fails for a reason of its own.
         """
         try:
+            _require_plain_names(self._rig)
             self._plan.pipeline.start(self._rig, self._info)
         except FbenchError:
             raise
@@ -150,7 +162,7 @@ class _Loop:
 
     def _record(self, frame: Frame, output: Output | None, failed: str | None, total_ns: int) -> None:
         results = None if output is None else (output.detections, output.tracks)
-        missing = {**frame.missing, **({} if output is None else output.missing)}
+        missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
         content = [frame.index, frame.stamp_ns, frame.segment, missing, failed, results]
         frame_digest = digest(content)
         self._chain = link(self._chain, frame_digest)
@@ -159,8 +171,7 @@ class _Loop:
             self._writer.add_boxes(name, frame.index, boxes)
         number, stamp = frame.frame_number, frame.stamp_ns
         record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
-        stages = {} if output is None else output.stage_ns
-        self._writer.add_frame(record, {**stages, "total": total_ns})
+        self._writer.add_frame(record, _times(output, total_ns))
 
     def _count_invalid(self, where: str, boxes: Boxes) -> None:
         sane, scored = finite(boxes)
@@ -183,16 +194,22 @@ class _Loop:
         """Attach truth, explain what was missing, and write what isn't a table."""
         for index, truth in self.stream.labels(reader):
             self._writer.label_frame(index, truth)
+        if not self._plan.redact:
+            self._writer.set_poses(self.stream.poses.values)
         counts = self.stream.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
         self._writer.explain_missing(lambda record: self._explained(record, counts))
+        rows = self._faults.rows()
+        if self._plan.redact:
+            self._writer.explain_missing(redacted_record)
+            rows = redacted_rows(rows)
         self._writer.write_media(self._media.frames)
         faults = {
             "lost": self._faults.lost,
             "late_messages": counts.late,
             "unused_messages": counts.unused,
-            "rows": self._faults.rows(),
+            "rows": rows,
         }
         self._writer.write_json("faults.json", faults)
 
@@ -219,7 +236,7 @@ class _Loop:
         """Say what ran."""
         first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
         info, sync = self._info, self._plan.sync
-        return Manifest(
+        manifest = Manifest(
             complete=not self._plan.budget.exceeded(self._faults),
             log=LogEntry(
                 name=info.name,
@@ -238,8 +255,11 @@ class _Loop:
                 stamps=self._plan.stamps.source,
                 offsets_ns=dict(self._plan.stamps.offsets_ns),
                 topics=list(self._plan.topics),
+                sensors=list(self._plan.sensors),
                 excerpt=str(self._plan.excerpt),
             ),
+            inputs=list(self._plan.inputs),
+            truth=self._plan.truth,
             mounts=first.mounts,
             cameras=first.cameras,
             rig_changes=changed,
@@ -248,3 +268,27 @@ class _Loop:
             digest=self._chain,
             versions=package_versions(),
         )
+        return redacted_manifest(manifest) if self._plan.redact else manifest
+
+
+def _require_plain_names(rig: Rig) -> None:
+    """Refuse sensors whose names, which are all over a run, hold credentials.
+
+    Raises:
+        LogError: naming one without them.
+    """
+    for name in sorted({*rig.mounts, *rig.cameras}):
+        if (plain := without_secrets(name)) != name:
+            raise LogError(
+                f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
+                "([sensors.NAME] with its topic), or leave it out with --topics"
+            )
+
+
+def _times(output: Output | None, step_ns: int) -> dict[str, int]:
+    """Times of the stages and of the whole frame, which no step tells of what was computed elsewhere."""
+    if output is None:
+        return {"total": step_ns}
+    if output.latency_ns is not None:
+        return {**output.stage_ns, "total": output.latency_ns}
+    return dict(output.stage_ns) if output.is_elsewhere else {**output.stage_ns, "total": step_ns}

@@ -13,10 +13,16 @@ from fbench.replay.errors import ConfigError
 from fbench.replay.names import did_you_mean
 
 P = TypeVar("P")
+BY_SENSOR = "by_sensor"
+"""Field of a pipeline's parameters, `tuple[str, ...]`, that collects settings `SENSOR.field=value`; only the rig tells
+which sensors there are (`sensor_settings`).
+"""
 
 
 def apply_settings(params: P, settings: Sequence[str]) -> P:
     """Return a copy of `params` with each setting `name.field=value` applied.
+
+    Where they have a field `by_sensor`, it collects the settings whose name begins with none of their fields.
 
     Raises:
         ConfigError: for a setting without `=`, an unknown name (with the nearest one), a value of another type.
@@ -25,14 +31,42 @@ def apply_settings(params: P, settings: Sequence[str]) -> P:
         path, equals, text = setting.partition("=")
         if not equals:
             raise ConfigError(f"--set {setting}: expected NAME=VALUE, such as lidar.cluster.eps_m=0.6")
-        params = _with(params, path, path.split("."), text)
+        if _may_name_sensor(params, path.split(".")):
+            params = replace(params, **{BY_SENSOR: (*getattr(params, BY_SENSOR), setting)})  # type: ignore[type-var]
+        else:
+            params = set_parameter(params, path, path.split("."), text)
     return params
+
+
+def _may_name_sensor(params: object, names: list[str]) -> bool:
+    """Tell whether the first names are those of a sensor; it may be called as a field is, and have dots in its name."""
+    if not has_sensor_settings(params) or len(names) < 2 or names[0] == BY_SENSOR:
+        return False
+    if names[0] not in typing.get_type_hints(type(params)):
+        return True
+    known = parameter_paths(getattr(params, names[0]))
+    return ".".join(names[1:]) not in known and any(".".join(names[i:]) in known for i in range(2, len(names)))
+
+
+def has_sensor_settings(params: object) -> bool:
+    """Tell whether parameters can be set for single sensors."""
+    return is_dataclass(params) and any(f.name == BY_SENSOR for f in fields(params))
+
+
+def set_parameter(params: P, path: str, names: list[str], text: str) -> P:
+    """Return a copy of `params` with the parameter of these names set; `path` is what errors call it.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest one), or a value of another type.
+    """
+    changed: P = _with(params, path, names, text)
+    return changed
 
 
 def _with(params: Any, path: str, names: list[str], text: str) -> Any:
     name, *rest = names
     known = typing.get_type_hints(type(params))
-    if name not in known:
+    if name not in known or name == BY_SENSOR:
         # The nearest name is looked for among full paths, so that a forgotten prefix is found as well.
         done = path.split(".")[: -len(names)]
         paths = [".".join([*done, p]) for p in parameter_paths(params)]
@@ -97,6 +131,8 @@ def _walk(params: object) -> list[tuple[str, object]]:
         return []
     rows: list[tuple[str, object]] = []
     for f in fields(params):
+        if f.name == BY_SENSOR:
+            continue
         value = getattr(params, f.name)
         inner = _walk(value)
         rows += [(f"{f.name}.{path}", v) for path, v in inner] if is_dataclass(value) else [(f.name, value)]
@@ -105,7 +141,27 @@ def _walk(params: object) -> list[tuple[str, object]]:
 
 def describe(params: object) -> dict[str, object]:
     """Return all parameters by dotted name, JSON-ready; a file becomes its name and sha256."""
-    return {path: _described(value) for path, value in _walk(params)}
+    rows = _walk(params)
+    described = {path: _described(value) for path, value in rows}
+    return described | (_described_by_sensor(params) if has_sensor_settings(params) else {})
+
+
+def _described_by_sensor(params: Any) -> dict[str, object]:
+    files = {name for name, hint in _hints(type(params)) if Path in (hint, *typing.get_args(hint))}
+    described: dict[str, object] = {}
+    for setting in getattr(params, BY_SENSOR):
+        path, _, text = setting.partition("=")
+        is_file = path.rpartition(".")[2] in files and text != "none"
+        described[path] = _described(Path(text).expanduser()) if is_file else text
+    return described
+
+
+def _hints(cls: type) -> list[tuple[str, Any]]:
+    """Names and types of all single parameters of a class, without what precedes them."""
+    rows: list[tuple[str, Any]] = []
+    for name, hint in typing.get_type_hints(cls).items():
+        rows += _hints(hint) if is_dataclass(hint) and isinstance(hint, type) else [(name, hint)]
+    return rows
 
 
 def _described(value: object) -> object:

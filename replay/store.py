@@ -14,6 +14,7 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import pyarrow as pa
 
+from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes, Truth
 from fbench.replay.errors import ConfigError, RunError
@@ -21,10 +22,12 @@ from fbench.replay.files import swap
 from fbench.replay.manifest import Manifest, load_manifest, save_manifest
 from fbench.replay.media import MediaFrame, read_media, write_media
 from fbench.replay.scores import Score, load_scores
-from fbench.replay.tables import BoxTable, BoxWriter, read_boxes, read_table, write_table
+from fbench.replay.tables import BoxTable, BoxWriter, column_array, read_boxes, read_table, write_table
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
+FRAMES, POSE = "frames.parquet", "pose"
+"""The table of frames; its column that is there where the log has poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,7 @@ class RunWriter:
         self._rows: dict[int, int] = {}
         self._timings = _Timings()
         self._writers: dict[str, BoxWriter] = {}
+        self._poses: Float64 | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -97,14 +101,18 @@ class RunWriter:
 
     def label_frame(self, index: int, truth: Truth) -> None:
         """Attach truth to frame `index`."""
-        named = (("3d", truth.boxes3d), ("2d", truth.boxes2d))
-        spaces = " ".join(name for name, boxes in named if boxes is not None)
         row = self._rows[index]
-        self._records[row] = replace(self._records[row], truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
+        self._records[row] = with_truth(self._records[row], truth)
         if truth.boxes3d is not None:
             self.add_boxes("truth", index, truth.boxes3d)
         if truth.boxes2d is not None:
             self.add_boxes("truth_2d", index, truth.boxes2d)
+
+    def set_poses(self, poses: Float64) -> None:
+        """Say where the body was: position [m] and quaternion x, y, z, w (N, 7) of all frames of the log by index, NaN
+        where unknown.
+        """
+        self._poses = poses
 
     def write_json(self, name: str, content: object) -> None:
         """Write a JSON file into the folder."""
@@ -119,7 +127,8 @@ class RunWriter:
         for writer in self._writers.values():
             writer.close()
         self._writers = {}
-        write_table(self.partial / "frames.parquet", _frame_columns(self._records))
+        rows = [record.index for record in self._records]
+        write_frames(self.partial / FRAMES, self._records, None if self._poses is None else self._poses[rows])
         write_table(self.partial / "timings.parquet", self._timings.columns())
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
@@ -179,6 +188,35 @@ def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
     }
 
 
+def with_truth(record: FrameRecord, truth: Truth | None) -> FrameRecord:
+    """Return a frame with the stamp and kinds of its truth."""
+    if truth is None:
+        return replace(record, truth_stamp_ns=None, truth_spaces="")
+    named = (("3d", truth.boxes3d), ("2d", truth.boxes2d))
+    spaces = " ".join(name for name, boxes in named if boxes is not None)
+    return replace(record, truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
+
+
+def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | None) -> None:
+    """Write the table of frames.
+
+    Args:
+        path: Of the file.
+        records: The frames.
+        poses: (N, 7) where the body was at each: position [m] and quaternion x, y, z, w, NaN where unknown.
+    """
+    write_table(path, {**_frame_columns(records), **({} if poses is None else _pose_column(poses))})
+
+
+def _pose_column(poses: Float64) -> dict[str, pa.Array]:
+    """None where no pose is known."""
+    known = np.isfinite(poses).all(axis=1)
+    if not known.any():
+        return {}
+    rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
+    return {POSE: pa.FixedSizeListArray.from_arrays(rows, poses.shape[1], mask=pa.array(~known))}
+
+
 @dataclass(frozen=True)
 class Run:
     """A finished run, read from its folder; tables are read when first used."""
@@ -193,14 +231,22 @@ class Run:
     @cached_property
     def frames(self) -> tuple[FrameRecord, ...]:
         """All frames, in order."""
-        path = self.folder / "frames.parquet"
+        path = self.folder / FRAMES
         table = read_table(path)
         names = [f.name for f in fields(FrameRecord)]
-        if sorted(table.column_names) != sorted(names):
+        if sorted(set(table.column_names) - {POSE}) != sorted(names):
             raise RunError(f"{path}: can't be read (not a table of frames)")
         # In small pieces: Python objects of whole columns would take more memory than all else.
         batches = table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE)
         return tuple(_record(row) for batch in batches for row in batch.to_pylist())
+
+    @cached_property
+    def poses(self) -> Float64:
+        """(N, 7) where the body was at each of `frames`: position [m] and quaternion x, y, z, w; NaN where unknown."""
+        table = read_table(self.folder / FRAMES)
+        if POSE not in table.column_names:
+            return np.full((table.num_rows, 7), np.nan)
+        return np.asarray(column_array(table.column(POSE)), np.float64)
 
     @cached_property
     def _spaces(self) -> dict[int, str]:
@@ -245,7 +291,7 @@ class Run:
 
     @cached_property
     def timings(self) -> dict[str, list[int]]:
-        """Wall time [ns] of each stage over the frames in which it ran, and `total` of every frame."""
+        """Wall time [ns] of each stage over the frames in which it ran, and `total` of the frames that have one."""
         table = read_table(self.folder / "timings.parquet")
         stages: dict[str, list[int]] = {}
         for batch in table.select(["stage", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):

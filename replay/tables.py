@@ -112,7 +112,7 @@ def read_boxes(path: Path) -> BoxTable:
         raise RunError(f"{path}: can't be read (not a table of boxes)")
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
     present = (pq.read_metadata(path).metadata or {}).get(b"present", b"").decode().split(",")
-    arrays = {f.name: _array(table.column(f.name)) for f in fields(kind) if f.name in present}
+    arrays = {f.name: column_array(table.column(f.name)) for f in fields(kind) if f.name in present}
     frames, boxes = table.column("frame").to_numpy(), _boxes(kind, arrays)
     order = np.argsort(frames, kind="stable")
     return BoxTable(frames[order], boxes[order])
@@ -122,7 +122,8 @@ def _boxes(kind: type[Boxes2D] | type[Boxes3D], arrays: dict[str, Any]) -> Boxes
     return replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
 
 
-def _array(column: pa.ChunkedArray) -> Array:
+def column_array(column: pa.ChunkedArray) -> Array:
+    """Return a column as an array; nulls become NaN, -1 or empty."""
     chunk = column.combine_chunks()
     if isinstance(chunk, pa.ChunkedArray):
         chunk = pa.concat_arrays(chunk.chunks) if chunk.num_chunks else pa.array([], column.type)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.fusion.flat import FlatView, flat_view
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Float64
@@ -55,37 +56,45 @@ class Sighting:
 def sightings(
     rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: FusionParams
 ) -> list[Sighting]:
-    """Lift the boxes of one image whose label has a typical size."""
+    """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out."""
     rows = [i for i in range(len(found)) if str(found.label[i]) in SIZES]
+    views = [flat_view(rig, camera, found.xyxy_px[i]) for i in rows]
     return [
-        _sighting(rig, camera, found.xyxy_px[i], str(found.label[i]), float(found.score[i]), plane, params)
-        for i in rows
+        _sighting(rig, camera, found.xyxy_px[i], view, str(found.label[i]), float(found.score[i]), plane, params)
+        for i, view in zip(rows, views, strict=True)
+        if view is not None
     ]
 
 
 def _sighting(
-    rig: Rig, camera: str, xyxy: Float64, label: str, score: float, plane: Plane | None, params: FusionParams
+    rig: Rig,
+    camera: str,
+    xyxy: Float64,
+    view: FlatView,
+    label: str,
+    score: float,
+    plane: Plane | None,
+    params: FusionParams,
 ) -> Sighting:
-    model, body_T_camera = rig.cameras[camera], rig.body_T_sensor(camera)
-    left, top, right, bottom = (float(value) for value in xyxy)
+    """Lift one box: borders of the image cut it as recorded, all else is seen without lens distortion."""
+    model, body_T_camera = rig.cameras[camera], view.body_T_view
+    cut = _cut(xyxy, model.size_wh)
+    left, top, right, bottom = (float(value) for value in view.xyxy_px)
     middle = ((left + right) / 2 - model.K[0, 2]) / model.K[0, 0]
     low = np.array([middle, (bottom - model.K[1, 2]) / model.K[1, 1], 1.0])
     ray = (body_T_camera[:3, :3] * low).sum(axis=1)
     eye = body_T_camera[:3, 3]
-    width_px, height_px = model.size_wh
-    cut_low, cut_high = bottom > height_px - 1 - _EDGE_PX, top < _EDGE_PX
     length, width, height, spread = SIZES[label]
     by_height = (model.K[1, 1] * height / max(bottom - top, 1.0), float(np.hypot(spread, 0.04)))
-    by_height = (by_height[0], 0.3) if cut_low or cut_high else by_height
-    by_ground = None if cut_low or plane is None else _on_ground(ray, eye, plane, params.tilt_std_rad)
+    by_height = (by_height[0], 0.3) if cut.low or cut.high else by_height
+    by_ground = None if cut.low or plane is None else _on_ground(ray, eye, plane, params.tilt_std_rad)
     depth, std = _joined(by_height, by_ground)
     tall = (bottom - top) * depth / model.K[1, 1]
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
         length, width = SIZES["van"][:2]
     wide = (right - left) * depth / model.K[0, 0]
-    cut_left, cut_right = left < _EDGE_PX, right > width_px - 1 - _EDGE_PX
     hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
-    aspect = np.pi / 2 if hidden and cut_left != cut_right else _aspect(wide, length, width)
+    aspect = np.pi / 2 if hidden and cut.left != cut.right else _aspect(wide, length, width)
     return Sighting(
         camera=camera,
         xyxy_px=xyxy,
@@ -98,9 +107,25 @@ def _sighting(
         depth_m=float(length * np.cos(aspect) + width * np.sin(aspect)) / 2,
         aspect_rad=float(aspect),
         size_lwh_m=np.array([length, width, tall if spread > 0.3 else height]),
-        beside_m=hidden * (int(cut_left) - int(cut_right)),
-        cut=cut_left or cut_right,
+        beside_m=hidden * (int(cut.left) - int(cut.right)),
+        cut=cut.left or cut.right,
     )
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """Which borders of the image cut a box off."""
+
+    left: bool
+    high: bool
+    right: bool
+    low: bool
+
+
+def _cut(xyxy: Float64, size_wh: tuple[int, int]) -> _Cut:
+    left, top, right, bottom = (float(value) for value in xyxy)
+    width, height = size_wh
+    return _Cut(left < _EDGE_PX, top < _EDGE_PX, right > width - 1 - _EDGE_PX, bottom > height - 1 - _EDGE_PX)
 
 
 def _on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:

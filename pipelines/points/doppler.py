@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -24,6 +25,8 @@ class DopplerParams:
 
     period_mps: float | None = None
     """Velocities alias with this period [m/s]; 0: unambiguous; none: as the log's metadata say, else unambiguous."""
+    ego_motion: Literal["included", "removed"] | None = None
+    """Whether velocities hold the vehicle's own motion; none: as the log's metadata say, else they do."""
     max_reverse_mps: float = 5.0
     """Fastest backwards [m/s]."""
     max_forward_mps: float = 45.0
@@ -60,6 +63,21 @@ def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerPa
     of_all = _logged_period(PERIOD_KEY, log_info)
     own = {name: _logged_period(f"radar.{name}.velocity_period_mps", log_info) for name in radars}
     return {name: (of_all or 0.0) if period is None else period for name, period in own.items()}
+
+
+def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
+    """Return parameters that say whether a radar's velocities hold the vehicle's own motion.
+
+    Raises:
+        LogError: where the log says something else.
+    """
+    key = f"radar.{radar}.ego_motion"
+    text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))
+    if params.ego_motion is not None:
+        return params
+    if text not in ("included", "removed"):
+        raise LogError(f"log '{log_info.name}': metadata {key}: expected 'included' or 'removed', got '{text}'")
+    return replace(params, ego_motion="removed" if text == "removed" else "included")
 
 
 def _logged_period(key: str, log_info: LogInfo) -> float | None:
@@ -126,6 +144,6 @@ def range_rates(echoes: Echoes, params: DopplerParams) -> Float64:
     """Radial velocity (N,) [m/s] over ground of the echoes of one radar; NaN where it measures no velocities."""
     measured = echoes[np.isfinite(echoes.radial_velocity_mps)]
     velocity = np.zeros(2)
-    if len(measured.xyz) >= params.min_echoes:
+    if len(measured.xyz) >= params.min_echoes and params.ego_motion != "removed":
         velocity = sensor_velocity(measured, params)
     return over_ground(echoes, velocity)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.checks import require_ranges
+from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
@@ -33,12 +33,18 @@ class LidarClusterParams:
         require_ranges("lidar.cluster", self, ranges)
 
 
+OWN = ("min_range_m", "max_range_m")
+"""Parameters that may differ between LiDARs: what acts before their points are merged."""
+
+
 @dataclass(frozen=True)
 class LidarParams:
     """Parameters of detection by LiDAR."""
 
     min_range_m: float = 2.5
     """Points nearer to the LiDAR [m] lie on the own vehicle."""
+    max_range_m: float | None = None
+    """Points farther from the LiDAR [m] are left out; none: all are used."""
     ego_front_m: float = 4.0
     """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
     ego_rear_m: float = 2.5
@@ -57,6 +63,8 @@ class LidarParams:
     def __post_init__(self) -> None:
         names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")
         require_ranges("lidar", self, dict.fromkeys(names, (0.0, 1000.0)))
+        if self.max_range_m is not None:
+            require_between("lidar.max_range_m", self.max_range_m, 0.1, 10_000.0)
         self.size.check("lidar.size")
 
 

@@ -25,25 +25,29 @@ class Echoes:
     """(N,) radar cross section or uncalibrated magnitude; NaN where the sensor gives none."""
     period_mps: float = 0.0
     """Velocities alias with this period [m/s]; 0: unambiguous."""
+    sensor: str = ""
+    """Name of the radar."""
 
     def __getitem__(self, rows: Bool) -> "Echoes":
         """Select rows by mask."""
         columns = self.xyz[rows], self.direction[rows], self.radial_velocity_mps[rows], self.magnitude_db[rows]
-        return Echoes(*columns, self.period_mps)
+        return Echoes(*columns, self.period_mps, self.sensor)
 
 
-def lidar_points(rig: Rig, frame: Frame, min_range_m: float) -> Float64 | None:
+def lidar_points(rig: Rig, frame: Frame, ranges_m: Mapping[str, tuple[float, float]]) -> Float64 | None:
     """Points (N, 3) [m] of all LiDARs in body coordinates, in lexicographic order; `None` where no LiDAR delivered.
 
-    Points nearer to their sensor than `min_range_m` lie on the vehicle itself and are left out.
+    `ranges_m` gives for each LiDAR the least and the largest distance of points from it; nearer ones lie on the
+    vehicle itself.
     """
     clouds = [m for m in _in_order(frame) if isinstance(m, PointCloud)]
     if not clouds:
         return None
     parts = []
     for cloud in clouds:
-        far = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz) >= min_range_m**2
-        parts.append(transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[far]))
+        low, high = ranges_m[cloud.sensor]
+        square = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz)
+        parts.append(transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[(square >= low**2) & (square <= high**2)]))
     merged = np.concatenate(parts)
     return merged[np.lexsort(merged.T[::-1])]
 
@@ -107,4 +111,4 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = np.lexsort((*columns[::-1], *xyz.T[::-1]))
-    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order], period_mps)
+    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order], period_mps, scan.sensor)

@@ -1,7 +1,7 @@
 """Radar detection: moving echoes clustered by place and velocity."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.doppler import DopplerParams, range_rates
 from fbench.pipelines.points.merged import Echoes
 from fbench.pipelines.points.vehicle import VehicleSize
-from fbench.replay.arrays import Float64, Int64
+from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes3D
 
 _ECHO_HEIGHT_M = 0.3
@@ -32,6 +32,10 @@ class RadarClusterParams:
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
         require_ranges("radar.cluster", self, ranges)
+
+
+OWN = ("max_range_m", "min_magnitude_db", "doppler")
+"""Parameters that may differ between radars: what acts before their echoes are clustered."""
 
 
 @dataclass(frozen=True)
@@ -88,16 +92,22 @@ class Compensated:
     """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
 
 
-def compensate(scans: Sequence[Echoes], params: RadarParams) -> Compensated:
-    """Merge the echoes of one or several radars within range, and take the ego motion out of their velocities."""
+def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compensated:
+    """Merge the echoes of one or several radars, whose parameters `own` holds by name, within range, and take the ego
+    motion out of their velocities: each radar moves in its own way where the vehicle turns.
+    """
     xyz = np.concatenate([scan.xyz for scan in scans])
-    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.max_range_m
-    # Unknown magnitudes are NaN, and no reason to drop an echo.
-    near &= ~(np.concatenate([scan.magnitude_db for scan in scans]) < params.min_magnitude_db)
+    near = np.concatenate([_is_near(scan, own[scan.sensor]) for scan in scans])
     direction = np.concatenate([scan.direction for scan in scans])
-    rate = np.concatenate([range_rates(scan, params.doppler) for scan in scans])
+    rate = np.concatenate([range_rates(scan, own[scan.sensor].doppler) for scan in scans])
     period = np.concatenate([np.full(len(scan.xyz), scan.period_mps) for scan in scans])
     return Compensated(xyz[near], direction[near], rate[near], period[near])
+
+
+def _is_near(scan: Echoes, params: RadarParams) -> Bool:
+    """Tell which echoes (N,) are used; unknown magnitudes are NaN, and no reason to drop an echo."""
+    near = np.hypot(scan.xyz[:, 0], scan.xyz[:, 1]) < params.max_range_m
+    return np.asarray(near & ~(scan.magnitude_db < params.min_magnitude_db), np.bool_)
 
 
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:

@@ -22,6 +22,7 @@ from fbench.replay.logs.storage import Storage, storage
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.protocols import Pipeline
 from fbench.replay.restamp import StampParams
+from fbench.replay.sensor_choice import chosen_sensors
 from fbench.replay.survey import Topic, reference_of, topics_of
 from fbench.replay.sync import SyncParams
 
@@ -36,6 +37,8 @@ class CheckOptions:
     """Decode all images, not only their headers."""
     pipeline: tuple[str, Pipeline] | None = None
     """Name and pipeline, to say what it would miss."""
+    sensors: tuple[str, ...] = ()
+    """Patterns of the sensors that frames wait for and the pipeline gets, see `sensor_choice`; empty: all."""
     ignored: tuple[str, ...] = ()
     """Codes that count as information only."""
     progress: Callable[[int], None] = lambda num_messages: None
@@ -73,7 +76,7 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
 
     Raises:
         LogError: where the log can't be read.
-        ConfigError: where the reference or a sensor with an offset isn't in the log.
+        ConfigError: where the reference, a sensor with an offset or a chosen sensor isn't in the log.
         FbenchError: where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
@@ -89,8 +92,10 @@ class _Check:
         self._known: PartialRig = partial_rig(reader)
         self._rig = self._known.rig
         self._reference = reference_of(reader, self._known, options.sync)
-        expected = (*self._known.kinds, *reader.poses)
-        options.stamps.require_known(expected)
+        chosen = chosen_sensors(self._known.kinds, options.sensors)
+        self._left_out = frozenset(self._known.kinds) - frozenset(chosen)
+        expected = (*chosen, *reader.poses)
+        options.stamps.require_known((*self._known.kinds, *reader.poses))
         self._kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **self._known.kinds}
         self._frames = None if self._reference is None else FrameCheck(expected, self._reference, options.sync)
         self._trial = None if options.pipeline is None else Trial(*options.pipeline)
@@ -120,7 +125,7 @@ class _Check:
         if rig is None:
             trial.problems.append(finding("CHK008", "", f"{trial.name} can't start: the rig is incomplete"))
         else:
-            trial.start(rig, self._reader.info)
+            trial.start(rig.without(self._left_out), self._reader.info)
 
     def _take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
         if isinstance(item, RigChange):

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.arrays import Array, Bool, Int64
-from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.boxes import Boxes2D
 from fbench.replay.check.finding import Finding, finding
 from fbench.replay.data import Boxes, Truth
 from fbench.replay.labelling import TOLERANCE_NS
+from fbench.replay.truth_boxes import is_real
 
 
 @dataclass
@@ -66,7 +67,7 @@ class TruthCheck:
         if repeated := _num_repeated(boxes):
             self.num_repeated += repeated
             self.first_repeated = self.first_repeated or where
-        if unreal := int(np.count_nonzero(_unreal(boxes))):
+        if unreal := int(np.count_nonzero(~is_real(boxes))):
             self.num_unreal += unreal
             self.first_unreal = self.first_unreal or where
 
@@ -78,13 +79,6 @@ def _num_repeated(boxes: Boxes) -> int:
     cameras = boxes.camera.tolist() if isinstance(boxes, Boxes2D) else [""] * len(boxes)
     keys = list(zip(cameras, boxes.track_id.tolist(), strict=True))
     return len(keys) - len(dict.fromkeys(keys))
-
-
-def _unreal(boxes: Boxes) -> Bool:
-    sane, _ = finite(boxes)
-    sizes = boxes.size_lwh_m if isinstance(boxes, Boxes3D) else boxes.xyxy_px[:, 2:] - boxes.xyxy_px[:, :2]
-    real: Bool = sane & np.all(sizes > 0, axis=1)
-    return ~real
 
 
 def _near(stamps: Int64, others: Int64) -> Bool:

@@ -4,12 +4,14 @@ import os
 import signal
 import sys
 import traceback
+from types import FrameType
 from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import compare, demo, examples, log, plugins, replay, report, score, verify
+from fbench.replay.cli import compare, demo, examples, init, log, plugins, replay, report, score, verify
 from fbench.replay.errors import EXIT_DATA, EXIT_USAGE, FbenchError
+from fbench.replay.secrets import without_secrets
 
 app = typer.Typer(
     name="fbench",
@@ -19,6 +21,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.command("demo", epilog=examples.DEMO)(demo.demo)
+app.command("init", epilog=examples.INIT)(init.init)
 app.command("replay", epilog=examples.REPLAY)(replay.replay)
 app.command("score", epilog=examples.SCORE)(score.score)
 app.command("report", epilog=examples.REPORT)(report.report)
@@ -55,7 +58,7 @@ def main() -> None:
     # Arrow's own allocator keeps what it once had, and tens of megabytes add up.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     # So that a cancelled job cleans up behind itself.
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+    signal.signal(signal.SIGTERM, _terminate)
     arguments = sys.argv[1:]
     debug = "--debug" in arguments
     try:
@@ -64,12 +67,22 @@ def main() -> None:
         sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
     except typer.Abort:
         sys.exit(128 + signal.SIGINT)
+    except _TerminatedError:
+        sys.exit(128 + signal.SIGTERM)
     except (FbenchError, OSError, _UsageError) as error:
         if debug:
-            traceback.print_exception(error)
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
         if line := _line(error):  # empty where help was shown instead
             sys.stderr.write(f"fbench: {line}\n")
         sys.exit(_code(error))
+
+
+class _TerminatedError(BaseException):
+    """SIGTERM came. Nobody takes it for the failure of a plug-in, as they do with SystemExit."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _TerminatedError
 
 
 def _line(error: Exception) -> str:
@@ -79,7 +92,7 @@ def _line(error: Exception) -> str:
     else:
         text = error.format_message() if isinstance(error, _UsageError) else str(error)
         text += f" [{error.code}]" if isinstance(error, FbenchError) and error.code else ""
-    return "".join(c if c.isprintable() else " " for c in text)
+    return "".join(c if c.isprintable() else " " for c in without_secrets(text))
 
 
 def _code(error: Exception) -> int:

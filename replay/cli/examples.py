@@ -3,6 +3,7 @@
 _HEAD = "[bold]Examples[/bold]\n\n"
 
 DEMO = f"{_HEAD}fbench demo\n\nfbench demo --out /tmp/demo"
+INIT = f"{_HEAD}fbench init log.mcap\n\nfbench init log.mcap -o configs/car.toml --overwrite"
 REPLAY = (
     f"{_HEAD}fbench replay log.mcap --pipeline lidar3d\n\n"
     "fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report\n\n"
@@ -20,6 +21,10 @@ LOG_INFO = f"{_HEAD}fbench log info log.mcap\n\nfbench log info log.mcap --json"
 LOG_CHECK = (
     f"{_HEAD}fbench log check log.mcap\n\nfbench log check log.mcap -p late3d --timeout-ms 50\n\n"
     "fbench log check log.bag --ignore LOG006 --json"
+)
+LOG_PREVIEW = (
+    f"{_HEAD}fbench log preview log.mcap\n\nfbench log preview log.mcap -o pictures --frames 100:200 --num 4\n\n"
+    "fbench log preview log.bag --offset lidar=-50 --topics '!rear*' --overwrite"
 )
 LOG_CONVERT = (
     f"{_HEAD}fbench log convert drive.mcap -o drive.parquet\n\n"

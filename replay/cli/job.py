@@ -14,6 +14,7 @@ from fbench.replay.cli.progress import frame_progress
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.clock import Pace, make_clock
 from fbench.replay.config.source import LogSource
+from fbench.replay.data import LogInfo
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
@@ -21,12 +22,13 @@ from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
 from fbench.replay.pipeline_name import parse_name
 from fbench.replay.plugins import load, opened_pipeline
-from fbench.replay.protocols import KeepsStderr, Pipeline
-from fbench.replay.protocols import UsesLog
+from fbench.replay.protocols import KeepsStderr, Pipeline, UsesLog
 from fbench.replay.read_ahead import DEFAULT, opened_ahead
+from fbench.replay.redact import public_name, public_pipeline
 from fbench.replay.restamp import StampParams
-from fbench.replay.run import Plan, replay
+from fbench.replay.run import NUM_MEDIA, Plan, replay
 from fbench.replay.scores import ScoreOptions
+from fbench.replay.secrets import without_secrets
 from fbench.replay.store import Run
 from fbench.replay.sync import SyncParams
 
@@ -49,26 +51,34 @@ class Job:
     """Messages to decode in advance; `None`: as many as fit into the memory set aside for it."""
     budget: FaultBudget = field(default_factory=FaultBudget)
     scoring: ScoreOptions = field(default_factory=ScoreOptions)
+    no_media: bool = False
+    redact: bool = False
     report: bool = False
     debug: bool = False
     """Show the traceback of the first frame that fails."""
 
     @property
-    def folder(self) -> Path:
-        """Where the run goes."""
-        return self.out or Path("runs") / f"{self.log.path.stem}-{short_name(self.pipeline)}"
+    def name(self) -> str:
+        """The pipeline's, for the manifest."""
+        return short_name(public_pipeline(self.pipeline) if self.redact else self.pipeline)
+
+    def folder(self, info: LogInfo) -> Path:
+        """Where the run of a log goes."""
+        log = public_name(info) if self.redact else without_secrets(self.log.path.stem)
+        return self.out or Path("runs") / f"{log}-{self.name}"
 
 
 def short_name(pipeline: str) -> str:
     """A pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`."""
-    return parse_name(pipeline).short
+    return parse_name(without_secrets(pipeline)).short
 
 
 def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
-    """Write what the pipeline's program said, if it has one and that said something."""
-    text = pipeline.stderr() if isinstance(pipeline, KeepsStderr) else b""
-    if text:
-        (folder / "stderr.txt").write_bytes(text)
+    """Write what the pipeline's program said, if it has one and that said something; without credentials."""
+    data = pipeline.stderr() if isinstance(pipeline, KeepsStderr) else b""
+    if data:
+        text = without_secrets(data.decode(errors="surrogateescape"))
+        (folder / "stderr.txt").write_bytes(text.encode(errors="surrogateescape"))
 
 
 def run_job(job: Job) -> Run:
@@ -80,40 +90,44 @@ def run_job(job: Job) -> Run:
         wall_s = round(time.monotonic() - start, 3)
         host = {**describe_host(), "rate": job.rate, "wall_s": wall_s, **_measured(clock.pace)}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
-        keep_stderr(pipeline, folder)
+        if not job.redact:
+            keep_stderr(pipeline, folder)
         score_folder(folder, job.scoring)
 
     faults = FaultLog()
-    name = short_name(job.pipeline)
     # What a plug-in prints must not get between the lines of --json.
     with (
         redirect_stdout(sys.stderr),
         opened_pipeline(job.pipeline, job.settings) as (pipeline, parameters),
         explained(faults),
-        frame_progress(f"{job.log.path.name} → {name}") as progress,
+        frame_progress(f"{job.log.path.name} → {job.name}") as progress,
     ):
         plan = Plan(
             pipeline,
-            name,
+            job.name,
             parameters,
             sync=job.sync,
             stamps=job.stamps,
             excerpt=job.excerpt,
             topics=job.log.topics,
             sensors=job.sensors,
-            inputs=job.log.inputs,
+            inputs=job.log.used(),
+            truth=job.log.truth_entry(),
             clock=clock,
             budget=job.budget,
+            redact=job.redact,
+            num_media=0 if job.no_media else NUM_MEDIA,
             progress=progress,
             failed=_first_traceback(job.debug),
         )
         if isinstance(pipeline, UsesLog):
             pipeline.use_log(job.log.open(faults))
         with opened_ahead(job.log.open, faults, job.read_ahead) as reader:
-            replay(reader, plan, job.folder, faults, job.overwrite, complete)
-    run = Run(job.folder)
+            folder = job.folder(reader.info)
+            replay(reader, plan, folder, faults, job.overwrite, complete)
+    run = Run(folder)
     if job.report:
-        load("reports", "html")().write([run], job.folder / "report.html")
+        load("reports", "html")().write([run], folder / "report.html")
     return run
 
 
@@ -124,7 +138,7 @@ def _first_traceback(debug: bool) -> Callable[[BaseException], None]:
     def show(error: BaseException) -> None:
         if left:
             left.pop()
-            traceback.print_exception(error, file=sys.stderr)
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
 
     return show
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import examples, log_convert
+from fbench.replay.cli import examples, log_convert, log_preview
 from fbench.replay.cli.log_options import Config, RigFiles, TruthFile, TruthFormat, TruthFrame
 from fbench.replay.cli.options import (
     Json,
@@ -63,6 +63,7 @@ def check(
     from fbench.replay.cli.log_check import CheckJob, run_check
     from fbench.replay.cli.log_options import box_source
     from fbench.replay.config.source import LogWish, log_source
+    from fbench.replay.sensor_choice import make_sensors
 
     filed = box_source(truth, truth_format, truth_frame)
     source = log_source(LogWish(log, config, rig or [], filed, None, topics or []))
@@ -80,6 +81,7 @@ def check(
     raise typer.Exit(run_check(job))
 
 
+app.command("preview", epilog=examples.LOG_PREVIEW)(log_preview.preview)
 app.command("convert", epilog=examples.LOG_CONVERT)(log_convert.convert)
 
 

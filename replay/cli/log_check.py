@@ -20,7 +20,7 @@ from fbench.replay.config.source import LogSource
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 from fbench.replay.faults import FaultLog
 from fbench.replay.plugins import opened_pipeline
-from fbench.replay.protocols import Pipeline
+from fbench.replay.protocols import Pipeline, UsesLog
 from fbench.replay.restamp import StampParams
 from fbench.replay.sync import SyncParams
 
@@ -32,6 +32,7 @@ class CheckJob:
     log: LogSource
     pipeline: str | None = None
     settings: list[str] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     ignored: list[str] = field(default_factory=list)
@@ -46,9 +47,13 @@ def run_check(job: CheckJob) -> int:
     # What a plug-in prints must not get between the lines of --json.
     with redirect_stdout(sys.stderr), _tried(job) as pipeline, explained(faults):
         reader = job.log.open(faults)
+        if pipeline is not None and isinstance(pipeline[1], UsesLog):
+            pipeline[1].use_log(job.log.open(faults))
         total = sum(reader.container.counts.values())
         with message_progress(f"{job.log.path.name}: reading all", total) as progress:
-            options = CheckOptions(job.sync, job.stamps, job.decode_images, pipeline, tuple(job.ignored), progress)
+            options = CheckOptions(
+                job.sync, job.stamps, job.decode_images, pipeline, tuple(job.sensors), tuple(job.ignored), progress
+            )
             result = check_log(reader, faults, options)
     if job.as_json:
         print_json(_content(result))

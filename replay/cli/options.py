@@ -72,4 +72,9 @@ Stamps = Annotated[
 ReadAhead = Annotated[
     str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
+NoMedia = Annotated[bool, typer.Option("--no-media", help="Keep no images and no points in the run.")]
+Redact = Annotated[
+    bool,
+    typer.Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses."),
+]
 Iou = Annotated[float, typer.Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]

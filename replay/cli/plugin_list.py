@@ -10,7 +10,7 @@ from fbench.replay.errors import ConfigError
 from fbench.replay.field_docs import parameter_docs
 from fbench.replay.names import did_you_mean
 from fbench.replay.plugins import Group, default_params, found, load
-from fbench.replay.settings import describe
+from fbench.replay.settings import BY_SENSOR, describe, has_sensor_settings
 
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
@@ -37,6 +37,8 @@ def show_parameters(group: str, name: str) -> None:
     docs = parameter_docs(params)
     for path, value in ({} if params is None else describe(params)).items():
         table.add_row(path, "none" if value is None else str(value), escape(docs.get(path, "")))
+    if has_sensor_settings(params):
+        table.add_row("SENSOR.NAME", "", escape(docs.get(BY_SENSOR, "")))
     console().print(table)
 
 

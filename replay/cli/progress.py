@@ -14,6 +14,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from fbench.replay.secrets import without_secrets
+
 
 @contextmanager
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
@@ -21,7 +23,7 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(title, total=total or None)
+        task = progress.add_task(without_secrets(title), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
@@ -36,7 +38,7 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(title, total=None)
+        task = progress.add_task(without_secrets(title), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
 
@@ -47,5 +49,5 @@ def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     done = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     columns = (SpinnerColumn(), TextColumn("{task.description}"), *done)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(title, total=None)
+        task = progress.add_task(without_secrets(title), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)

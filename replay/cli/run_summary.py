@@ -26,6 +26,8 @@ def show_run(run: Run, as_json: bool) -> None:
     out.print()
     latency = run.json("latency.json")
     out.print(latency_table(latency))
+    if latency.get("clock") == "log":
+        out.print("latency is from times of recording in the log, not measured here")
     out.print(f"{latency['over_budget']} of {latency['frames']} frames over the budget of {latency['budget_ms']:g} ms")
     out.print()
     for line in _status(run):

@@ -49,6 +49,8 @@ def run(task: Task) -> None:
         _log(task) as log,
         opened_ahead(log.open, faults, task.read_ahead) as ahead,
     ):
+        if isinstance(pipeline, UsesLog):
+            pipeline.use_log(log.open(faults))
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
         plan = Plan(
@@ -60,7 +62,8 @@ def run(task: Task) -> None:
             excerpt=task.excerpt,
             topics=log.topics,
             sensors=task.sensors,
-            inputs=log.inputs,
+            inputs=log.used(),
+            truth=log.truth_entry(),
             clock=make_clock(task.rate, task.sync.max_gap_ns),
             num_media=0,
         )

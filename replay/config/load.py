@@ -14,7 +14,9 @@ from fbench.replay.rig_patch import RigPatch
 from fbench.replay.rigfiles.open import open_rig_file
 
 MAX_BYTES = 1024 * 1024
-_TABLES: Mapping[str, type[BaseModel]] = {"frames": FramesTable, "body": BodyTable, "truth": BoxesTable, "results": BoxesTable}
+_TABLES: Mapping[str, type[BaseModel]] = {
+    "frames": FramesTable, "body": BodyTable, "truth": BoxesTable, "results": BoxesTable,
+}  # fmt: skip
 
 
 def load_config(path: Path) -> Config:

@@ -1,18 +1,19 @@
 """A log as the command line names it: the file, and everything that is said about it."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from fbench.replay.boxfiles.digest import digest_of
 from fbench.replay.config.find import found_config
 from fbench.replay.config.load import load_config, setup_of
 from fbench.replay.config.model import Config, FramesTable
+from fbench.replay.errors import ConfigError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import BoxSource, Setup
-from fbench.replay.manifest import InputEntry
+from fbench.replay.manifest import InputEntry, TruthEntry
 from fbench.replay.restamp import StampParams, make_stamp_params
 from fbench.replay.rigfiles.open import open_rig_file
 from fbench.replay.sync import SyncParams, make_sync_params
@@ -62,6 +63,32 @@ class LogSource:
     def open(self, faults: FaultLog) -> LogReader:
         """Open the log; see `open_log`."""
         return open_log(self.path, faults, self.topics, self.setup)
+
+    def used(self) -> list[InputEntry]:
+        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself.
+
+        Raises:
+            ConfigError: where the results aren't there.
+        """
+        results = self.setup.results
+        if results is None:
+            return list(self.inputs)
+        if not results.path.exists():
+            raise ConfigError(f"{results.path}: no such file or folder")
+        return [*self.inputs, input_entry("results", results.path)]
+
+    def truth_entry(self) -> TruthEntry | None:
+        """Say where truth comes from, where it isn't the log itself.
+
+        Raises:
+            ConfigError: where the file isn't there.
+            LogError: where its form isn't known.
+        """
+        if self.setup.truth is None:
+            return None
+        from fbench.replay.boxfiles.entry import truth_entry  # tables need pyarrow, most logs no table
+
+        return truth_entry(self.setup.truth)
 
     def at(self, path: Path) -> "LogSource":
         """Return the same for the log in another form."""
@@ -115,8 +142,12 @@ def log_source(wish: LogWish) -> LogSource:
 
 
 def input_entry(role: str, path: Path) -> InputEntry:
-    """Say which file was used, without where it lies."""
-    return InputEntry(role=role, name=path.name, sha256=hashlib.sha256(path.read_bytes()).hexdigest())
+    """Say which file was used, without where it lies.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    return InputEntry(role=role, name=path.name, digest=digest_of(path))
 
 
 def _rig_inputs(config: Config, path: Path) -> list[InputEntry]:
@@ -127,3 +158,12 @@ def _config_path(wish: LogWish) -> Path | None:
     if wish.config == NO_CONFIG:
         return None
     return found_config(wish.log) if wish.config is None else Path(wish.config)
+
+
+def classes_of(config: str | None) -> Mapping[str, str]:
+    """Return the classes that a configuration names, none without one.
+
+    Raises:
+        ConfigError: where it can't be used.
+    """
+    return {} if config in (None, NO_CONFIG) else load_config(Path(config)).classes

@@ -1,9 +1,13 @@
 """Corners and overlap of boxes."""
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.geometry.transforms import transform
 
 _SIGNS = np.array([[1 - 2 * (i & 1), 1 - 2 * (i >> 1 & 1), 1 - 2 * (i >> 2 & 1)] for i in range(8)]) / 2.0
 
@@ -46,3 +50,25 @@ def distance_bev(a: Array, b: Array) -> Float64:
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
     return distance
+
+
+def moved(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
+    """Move boxes from coordinate frame `src` to `dst`: centres, rotations and velocities (4, 4).
+
+    A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.
+    """
+    zeros = np.zeros(len(boxes))
+    angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
+    sane = np.isfinite(angles).all(axis=1)
+    turned = np.full_like(angles, np.nan)
+    if sane.any():
+        src_R_box = Rotation.from_euler("ZYX", angles[sane])
+        dst_R_box = Rotation.from_matrix(dst_T_src[:3, :3]) * src_R_box
+        turned[sane] = dst_R_box.as_euler("ZYX", suppress_warnings=True)
+    rotation = dst_T_src.copy()
+    rotation[:3, 3] = 0
+    velocity = None if boxes.velocity_mps is None else transform(rotation, boxes.velocity_mps)
+    return replace(
+        boxes, center_m=transform(dst_T_src, boxes.center_m), yaw_rad=turned[:, 0], pitch_rad=turned[:, 1],
+        roll_rad=turned[:, 2], velocity_mps=velocity,
+    )  # fmt: skip

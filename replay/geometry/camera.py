@@ -1,4 +1,4 @@
-"""Pinhole projection: camera x right, y down, z forward; pixel centres at integers."""
+"""Projection into images and back: camera x right, y down, z forward; pixel centres at integers."""
 
 import numpy as np
 
@@ -7,27 +7,33 @@ from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import CameraModel, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.boxes import corners
+from fbench.replay.geometry.curves import EDGES, border_hits, curves
+from fbench.replay.geometry.distortion import lens_of
+from fbench.replay.geometry.lenses import Lens
 from fbench.replay.geometry.transforms import inverse, transform
 
 NEAR_M = 0.1
-"""Points closer than this to the image plane count as behind the camera."""
+"""Points closer than this to the image plane count as behind the camera; for a fisheye, closer to the camera."""
+_SAMPLES = 17
+"""Points along each edge of a box where a lens bends it."""
 
 
 def is_pinhole(camera: CameraModel) -> bool:
-    """Tell whether a camera has no lens distortion, as after rectification."""
-    return not np.any(camera.distortion)
-
-
-def require_pinhole(name: str, camera: CameraModel) -> None:
-    """Refuse cameras whose distortion isn't modelled yet.
+    """Tell whether a camera has no lens distortion, as after rectification.
 
     Raises:
-        LogError: naming camera and model.
+        LogError: where its distortion isn't modelled.
     """
-    if not is_pinhole(camera):
-        raise LogError(
-            f"camera '{name}': distortion model '{camera.distortion_model}' isn't supported, rectify the images"
-        )
+    return lens_of(camera) is None
+
+
+def not_projectable(camera: CameraModel) -> str | None:
+    """Say why points can't be projected into a camera; `None` where they can."""
+    try:
+        lens_of(camera)
+    except LogError as error:
+        return str(error)
+    return None
 
 
 def require_projection(rig: Rig, name: str) -> None:
@@ -37,16 +43,25 @@ def require_projection(rig: Rig, name: str) -> None:
         LogError: where the rig has no intrinsics of it, or its distortion isn't modelled.
     """
     if name not in rig.cameras:
-        raise LogError(f"camera '{name}' has no intrinsics")
-    require_pinhole(name, rig.cameras[name])
+        raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
+    why = not_projectable(rig.cameras[name])
+    if why is not None:
+        raise LogError(f"camera '{name}': {why}; rectify the images", "CAL001")
 
 
 def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
     """Project points (N, 3) in camera coordinates [m]; returns pixels (N, 2) and depths (N,) [m].
 
-    u = f X/Z + c (thesis, Calibration). Points nearer than `NEAR_M` get NaN pixels.
+    u = f X/Z + c (thesis, Calibration), where a lens bends X/Z and Y/Z before. Depth is Z, for a fisheye the distance.
+    Points nearer than `NEAR_M`, and those that a lens can't see, get NaN pixels.
+
+    Raises:
+        LogError: where the camera's distortion isn't modelled.
     """
     p = np.asarray(xyz, np.float64)
+    lens = lens_of(camera)
+    if lens is not None:
+        return _bent(camera, lens, p)
     depth = p[:, 2]
     safe = np.where(depth > NEAR_M, depth, np.nan)
     u = (camera.K[0, 0] * p[:, 0] + camera.K[0, 1] * p[:, 1]) / safe + camera.K[0, 2]
@@ -54,11 +69,51 @@ def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
     return np.stack([u, v], axis=1), depth
 
 
+def _bent(camera: CameraModel, lens: Lens, p: Float64) -> tuple[Float64, Float64]:
+    depth = np.sqrt((p * p).sum(axis=1)) if lens.is_wide else p[:, 2]
+    uv = _to_pixels(camera, lens.bent(p))
+    uv[~(depth > NEAR_M)] = np.nan
+    return uv, depth
+
+
+def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
+    u = camera.K[0, 0] * xy[:, 0] + camera.K[0, 1] * xy[:, 1] + camera.K[0, 2]
+    return np.stack([u, camera.K[1, 1] * xy[:, 1] + camera.K[1, 2]], axis=1)
+
+
+def rays(camera: CameraModel, uv: Array) -> Float64:
+    """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does.
+
+    Raises:
+        LogError: where the camera's distortion isn't modelled.
+    """
+    uv = np.asarray(uv, np.float64)
+    y = (uv[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
+    x = (uv[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
+    lens = lens_of(camera)
+    if lens is not None:
+        return lens.straightened(np.stack([x, y], axis=1))
+    ahead = np.stack([x, y, np.ones(len(x))], axis=1)
+    return np.asarray(ahead / np.sqrt((ahead * ahead).sum(axis=1))[:, None], np.float64)
+
+
+def undistorted(camera: CameraModel, uv: Array) -> Float64:
+    """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see.
+
+    Raises:
+        LogError: where the camera's distortion isn't modelled.
+    """
+    if is_pinhole(camera):
+        return np.array(uv, np.float64)
+    ray = rays(camera, uv)
+    ahead = np.where(ray[:, 2] > 0, ray[:, 2], np.nan)
+    return _to_pixels(camera, ray[:, :2] / ahead[:, None])
+
+
 def project_body(rig: Rig, name: str, xyz: Array) -> tuple[Float64, Float64]:
     """Project points (N, 3) in body coordinates into camera `name`; see `project`."""
-    camera = rig.cameras[name]
-    require_pinhole(name, camera)
-    return project(camera, transform(inverse(rig.body_T_sensor(name)), xyz))
+    require_projection(rig, name)
+    return project(rig.cameras[name], transform(inverse(rig.body_T_sensor(name)), xyz))
 
 
 def in_image(camera: CameraModel, uv: Float64) -> Bool:
@@ -73,18 +128,50 @@ def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:
     """Outline boxes (body coordinates) in camera `name`, clipped to the image.
 
     Returns rectangles (N, 4) left, top, right, bottom [px], NaN where not `seen`, and `seen` (N,). The part of a
-    box behind the camera is cut off at `NEAR_M` before it is projected.
+    box behind the camera is cut off at `NEAR_M` before it is projected, and so is what its lens doesn't see.
     """
-    camera = rig.cameras[name]
-    require_pinhole(name, camera)
-    camera_T_body = inverse(rig.body_T_sensor(name))
-    points = transform(camera_T_body, corners(boxes).reshape(-1, 3)).reshape(-1, 8, 3)
-    rectangles = np.array([_outline(camera, p) for p in points]).reshape(-1, 4)
+    require_projection(rig, name)
+    camera, points = rig.cameras[name], _camera_corners(rig, name, boxes)
+    lens = lens_of(camera)
+    if lens is None:
+        rectangles = np.array([_outline(camera, p) for p in points]).reshape(-1, 4)
+    else:
+        rectangles = _curved_outlines(camera, lens, points)
     seen: Bool = np.isfinite(rectangles).all(axis=1)
     return rectangles, seen
 
 
-_EDGES = np.array([(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j) in (1, 2, 4)])
+def project_edges(rig: Rig, name: str, boxes: Boxes3D, num: int = 9) -> Float64:
+    """Pixels (N, 12, `num`, 2) along the edges of boxes (body coordinates), which a lens bends; NaN where not seen."""
+    require_projection(rig, name)
+    camera = rig.cameras[name]
+    lens = lens_of(camera)
+    near_m = 0.0 if lens is not None and lens.is_wide else NEAR_M
+    points = curves(_camera_corners(rig, name, boxes), num, near_m)
+    return project(camera, points.reshape(-1, 3))[0].reshape(*points.shape[:-1], 2)
+
+
+def _camera_corners(rig: Rig, name: str, boxes: Boxes3D) -> Float64:
+    camera_T_body = inverse(rig.body_T_sensor(name))
+    return transform(camera_T_body, corners(boxes).reshape(-1, 3)).reshape(-1, 8, 3)
+
+
+def _curved_outlines(camera: CameraModel, lens: Lens, points: Float64) -> Float64:
+    """Rectangles (N, 4) around boxes with corners (N, 8, 3), or NaN.
+
+    What a lens sees of a box ends at the box's edges and at the border of what it sees at all.
+    """
+    along = curves(points, _SAMPLES, 0.0 if lens.is_wide else NEAR_M)
+    uv, _ = project(camera, along.reshape(-1, 3))
+    border = lens.border
+    around = np.where(border_hits(points, border, NEAR_M)[..., None], _to_pixels(camera, lens.bent(border)), np.nan)
+    uv = np.concatenate([uv.reshape(len(points), 12 * _SAMPLES, 2), around], axis=1)
+    width, height = camera.size_wh
+    low = np.maximum(np.fmin.reduce(uv, axis=1), -0.5)
+    high = np.minimum(np.fmax.reduce(uv, axis=1), [width - 0.5, height - 0.5])
+    rectangles = np.concatenate([low, high], axis=1)
+    rectangles[~(high > low).all(axis=1)] = np.nan
+    return rectangles
 
 
 def _outline(camera: CameraModel, points: Float64) -> Float64:
@@ -101,7 +188,7 @@ def _outline(camera: CameraModel, points: Float64) -> Float64:
 def _in_front(points: Float64) -> Float64:
     """Corners in front of the camera, and the points where edges pass the near plane."""
     near = NEAR_M * (1 + 1e-9)
-    a, b = points[_EDGES[:, 0]], points[_EDGES[:, 1]]
+    a, b = points[EDGES[:, 0]], points[EDGES[:, 1]]
     crossing = (a[:, 2] > near) != (b[:, 2] > near)
     a, b = a[crossing], b[crossing]
     share = (2 * near - a[:, 2]) / (b[:, 2] - a[:, 2]) if len(a) else np.zeros(0)

@@ -51,6 +51,9 @@ def _require_once(setup: Setup) -> None:
 def _only_sensors(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
     """Take these sensors, with these names, and no others."""
     names = {sensor.topic: name for name, sensor in setup.sensors.items()}
+    if not {channel.topic for channel in container.channels.values()} & set(names):
+        what = f"none of its topics is in {container.path.name}, so it is about other logs"
+        raise ConfigError(f"{setup.source}: {what}; give another with --config FILE, or --config none", "CFG001")
     for name, sensor in setup.sensors.items():
         _require_sensor(name, sensor, roles, container, setup)
     renamed = {
@@ -99,9 +102,10 @@ def _as_sensor(role: Role, name: str, sensor: SensorSetup) -> Role:
 
 def _only_pose(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
     chosen = {id_ for id_, role in roles.items() if role.topic == setup.pose}
-    _require_topics("body.pose", (setup.pose,), roles, _POSES, container, setup)
+    _require_topics("body.pose", (setup.pose,), roles, (*_POSES, "transform"), container, setup)
     kept = {id_: role for id_, role in roles.items() if role.kind not in _POSES}
-    return kept | {id_: replace(roles[id_], kind="pose") for id_ in sorted(chosen)}
+    # Transforms stay what they are, since they may tell the rig as well: see `tf_poses`.
+    return kept | {id_: replace(roles[id_], kind="pose") for id_ in sorted(chosen) if roles[id_].kind in _POSES}
 
 
 def _boxes(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:

@@ -56,6 +56,10 @@ class Codec(Protocol):
         """Decode transforms: child and its pose in the parent."""
         ...
 
+    def stamps(self, data: memoryview) -> Sequence[int]:
+        """Tell when each of the transforms holds [ns]; 0 where none is given."""
+        ...
+
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
         """Decode the coordinate frame and intrinsics of a camera."""
         ...

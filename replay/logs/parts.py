@@ -11,6 +11,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.header import LogHeader
 from fbench.replay.logs.order import merged
+from fbench.replay.logs.seek import entries_from
 
 T = TypeVar("T")
 _IDS = 2**32
@@ -43,7 +44,14 @@ class Parts:
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these channels in canonical order."""
         wanted = [part for part in self._parts if self._of(part, channels)]
-        return merged(wanted, lambda part: self._entries(part, channels))
+        return merged(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these channels from a log time on, in canonical order."""
+        wanted = [part for part in self._parts if self._of(part, channels)]
+        return merged(
+            wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
+        )
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times of each channel, where all parts know them."""
@@ -59,9 +67,10 @@ class Parts:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
-    def _entries(self, part: _Part, channels: frozenset[int]) -> Iterator[Entry]:
+    @staticmethod
+    def _entries(part: _Part, entries: Iterator[Entry]) -> Iterator[Entry]:
         first = part.offset * _IDS
-        for entry in part.container.entries(self._of(part, channels)):
+        for entry in entries:
             yield entry._replace(part=part.offset, channel=first + entry.channel)
 
     def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:

@@ -138,7 +138,8 @@ class RigState:
     def _mount(self, name: str, kind: Kind, frame: str, body: str) -> Mount:
         path = self.container.path
         try:
-            pose = self.tree.pose(frame, body)
+            is_body = bool(frame) and frame == self.setup.body  # the user says so, even without any transform
+            pose = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if is_body else self.tree.pose(frame, body)
         except DecodeError as error:
             raise LogError(
                 f"{path}: sensor '{name}': {error}; repair its transforms, {_leave_out(name)}", "CAL001"
@@ -146,6 +147,7 @@ class RigState:
         if pose is None:
             to = "" if body == frame else f" to '{body}'"
             why = f"'{frame}'{to} on /tf or /tf_static" if frame else "its messages name no frame_id"
+            why += self._moves(frame)
             raise LogError(
                 f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_leave_out(name)}", "CAL001"
             )
@@ -154,6 +156,11 @@ class RigState:
                 f"{path}: sensor '{name}' has no valid pose (position {pose[0]}, rotation {pose[1]})", "CAL001"
             )
         return Mount(kind, *pose)
+
+    def _moves(self, frame: str) -> str:
+        """What a file with calibration says of the way to the body, where it can't tell the pose."""
+        moving = self.setup.rig.moving
+        return next((f"; {moving[step]} has no fixed pose" for step in self.tree.reached(frame) if step in moving), "")
 
     def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
         setup = self.setup.sensors.get(name)

@@ -7,8 +7,10 @@ from functools import cached_property
 from hashlib import blake2b
 from typing import TypeVar
 
+import numpy as np
+
 from fbench.replay.classes import ClassMap
-from fbench.replay.data import KINDS, LogInfo, Message, Rig, RigChange, Truth
+from fbench.replay.data import KINDS, LogInfo, Message, Pose, Rig, RigChange, Truth
 from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.arrange import arranged
@@ -23,10 +25,12 @@ from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
 from fbench.replay.logs.set_up import as_set_up, facts, with_names
 from fbench.replay.logs.setup import BoxSource, Setup
-from fbench.replay.logs.tree import BODY, tree_of
+from fbench.replay.logs.tf_poses import TfPoses, TfSource, of_body
+from fbench.replay.logs.tree import BODIES, BODY, tree_of
 from fbench.replay.logs.truth_frames import in_body
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.logs.truth_stream import joined, paired
+from fbench.replay.secrets import clean_mapping, without_secrets
 
 T = TypeVar("T", bound=Message | Truth)
 
@@ -66,11 +70,14 @@ class LogReader:
 
     @cached_property
     def info(self) -> LogInfo:
-        """Name, id and metadata; a log without an id gets one from its topics, schemas and first messages."""
+        """Name, id and metadata, without credentials; a log without an id gets one from its topics, schemas and first
+        messages.
+        """
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
         metadata = {} if header is None else with_names(header.metadata, self._names if self.setup.sensors else {})
-        return LogInfo(self.container.path.stem, log_id, {**metadata, **facts(self.setup)})
+        name = without_secrets(self.container.path.stem)
+        return LogInfo(name, without_secrets(log_id), clean_mapping({**metadata, **facts(self.setup)}))
 
     @cached_property
     def rig(self) -> Rig:
@@ -118,21 +125,29 @@ class LogReader:
         for id_, role in sorted(self.roles.items()):
             if role.kind in MESSAGES:
                 counts[role.sensor] += self.container.counts.get(id_, 0)
+        for id_ in sorted(self._tf.channels):
+            counts[self._tf.name] += self.container.counts.get(id_, 0)
         return counts
 
     @cached_property
     def poses(self) -> tuple[str, ...]:
         """Names of the streams of poses."""
-        return tuple(sorted({role.sensor for role in self.roles.values() if role.kind == "pose"}))
+        moving = {self._tf.name} if self._tf.channels else set()
+        return tuple(sorted({role.sensor for role in self.roles.values() if role.kind == "pose"} | moving))
+
+    @cached_property
+    def _tf(self) -> TfSource:
+        return TfSource(self.container, self.roles, self.setup.pose, lambda: self._state)
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
-        changes = self._changes()
-        for entry in changes.followed(self.container.entries(self._channels(*MESSAGES) | changes.channels)):
+        changes, moving = self._changes(), self._tf.poses() if self._tf.channels else None
+        channels = self._channels(*MESSAGES) | changes.channels | self._tf.channels
+        for entry in changes.followed(self.container.entries(channels)):
             if entry.channel in changes.channels:
                 continue
             yield from changes.until(entry.log_ns)
-            message = self._decoded(entry)
+            message = self._decoded(entry, moving)
             if message is not None:
                 yield message
 
@@ -140,13 +155,13 @@ class LogReader:
         """All entries of all channels in canonical order, with what each holds: `None` where fbench has no use for it,
         it can't be decoded, or it tells the rig. A change of the rig comes with the entry that it precedes.
         """
-        changes = self._changes()
+        changes, moving = self._changes(), self._tf.poses() if self._tf.channels else None
         for entry in changes.followed(self.container.entries(frozenset(self.container.channels))):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
-            if kind in MESSAGES:
+            if kind in MESSAGES or entry.channel in self._tf.channels:
                 for change in changes.until(entry.log_ns):
                     yield entry, change
-                yield entry, self._decoded(entry)
+                yield entry, self._decoded(entry, moving)
             elif kind in ("truth", "detections"):
                 yield entry, next(self.truth_parts(entry), None)
             else:
@@ -233,17 +248,31 @@ class LogReader:
             return lambda name: None
         return lambda name: self.container.once("GT007", (where, name), f"{where}: '{name}'")
 
-    def _decoded(self, entry: Entry) -> Message | None:
+    def _decoded(self, entry: Entry, moving: TfPoses | None = None) -> Message | None:
         role = self.roles[entry.channel]
         try:
             _check(entry)
             if isinstance(entry.data, memoryview):
+                if moving is not None and entry.channel in self._tf.channels:
+                    return moving.decoded(_codec(role), entry.data, entry.log_ns)
                 message = _codec(role).message(role.kind, entry.data, _origin(role, entry))
+                if isinstance(message, Pose) and not role.is_own:
+                    message = self._of_body(message, role.frame_id)
                 return as_set_up(self._stamped(entry, message), self.setup)
             return as_set_up(replace(_message(entry.data.read()), sensor=role.sensor), self.setup)
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None
+
+    def _of_body(self, pose: Pose, child: str) -> Pose:
+        """Where the body is, from the pose of a coordinate frame that is fixed to it."""
+        try:
+            body_T_child = self.coordinate_frames.body_T(child)
+        except LogError:  # messages can be read even where the rig can't
+            return pose
+        if body_T_child is None and child not in BODIES:
+            raise DecodeError(f"pose of '{child}', which no fixed transform links to the body")
+        return pose if body_T_child is None or np.array_equal(body_T_child, np.eye(4)) else of_body(pose, body_T_child)
 
     def _stamped(self, entry: Entry, item: T) -> T:
         """Give what another program left without a stamp the time of its recording; counted once a topic."""

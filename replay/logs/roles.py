@@ -21,11 +21,12 @@ class Role:
     """The meaning of one channel."""
 
     kind: str
-    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`; `detections`: of another system."""
+    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`; `detections`: of another system;
+    `odometry`: poses that count only where the user names their topic."""
     topic: str
     sensor: str = ""
     frame_id: str = ""
-    """Coordinate frame of the sensor."""
+    """Coordinate frame of the sensor; of odometry that whose pose is given, where messages name it."""
     codec: Codec | None = None
     """`None` where the container gives decoded messages."""
     numbered: bool = False
@@ -54,7 +55,7 @@ def roles(container: Container) -> dict[int, Role]:
         own = _own(channel, codec)
         if own is not None and (channel.encoding == STORED or own.kind in kinds):
             found[id_] = own
-        elif codec is not None and (kinds != ("truth",) or channel.encoding in _ROS):
+        elif codec is not None:
             foreign[id_] = codec
         else:
             _count_unused(container, channel)
@@ -122,7 +123,8 @@ def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Rol
             found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
         else:
             other = kind == "truth" and not _names_truth(topic)
-            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), "", codec)
+            of = frame if kind == "odometry" else ""
+            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), of, codec)
     return found
 
 
@@ -136,7 +138,7 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
     """Kind and coordinate frame of a channel with measurements or poses, from the first message that can be read;
     `None` where there is none.
     """
-    if codec.kinds[0] not in MESSAGES:
+    if codec.kinds[0] not in (*MESSAGES, "odometry"):
         return Probe(codec.kinds[0], "")
     topic = container.channels[channel].topic
     for tried, entry in enumerate(container.entries(frozenset([channel]))):

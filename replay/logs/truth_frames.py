@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.errors import DecodeError
-from fbench.replay.geometry.transforms import pose_matrix, transform
+from fbench.replay.geometry.boxes import moved
+from fbench.replay.geometry.transforms import pose_matrix
 from fbench.replay.logs.coordinates import WORLDS
 from fbench.replay.logs.tree import TransformTree
 from fbench.replay.logs.truth_part import TruthPart
@@ -25,7 +25,10 @@ def in_body(
         DecodeError: where nothing links the boxes' coordinate frame to the body, or no camera has it.
     """
     truth = part.truth
-    if truth.boxes3d is not None and has_poses and part.frame_id in WORLDS and tree.pose(part.frame_id, body) is None:
+    if truth.boxes3d is not None and part.frame_ids:
+        truth = replace(truth, boxes3d=_gathered(truth.boxes3d, part.frame_ids, tree, body))
+    elif truth.boxes3d is not None and has_poses and part.frame_id in WORLDS and part.frame_id != body:
+        # Whatever the tree holds above the body is where it was when the log began.
         truth = replace(truth, in_world=True)
     elif truth.boxes3d is not None and part.frame_id != body:
         truth = replace(truth, boxes3d=_moved(truth.boxes3d, part.frame_id, tree, body))
@@ -33,27 +36,32 @@ def in_body(
         if part.frame_id not in cameras:
             raise DecodeError(f"boxes in '{part.frame_id}', which no camera has")
         truth = replace(truth, boxes2d=_named(truth.boxes2d, cameras[part.frame_id]))
-    return replace(part, truth=truth, frame_id="")
+    return replace(part, truth=truth, frame_id="", frame_ids=())
 
 
 def _named(boxes: Boxes2D, camera: str) -> Boxes2D:
     return replace(boxes, camera=np.full(len(boxes), camera))
 
 
+def _gathered(boxes: Boxes3D, frames: tuple[str, ...], tree: TransformTree, body: str) -> Boxes3D:
+    """Move each box from its own coordinate frame."""
+    names = np.array(frames, np.str_)
+    parts, rows = [], []
+    for frame in dict.fromkeys(frames):
+        chosen = np.flatnonzero(names == frame)
+        parts.append(_with_angles(boxes[chosen]) if frame in ("", body) else _moved(boxes[chosen], frame, tree, body))
+        rows.append(chosen)
+    return concatenate(parts)[np.argsort(np.concatenate(rows), kind="stable")]
+
+
+def _with_angles(boxes: Boxes3D) -> Boxes3D:
+    zeros = np.zeros(len(boxes))
+    pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
+    return replace(boxes, pitch_rad=pitch, roll_rad=roll)
+
+
 def _moved(boxes: Boxes3D, frame: str, tree: TransformTree, body: str) -> Boxes3D:
     pose = tree.pose(frame, body)
     if pose is None:
         raise DecodeError(f"boxes in '{frame}', which no fixed transform links to '{body}'")
-    body_T_frame = pose_matrix(*pose)
-    zeros = np.zeros(len(boxes))
-    angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
-    turned = (
-        (Rotation.from_quat(pose[1]) * Rotation.from_euler("ZYX", angles)).as_euler("ZYX") if len(boxes) else angles
-    )
-    rotation = body_T_frame.copy()
-    rotation[:3, 3] = 0
-    return replace(
-        boxes, center_m=transform(body_T_frame, boxes.center_m), yaw_rad=turned[:, 0], pitch_rad=turned[:, 1],
-        roll_rad=turned[:, 2],
-        velocity_mps=None if boxes.velocity_mps is None else transform(rotation, boxes.velocity_mps),
-    )  # fmt: skip
+    return moved(boxes, pose_matrix(*pose))

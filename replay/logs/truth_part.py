@@ -15,3 +15,12 @@ class TruthPart:
     """Whether 2D boxes of the same instant follow."""
     frame_id: str = ""
     """Coordinate frame of the boxes, of 2D boxes that of the camera; empty: the body, and cameras by name."""
+    frame_ids: tuple[str, ...] = ()
+    """Coordinate frame of each 3D box, where they are in several; `frame_id` is one of them."""
+
+
+def part_of(truth: Truth, frame_ids: tuple[str, ...], otherwise: str = "") -> TruthPart:
+    """Make a part of 3D boxes that each name a coordinate frame; `otherwise` is that of those which name none."""
+    names = tuple(name or otherwise for name in frame_ids)
+    first = next((name for name in names if name), otherwise)
+    return TruthPart(truth, is_2d=False, frame_id=first, frame_ids=names if len(set(names)) > 1 else ())

@@ -18,7 +18,7 @@ def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:
     What comes more than `WINDOW` messages late, after a clock that jumped back, stays where it is.
     """
     heap: list[tuple[int, int, int, Truth]] = []
-    for i, truth in enumerate(_paired(parts)):
+    for i, truth in enumerate(paired(parts)):
         heapq.heappush(heap, (truth.stamp_ns, truth.log_ns, i, truth))
         if len(heap) > WINDOW:
             yield heapq.heappop(heap)[3]
@@ -26,8 +26,10 @@ def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:
         yield heapq.heappop(heap)[3]
 
 
-def _paired(parts: Iterable[TruthPart]) -> Iterator[Truth]:
-    """Both parts have one `log_ns`, and in canonical order the topic of 3D truth comes first."""
+def paired(parts: Iterable[TruthPart]) -> Iterator[Truth]:
+    """Join parts in the order in which they come: both have one `log_ns`, and in canonical order the topic of 3D truth
+    comes first.
+    """
     for _, group in groupby(parts, key=lambda part: part.truth.log_ns):
         truths: list[Truth] = []
         waiting: list[int] = []

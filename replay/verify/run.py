@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from fbench.replay.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
+from fbench.replay.pipeline_name import parse_name, with_absolute_files
 from fbench.replay.store import Run
 from fbench.replay.verify.difference import Difference, Outcome, first_difference
 from fbench.replay.verify.task import Task
@@ -137,17 +138,18 @@ def _span_s(run: Run) -> float:
     return sum(steps) / 1e9
 
 
-def _absolute(name: str) -> str:
-    """A pipeline `FILE.py:CLASS` as seen from any folder."""
-    file, colon, cls = name.rpartition(":")
-    return f"{Path(file).resolve()}{colon}{cls}" if file else name
+def _absolute(text: str) -> str:
+    """A pipeline as seen from any folder: `FILE.py:CLASS`, and files in the argument of `NAME:ARGUMENT`."""
+    name = parse_name(text)
+    if name.argument is not None:
+        return f"{name.plugin}:{with_absolute_files(name.argument)}"
+    return text if name.file is None else f"{name.file.resolve()}:{text.rpartition(':')[2]}"
 
 
 def _absolute_value(setting: str) -> str:
-    """`NAME=FILE` as seen from any folder."""
+    """`NAME=FILE`, or `NAME=COMMAND` with files in it, as seen from any folder."""
     name, equals, value = setting.partition("=")
-    looks_like_a_path = "/" in value or "." in value  # a word such as `fast` may be the name of a file by chance
-    return f"{name}{equals}{Path(value).resolve()}" if looks_like_a_path and Path(value).is_file() else setting
+    return f"{name}{equals}{with_absolute_files(value)}"
 
 
 @contextmanager

@@ -27,6 +27,7 @@ class Task:
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
+    sensors: list[str] = field(default_factory=list)
     rate: str = "max"
     read_ahead: int | None = DEFAULT
     form: Form | None = None

@@ -9,7 +9,7 @@ from fbench.replay.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data import Boxes, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.boxes import corners
-from fbench.replay.geometry.camera import project_body, project_boxes
+from fbench.replay.geometry.camera import is_pinhole, project_body, project_boxes, project_edges, rays
 from fbench.replay.geometry.transforms import transform
 
 Outlines: TypeAlias = list[dict[str, dict[str, Any]]]
@@ -67,15 +67,23 @@ def _rows_3d(boxes: Boxes3D, rig: Rig, cameras: list[str]) -> list[dict[str, Any
 
 
 def _add_outlines(seen: Outlines, rig: Rig, name: str, boxes: Boxes3D) -> None:
-    """Add rectangle and wire frame in camera `name`; nothing where its distortion isn't modelled."""
+    """Add rectangle and wire frame in camera `name`; nothing where its distortion isn't modelled.
+
+    Where a lens bends straight lines, each of the 12 edges is a `curve` of several points.
+    """
     try:
         rectangles, visible = project_boxes(rig, name, boxes)
         wires = project_body(rig, name, corners(boxes).reshape(-1, 3))[0].reshape(-1, 16)
+        straight = is_pinhole(rig.cameras[name])
+        curves = None if straight else project_edges(rig, name, boxes).reshape(len(boxes), 12, -1)
     except LogError:
         return
     for i in np.flatnonzero(visible):
         wire = np.round(wires[i], 1).tolist() if np.isfinite(wires[i]).all() else None
-        seen[int(i)][name] = {"rect": np.round(rectangles[i], 1).tolist(), "wire": wire}
+        outline = {"rect": np.round(rectangles[i], 1).tolist(), "wire": wire}
+        if curves is not None and np.isfinite(curves[i]).all():
+            outline["curves"] = np.round(curves[i], 1).tolist()
+        seen[int(i)][name] = outline
 
 
 def _rows_2d(boxes: Boxes2D, rig: Rig) -> list[dict[str, Any]]:
@@ -100,12 +108,14 @@ def _placed(rig: Rig, name: str, rect: Float64, distance: float | None, rate: fl
     if distance is None or not 0 < distance < MAX_MAGNITUDE or name not in rig.cameras or name not in rig.mounts:
         return {}
     camera, body_T_camera = rig.cameras[name], rig.body_T_sensor(name)
-    if np.any(camera.distortion):
+    try:
+        ahead = rays(camera, (rect[None, :2] + rect[None, 2:]) / 2)
+    except LogError:
         return {}
-    y = ((rect[1] + rect[3]) / 2 - camera.K[1, 2]) / camera.K[1, 1]
-    x = ((rect[0] + rect[2]) / 2 - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
-    origin, ahead = transform(body_T_camera, np.array([[0.0, 0, 0], [x, y, 1]]))
-    ray = (ahead - origin) / np.sqrt(np.sum((ahead - origin) ** 2))
+    if not np.isfinite(ahead).all():
+        return {}
+    origin = body_T_camera[:3, 3]
+    ray = transform(body_T_camera, ahead)[0] - origin
     along = float(np.sum(origin * ray))
     beyond = distance**2 - float(np.sum(origin**2))
     if beyond <= 0:

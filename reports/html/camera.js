@@ -74,9 +74,21 @@ class CameraPanel {
       ctx.fillStyle = rgba(rgb, on ? .24 : .12);
       ctx.fillRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
     }
-    outline.wire ? this.wire(outline.wire) : ctx.strokeRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
+    if (outline.curves) this.curves(outline.curves);
+    else outline.wire ? this.wire(outline.wire) : ctx.strokeRect(r[0], r[1], r[2] - r[0], r[3] - r[1]);
     ctx.setLineDash([]);
     this.hits.push({ kind, box, r, rgb });
+  }
+
+  // Edges of a box as a lens bends them.
+  curves(edges) {
+    const { ctx } = this;
+    ctx.beginPath();
+    for (const uv of edges) {
+      ctx.moveTo(...this.at(uv[0], uv[1]));
+      for (let i = 2; i < uv.length; i += 2) ctx.lineTo(...this.at(uv[i], uv[i + 1]));
+    }
+    ctx.stroke();
   }
 
   wire(uv) {

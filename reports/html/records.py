@@ -46,6 +46,8 @@ class Stage(_Record):
 class LatencyTable(_Record):
     """`latency.json`."""
 
+    clock: str = "host"
+    """`host`, or `log` where results were only recorded: times from a frame's instant to its result in the log."""
     budget_ms: float
     frames: int
     over_budget: int

@@ -1,6 +1,8 @@
 """Detection scores of runs whose counts can be told by hand."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -11,10 +13,12 @@ from hypothesis import strategies as st
 
 from fbench.metrics.detection import Detection
 from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.data import Rig
+from fbench.replay.manifest import FrameEntry
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 
-from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
+from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
 OPTIONS = ScoreOptions()
 NOTHING3D, NOTHING2D = Boxes3D.empty(), Boxes2D.empty()
@@ -235,6 +239,38 @@ class TestImage:
             rig=front_camera("a", "b"),
         )
         assert counts(run, space="iou") == (1, 0, 0, 0)
+
+    def test_a_pipeline_in_images_is_judged_in_the_cameras_that_it_got(self, tmp_path: Path) -> None:
+        box = (100, 100, 200, 200)
+        truth = boxes2d(box, box, camera=["a", "b"], label="car")
+        frames = FrameEntry(reference="a", timeout_ns=1, tolerance_ns=1, max_gap_ns=1, sensors=["!b"])
+        rig = front_camera("a", "b")
+        run = write_run(tmp_path / "2d", [Case(boxes2d(box, camera="a"), truth2d=truth)], rig, frames=frames)
+        assert counts(run, space="iou 0.5") == (1, 0, 0, 0)
+        car = boxes3d((10, 0), label="car")
+        run = write_run(tmp_path / "3d", [Case(car, car)], rig, frames=frames)
+        assert counts(run, space="iou 0.5") == (2, 0, 0, 0)
+
+    def test_lens_distortion_bends_what_is_projected(self, make_run: MakeRun) -> None:
+        # The front face at x = 8 m: 400 * 0.125 * (1 - r2) with r2 = 0.125^2 + 0.09375^2 at its corners.
+        straight = front_camera()
+        camera = replace(straight.cameras["front"], distortion_model="plumb_bob", distortion=np.array([-1.0, 0, 0, 0]))
+        rig = Rig(straight.mounts, {"front": camera})
+        truth = boxes3d((10, 0), (10, 9), label="car")  # 400 * 0.9 is in view, but the lens folds at r = 0.577
+        u, v = 50 * (1 - 0.125**2), 37.5 * (1 - 0.09375**2)
+        box = (399.5 - u, 299.5 - v, 399.5 + u, 299.5 + v)
+        run = make_run(Case(boxes2d(box), truth), rig=rig)
+        assert counts(run, space="iou", options=ScoreOptions(iou=0.999)) == (1, 0, 0, 0)
+        assert counts(make_run(Case(truth, truth), rig=rig), space="bev") == (1, 0, 0, 1)
+
+    def test_lens_distortion_that_isnt_modelled_gives_no_scores_in_the_image(self, make_run: MakeRun) -> None:
+        straight = front_camera()
+        camera = replace(straight.cameras["front"], distortion_model="ds", distortion=np.array([0.1, 0.5]))
+        car = boxes3d((10, 0), label="car")
+        run = make_run(Case(car, car), rig=Rig(straight.mounts, {"front": camera}))
+        assert scores(run, space="iou")["f1"].value is None
+        assert scores(run, space="iou")["f1"].reason == "lens distortion of 'front' isn't modelled"
+        assert counts(run, space="bev") == (1, 0, 0, 0)
 
     def test_recorded_2d_truth_is_preferred_and_said(self, make_run: MakeRun) -> None:
         box = (100, 100, 200, 200)

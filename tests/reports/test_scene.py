@@ -57,10 +57,35 @@ def test_box_around_the_camera_has_no_wire_frame() -> None:
     assert seen == {"rect": [-0.5, -0.5, 159.5, 119.5], "wire": None}
 
 
+def bent(model: str, *coefficients: float) -> Rig:
+    return Rig(RIG.mounts, {"cam": CameraModel(RIG.cameras["cam"].K, (160, 120), model, np.array(coefficients))})
+
+
 def test_camera_with_unsupported_distortion_is_left_out() -> None:
-    model = CameraModel(RIG.cameras["cam"].K, (160, 120), "plumb_bob", np.array([0.1]))
-    rig = Rig(RIG.mounts, {"cam": model})
+    rig = bent("omni", 0.1)
     assert box_rows(boxes3d(), rig, ["cam"])[0]["seen"] == {}
+    assert "place" not in box_rows(boxes2d(), rig, ["cam"])[0]
+
+
+def test_edges_are_curves_where_a_lens_bends_them() -> None:
+    seen = box_rows(boxes3d(), bent("plumb_bob", -2.0, 0, 0, 0), ["cam"])[0]["seen"]["cam"]
+    assert len(seen["wire"]) == 16
+    assert [len(edge) for edge in seen["curves"]] == [18] * 12
+    # The near face reaches to 1/8 in both directions: 12.5 (1 - 2 * 2/64) = 11.7 px to its corners, and in the middle
+    # of its edges to 12.5 (1 - 2/64) = 12.1 px.
+    assert seen["wire"][-2:] == [91.2, 71.2]
+    assert seen["rect"] == [67.4, 47.4, 91.6, 71.6]
+    assert seen["curves"][-1][-2:] == seen["wire"][-2:]
+    assert "curves" not in box_rows(boxes3d(), RIG, ["cam"])[0]["seen"]["cam"]
+
+
+def test_box_2d_is_placed_on_a_bent_ray() -> None:
+    # 100 r (1 - 0.2 r2) = 47.5 px to the left of (79.5, 59.5) for r = 0.5: the ray is (1, 0.5, 0).
+    one = replace(boxes2d(), xyxy_px=np.array([[22.0, 49.5, 42.0, 69.5]]))
+    (row,) = box_rows(one, bent("plumb_bob", -0.2, 0, 0, 0), ["cam"])
+    assert row["place"] == pytest.approx([25 / 1.25**0.5, 12.5 / 1.25**0.5, 0], abs=1e-6)
+    unreachable = replace(boxes2d(), xyxy_px=np.array([[-500.0, 49.5, -450.0, 69.5]]))
+    assert "place" not in box_rows(unreachable, bent("plumb_bob", -0.2, 0, 0, 0), ["cam"])[0]
 
 
 def test_box_2d_by_hand() -> None:

@@ -20,9 +20,10 @@ from fbench.replay.logs.foxglove.messages import (
     read_radar,
     read_raw_image,
 )  # fmt: skip
-from fbench.replay.logs.foxglove.proto import parse
+from fbench.replay.logs.foxglove.proto import nanoseconds, parse
 from fbench.replay.logs.foxglove.rig import read_calibration, read_transform
-from fbench.replay.logs.foxglove.topics import BOXES2D, HAS_BOXES2D
+from fbench.replay.logs.foxglove.scene import read_scene
+from fbench.replay.logs.foxglove.topics import BOXES2D, HAS_BOXES2D, KIND
 from fbench.replay.logs.foxglove.truth import read_boxes
 from fbench.replay.logs.foxglove.wire import split
 from fbench.replay.logs.point_fields import is_radar
@@ -49,7 +50,8 @@ _SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
 
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
-    return FoxgloveCodec(channel.schema_name, channel.topic) if channel.schema_name in _KINDS else None
+    is_own = KIND in channel.metadata
+    return FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _KINDS else None
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class FoxgloveCodec:
 
     schema: str
     topic: str
+    is_own: bool = False
+    """Whether the channel's metadata are those of fbench."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -95,16 +99,25 @@ class FoxgloveCodec:
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         """Decode one or several transforms."""
+        return [read_transform(proto) for proto in self._transforms(data)]
+
+    def stamps(self, data: memoryview) -> Sequence[int]:
+        """Tell when each of the transforms holds [ns]; 0 where none is given."""
+        return [nanoseconds(proto.timestamp) for proto in self._transforms(data)]
+
+    def _transforms(self, data: memoryview) -> Sequence[FrameTransform]:
         if self.schema == "foxglove.FrameTransforms":
-            return [read_transform(proto) for proto in parse(FrameTransforms, data).transforms]
-        return [read_transform(parse(FrameTransform, data))]
+            return list(parse(FrameTransforms, data).transforms)
+        return [parse(FrameTransform, data)]
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
         """Decode the coordinate frame and intrinsics of a camera."""
         return read_calibration(data)
 
     def truth(self, data: memoryview, origin: Origin) -> TruthPart:
-        """Decode the 3D or 2D boxes that fbench wrote."""
+        """Decode boxes: 3D or 2D ones as fbench wrote them, of other programs 3D ones."""
+        if not self.is_own:
+            return read_scene(data, origin)
         stamp_ns, log_ns, number = origin.publish_ns, origin.log_ns, origin.frame_number
         if self.topic == BOXES2D:
             boxes2d, _ = read_boxes(data, Boxes2D)

@@ -81,7 +81,15 @@ class McapFile:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these channels in canonical order; damaged blocks are skipped and counted."""
-        wanted = [b for b in self.index.blocks if b.channels is None or not b.channels.isdisjoint(channels)]
+        return self._entries(channels, self.index.blocks)
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these channels from a log time on; no block that ends before is read."""
+        blocks = [block for block in self.index.blocks if block.end_ns >= start_ns]
+        return (entry for entry in self._entries(channels, blocks) if entry.log_ns >= start_ns)
+
+    def _entries(self, channels: frozenset[int], blocks: Sequence[Block]) -> Iterator[Entry]:
+        wanted = [b for b in blocks if b.channels is None or not b.channels.isdisjoint(channels)]
         first = min(wanted, key=lambda b: (b.start_ns, b.offset), default=None)
         held = Held()
         with self._open() as file:

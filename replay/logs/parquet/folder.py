@@ -84,12 +84,21 @@ class ParquetFolder:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these streams in canonical order; damaged row groups are skipped and counted."""
+        yield from merged(self._blocks(channels), lambda block: block.stream.entries(block.group, self))
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these streams from a log time on; of row groups that end before only that column is read."""
+        blocks = [block for block in self._blocks(channels) if block.stream.last_ns(block.group, self) >= start_ns]
+        entries = merged(blocks, lambda block: block.stream.entries(block.group, self))
+        return (entry for entry in entries if entry.log_ns >= start_ns)
+
+    def _blocks(self, channels: frozenset[int]) -> list[_Block]:
         blocks = []
         for number in sorted(channels):
             stream = self._streams[number]
             starts = stream.starts(self)
             blocks += [_Block(start, stream.base + group, stream, group) for group, start in starts.items()]
-        yield from merged(blocks, lambda block: block.stream.entries(block.group, self))
+        return blocks
 
     def log_times(self) -> Mapping[int, Int64]:
         """`log_ns` of each stream's messages, ascending, from that column alone."""

@@ -89,6 +89,11 @@ class Stream:
             self._damaged(group, counter, error)
             return np.zeros(0, np.int64)
 
+    def last_ns(self, group: int, counter: Counter) -> int:
+        """Largest `log_ns` of a row group, 0 where none can be read."""
+        log_ns = self.log_ns(group, counter)
+        return int(log_ns.max()) if len(log_ns) else 0
+
     def entries(self, group: int, counter: Counter) -> Iterator[Entry]:
         """Rows of a group as entries in canonical order; counts what can't be read."""
         first_row = self.first_rows[group]

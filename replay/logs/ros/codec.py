@@ -12,7 +12,8 @@ from fbench.replay.logs.container import Channel
 from fbench.replay.logs.ros.bulk import BULK
 from fbench.replay.logs.ros.cursor import CDR, ROS1
 from fbench.replay.logs.ros.decoder import decoder
-from fbench.replay.logs.ros.definitions import full_name, types_of
+from fbench.replay.logs.ros.definitions import full_name, has_text, types_of
+from fbench.replay.logs.ros.object_reads import UNDEFINED
 from fbench.replay.logs.ros.reads import Reads
 from fbench.replay.logs.ros.small import SMALL
 from fbench.replay.logs.tree import Edge
@@ -34,6 +35,8 @@ def ros_codec(channel: Channel) -> Codec | None:
     if name in BULK:
         _check_standard(name, channel)
         return RosCodec(name, BULK[name](encoding))
+    if name in UNDEFINED and not has_text(channel.schema):
+        return None
     if name in SMALL:
         decode = decoder(name, types_of(name, channel.schema, encoding), encoding)
         return RosCodec(name, SMALL[name](decode, encoding))
@@ -68,6 +71,10 @@ class RosCodec:
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         """Decode transforms: child and its pose in the parent."""
         return self._call(self._given(self._reads.transforms, "transform"), data)
+
+    def stamps(self, data: memoryview) -> Sequence[int]:
+        """Tell when each of the transforms holds [ns]; 0 where none is given."""
+        return self._call(self._given(self._reads.stamps, "transform"), data)
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
         """Decode the coordinate frame and intrinsics of a camera."""

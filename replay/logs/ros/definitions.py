@@ -8,7 +8,7 @@ fbench reads have all a .msg text, so that only their names are needed.
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fbench.replay.errors import DecodeError
 from fbench.replay.logs.container import Schema
@@ -30,8 +30,8 @@ _SIZES: Mapping[str, int] = {
 _MAX_TYPES, _MAX_FIELDS, _MAX_OBJECTS = 32, 256, 256
 _MAX_NUMBERS = 4096
 """In an array of fixed size."""
-_BYTES_PER_OBJECT = 6
-"""What a repeated message has at least; a Python object takes some 200 bytes."""
+_BYTES_PER_OBJECT = 5
+"""What a repeated message has at least (Autoware has such of 5); a Python object takes some 200 bytes."""
 
 Types = dict[str, tuple[list[Any], list[Any]]]
 """Constants and fields by full name, as rosbags has them."""
@@ -41,6 +41,11 @@ def full_name(name: str) -> str:
     """Return `pkg/msg/Name`, also for `pkg/Name`."""
     parts = name.split("/")
     return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
+
+
+def has_text(schema: Schema | None) -> bool:
+    """Tell whether a log carries the definition in a form that is read."""
+    return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
 
 
 def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
@@ -57,7 +62,7 @@ def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
 
 
 def _embedded(name: str, schema: Schema | None) -> Types:
-    if schema is None or schema.encoding not in _TEXTS or not schema.data.strip():
+    if schema is None or not has_text(schema):
         return {}
     if len(schema.data) > MAX_BYTES:
         raise DecodeError(f"definition of {name} has {len(schema.data)} bytes, more than {MAX_BYTES}")
@@ -129,32 +134,42 @@ def _type_name(node: "Nodetype", what: Any) -> str:
     return str(what[0] if node == Nodetype.BASE else what)
 
 
-def _measure(name: str, types: Types, done: dict[str, tuple[int, int] | None]) -> tuple[int, int]:
-    """Return how many objects a message of a type is decoded to, and how many bytes it has at least."""
+class _Size(NamedTuple):
+    """What a message of a type is decoded to."""
+
+    objects: int
+    texts: int
+    """Not in objects: an empty one costs nothing."""
+    num_bytes: int
+    """Which its payload has at least."""
+
+
+def _measure(name: str, types: Types, done: dict[str, _Size | None]) -> _Size:
     if name in _SIZES:
-        return 0, _SIZES[name]
+        return _Size(0, 1 if name == "string" else 0, _SIZES[name])
     if name in done:
         known = done[name]
         if known is None:
             raise DecodeError(f"definition of {name} contains itself")
         return known
     done[name] = None
-    objects, size = 1, 0
+    objects, texts, num_bytes = 1, 0, 0
     for field, descriptor in types[name][1]:
         inner, number = _element(descriptor)
-        each, least = _measure(inner, types, done)
+        each = _measure(inner, types, done)
         if number is None:
-            if least < _BYTES_PER_OBJECT * each:
-                raise DecodeError(f"definition of {name} repeats '{field}' of {each} parts in {least} bytes")
-            size += 4
+            if each.num_bytes < _BYTES_PER_OBJECT * each.objects:
+                what = f"{each.objects} parts in {each.num_bytes} bytes"
+                raise DecodeError(f"definition of {name} repeats '{field}' of {what}")
+            num_bytes += 4
         else:
             _check_number(name, field, inner, number)
-            parts = 1 if inner == "string" else each
-            objects, size = objects + parts * number, size + least * number
-    if objects > _MAX_OBJECTS:
-        raise DecodeError(f"definition of {name} has {objects} parts, more than {_MAX_OBJECTS}")
-    done[name] = objects, size
-    return objects, size
+            objects, texts = objects + each.objects * number, texts + each.texts * number
+            num_bytes += each.num_bytes * number
+    if objects + texts > _MAX_OBJECTS:
+        raise DecodeError(f"definition of {name} has {objects + texts} parts, more than {_MAX_OBJECTS}")
+    found = done[name] = _Size(objects, texts, num_bytes)
+    return found
 
 
 def _check_number(owner: str, field: str, inner: str, number: int) -> None:

@@ -17,5 +17,7 @@ class Reads:
     probe: Callable[[memoryview], Probe]
     message: Callable[[str, memoryview, Origin], Message] | None = None
     transforms: Callable[[memoryview], Sequence[tuple[str, Edge]]] | None = None
+    stamps: Callable[[memoryview], Sequence[int]] | None = None
+    """Of the transforms."""
     calibration: Callable[[memoryview], tuple[str, CameraModel]] | None = None
     truth: Callable[[memoryview, Origin], TruthPart] | None = None

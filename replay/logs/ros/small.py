@@ -9,7 +9,8 @@ from fbench.replay.logs.ros import boxes
 from fbench.replay.logs.ros.calibration import camera_model, edges
 from fbench.replay.logs.ros.cursor import Header
 from fbench.replay.logs.ros.decoder import Decode
-from fbench.replay.logs.ros.fields import header
+from fbench.replay.logs.ros.fields import get, header
+from fbench.replay.logs.ros.object_reads import OBJECTS, POSES
 from fbench.replay.logs.ros.radar import radar_scan
 from fbench.replay.logs.ros.reads import Reads
 from fbench.replay.logs.tree import Edge
@@ -37,7 +38,10 @@ def transform_reads(decode: Decode, encoding: str) -> Reads:
     def transforms(data: memoryview) -> Sequence[tuple[str, Edge]]:
         return edges(decode(data))
 
-    return Reads(("transform",), probe, transforms=transforms)
+    def stamps(data: memoryview) -> Sequence[int]:
+        return [header(part, encoding).stamp_ns for part in get(decode(data), "transforms")]
+
+    return Reads(("transform",), probe, transforms=transforms, stamps=stamps)
 
 
 def radar_scan_reads(decode: Decode, encoding: str) -> Reads:
@@ -103,5 +107,7 @@ SMALL: Mapping[str, Callable[[Decode, str], Reads]] = {
     "vision_msgs/msg/Detection3DArray": detections3d_reads,
     "radar_msgs/msg/RadarScan": radar_scan_reads,
     "radar_msgs/msg/RadarTracks": radar_tracks_reads,
+    **POSES,
+    **OBJECTS,
 }
 """By type: what a channel can be decoded to, given how its payloads are decoded and their encoding."""

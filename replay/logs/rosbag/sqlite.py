@@ -24,6 +24,7 @@ from fbench.replay.logs.rosbag.zstd import check_format, unpack_message
 
 KEYS = "SELECT timestamp, id FROM messages ORDER BY timestamp, id"
 """Walks the index of timestamps where there is one; else SQLite sorts these two numbers, on disk if need be."""
+_KEYS_FROM = "SELECT timestamp, id FROM messages WHERE timestamp >= ? ORDER BY timestamp, id"
 _TABLE = "SELECT timestamp, id, topic_id FROM messages NOT INDEXED ORDER BY id"
 _HEAD = "SELECT timestamp, topic_id, CASE typeof(data) WHEN 'blob' THEN length(data) END FROM messages WHERE id = ?"
 _DATA = "SELECT data FROM messages WHERE id = ?"
@@ -93,16 +94,25 @@ class Db3File:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these topics in canonical order; damaged ones are skipped and counted."""
+        return self._entries(channels)
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these topics from a log time on."""
+        return self._entries(channels, start_ns)
+
+    def _entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
+        query, values = (KEYS, ()) if start_ns is None else (_KEYS_FROM, (start_ns,))
         wanted = {number: self._channels[number].topic for number in channels & self._channels.keys()}
         num = 0
         with connected(self.path) as database, closing(database.cursor()) as cursor:
-            for _, ties in groupby(self._rows(database, KEYS), key=itemgetter(0)):
+            for _, ties in groupby(self._rows(database, query, values), key=itemgetter(0)):
                 heads = [head for head in self._heads(cursor, ties) if head.channel in wanted]
                 heads.sort(key=lambda head: (wanted[head.channel], head.row))
                 num += len(heads)
                 for log_ns, row, channel, data in self._messages(cursor, heads):
                     yield Entry(log_ns, wanted[channel], 0, 0, row, channel, 0, log_ns, data)
-        self._check_complete(num, wanted)
+        if start_ns is None:
+            self._check_complete(num, wanted)
 
     def verify(self) -> None:
         """There is nothing to compare: these files have no checksums."""
@@ -124,23 +134,25 @@ class Db3File:
                 advice = f"`sqlite3 {self.path.name} VACUUM` on a copy of both merges it"
                 self.once("LOG002", (suffix,), f"messages in {journal.name} aren't read; {advice}")
 
-    def _rows(self, database: sqlite3.Connection, query: str) -> Iterator[tuple[Any, ...]]:
+    def _rows(
+        self, database: sqlite3.Connection, query: str, values: tuple[int, ...] = ()
+    ) -> Iterator[tuple[Any, ...]]:
         """Stamp and id of all messages, and what else the query selects; ends at damage, which is counted."""
         last: tuple[int, ...] | None = None
         try:
-            for found in database.execute(query):
+            for found in database.execute(query, values):
                 log_ns, row = found[:2]
                 if not isinstance(log_ns, int) or log_ns < 0:
                     self._lost(row, log_ns, "no such stamp")
                     continue
-                at = (log_ns, row) if query == KEYS else (row,)
+                at = (row,) if query == _TABLE else (log_ns, row)
                 if last is not None and at <= last:  # as in a tree of pages that goes in a circle
                     self._broken(f"row {row} is out of order", log_ns)
                     return
                 last = at
                 yield found
         except FAILURES as error:
-            self._broken(str(error), last[0] if last is not None and query == KEYS else None)
+            self._broken(str(error), last[0] if last is not None and query != _TABLE else None)
 
     def _broken(self, reason: str, last_ns: int | None) -> None:
         stamp = "unknown" if last_ns is None else last_ns

@@ -11,6 +11,7 @@ from fbench.replay.errors import LogError
 from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.header import LogHeader
 from fbench.replay.logs.mcap.records import MAX_RECORD, RecordError
+from fbench.replay.logs.seek import entries_from
 
 _PIECE = 1024 * 1024
 _MAX_WINDOW = 128 * 1024 * 1024
@@ -87,7 +88,14 @@ class UnpackedMessages:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these channels in canonical order, unpacked."""
-        for entry in self._packed.entries(channels):
+        return self._unpack(self._packed.entries(channels))
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these channels from a log time on, unpacked."""
+        return self._unpack(entries_from(self._packed, channels, start_ns))
+
+    def _unpack(self, entries: Iterator[Entry]) -> Iterator[Entry]:
+        for entry in entries:
             try:
                 unpacked = entry._replace(data=_unpacked(entry))
             except RecordError as error:

@@ -7,6 +7,7 @@ from fbench.pipelines.points.doppler import (
     range_rates,
     sensor_velocity,
     velocity_periods,
+    with_logged_ego_motion,
     wrapped,
 )
 from fbench.pipelines.points.merged import Echoes
@@ -79,3 +80,21 @@ def test_periods_that_are_none(key, text):
     match = rf"log 'drive': metadata {key}: expected 0 or a number from 0\.1 to 1000, got '{text}'"
     with pytest.raises(LogError, match=match):
         velocity_periods(("front",), LogInfo("drive", "id", {key: text}), DopplerParams())
+
+
+def test_velocities_that_are_free_of_ego_motion_stay_as_they_are():
+    """Most echoes come nearer: without being told, that would be taken for the vehicle's own motion."""
+    echoes = scene((0.0, 0.0), -8.0, num=100, num_moving=300)
+    removed = DopplerParams(ego_motion="removed")
+    np.testing.assert_array_equal(range_rates(echoes, removed), echoes.radial_velocity_mps)
+    assert range_rates(echoes, DopplerParams())[100:] == pytest.approx(0.0, abs=0.5)
+
+
+def test_the_log_says_whether_ego_motion_is_removed():
+    told = LogInfo("a", "b", {"radar.front.ego_motion": "removed"})
+    assert with_logged_ego_motion("front", told, DopplerParams()).ego_motion == "removed"
+    assert with_logged_ego_motion("rear", told, DopplerParams()).ego_motion == "included"
+    assert with_logged_ego_motion("front", told, DopplerParams(ego_motion="included")).ego_motion == "included"
+    odd = LogInfo("a", "b", {"radar.ego_motion": "perhaps"})
+    with pytest.raises(LogError, match="expected 'included' or 'removed', got 'perhaps'"):
+        with_logged_ego_motion("front", odd, DopplerParams())

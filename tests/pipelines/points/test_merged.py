@@ -24,6 +24,7 @@ RIG = Rig(
     },
     {},
 )
+RANGES = {"front": (2.0, np.inf), "back": (2.0, np.inf)}
 
 
 def frame(*messages):
@@ -35,16 +36,16 @@ def cloud(sensor, *xyz):
 
 
 def test_points_of_all_lidars_in_body_coordinates_sorted():
-    merged = lidar_points(RIG, frame(cloud("front", (5, 0, 0), (1, 1, 0)), cloud("back", (4, 1, 0))), 2.0)
+    merged = lidar_points(RIG, frame(cloud("front", (5, 0, 0), (1, 1, 0)), cloud("back", (4, 1, 0))), RANGES)
     assert merged is not None
     assert merged == pytest.approx(np.array([[-7.0, -1, 2], [6, 0, 2]]))
     assert lidar_position(RIG).tolist() == [-1.0, 0.0]
 
 
 def test_sensors_that_did_not_deliver():
-    assert lidar_points(RIG, frame(), 2.0) is None
+    assert lidar_points(RIG, frame(), RANGES) is None
     assert radar_scans(RIG, frame(), {}) is None
-    empty = lidar_points(RIG, frame(cloud("front")), 2.0)
+    empty = lidar_points(RIG, frame(cloud("front")), RANGES)
     assert empty is not None
     assert empty.shape == (0, 3)
 

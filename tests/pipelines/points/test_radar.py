@@ -24,7 +24,7 @@ def scene(over_ground_mps, ego_mps=8.0, period_mps=0.0):
 
 
 def found(*scans, params=RadarParams()):  # noqa: B008
-    return detect(compensate(scans, params), params).boxes
+    return detect(compensate(scans, {scan.sensor: params for scan in scans}), params).boxes
 
 
 @pytest.mark.parametrize("speed", [-6.0, 0.8, 5.0])

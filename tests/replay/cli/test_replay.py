@@ -356,9 +356,9 @@ def test_termination_leaves_nothing_behind(log, still, tmp_path):
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_camera_with_distortion_is_left_out_of_the_score(fbench, tmp_path, still):
+def test_camera_with_unknown_distortion_is_left_out_of_the_score(fbench, tmp_path, still):
     straight = rig()
-    bent = replace(straight.cameras["camera"], distortion_model="plumb_bob", distortion=np.full(5, 0.1))
+    bent = replace(straight.cameras["camera"], distortion_model="omni", distortion=np.full(5, 0.1))
     log = write_log(tmp_path / "bent.mcap", [*messages(), *truths()], Rig(straight.mounts, {"camera": bent}))
     result = fbench("replay", log, "-p", still(), "--json")
     assert result.code == 0

@@ -2,12 +2,10 @@
 
 import cv2
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.replay.data import Boxes3D, CameraModel, Mount, Rig
-from fbench.replay.errors import LogError
 from fbench.replay.geometry.camera import in_image, project, project_body, project_boxes
 
 K = np.array([[400.0, 0, 399.5], [0, 400, 299.5], [0, 0, 1]])
@@ -64,9 +62,3 @@ def test_outline_is_clipped_and_boxes_behind_are_not_seen():
     assert seen.tolist() == [True, False, False]
     np.testing.assert_allclose(outline[0], [-0.5, -0.5, 799.5, 599.5])
     assert np.isnan(outline[1:]).all()
-
-
-def test_distorted_cameras_are_refused_by_name():
-    bent = CameraModel(K, (800, 600), "plumb_bob", np.array([0.1, 0, 0, 0, 0]))
-    with pytest.raises(LogError, match="camera 'cam': distortion model 'plumb_bob' isn't supported"):
-        project_body(rig(bent), "cam", np.zeros((1, 3)))

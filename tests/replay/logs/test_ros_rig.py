@@ -1,7 +1,6 @@
 """Calibration of ROS logs, replaced and completed from elsewhere."""
 
 import runpy
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
-from fbench.replay.logs.setup import SensorSetup, Setup
+from fbench.replay.logs.setup import BoxSource, SensorSetup, Setup
 from fbench.replay.logs.tree import Edge
 from fbench.replay.rig_patch import RigPatch
 
@@ -36,8 +35,8 @@ def opened(log, **setup):
 def test_the_example_keeps_points_mounts_and_truth(logs):
     own, ros = (open_log(log, FaultLog()) for log in logs)
     for kind in ("lidar", "radar"):
-        a, b = own.rig.sensors(kind)[0], ros.rig.sensors(kind)[0]
-        np.testing.assert_allclose(ros.rig.body_T_sensor(b), own.rig.body_T_sensor(a), atol=1e-12)
+        old, new = own.rig.sensors(kind)[0], ros.rig.sensors(kind)[0]
+        np.testing.assert_allclose(ros.rig.body_T_sensor(new), own.rig.body_T_sensor(old), atol=1e-12)
     for a, b in zip(own.truths(), ros.truths(), strict=True):
         assert (a.stamp_ns, a.log_ns) == (b.stamp_ns, b.log_ns)
         np.testing.assert_allclose(a.boxes3d.center_m, b.boxes3d.center_m)
@@ -85,10 +84,21 @@ def test_the_body_may_be_a_coordinate_frame_beside_the_sensors(logs):
     assert rig.mounts["lidar_top_link"].translation_m.tolist() == [0, 0, 0]
 
 
-def test_classes_of_others_that_mean_nothing_are_counted_once(logs):
-    faults = FaultLog()
-    setup = Setup(classes={"car": "van"})
-    labels = [truth.boxes3d.label for truth in open_log(logs[1], faults, (), setup).truths()]
+def test_classes_of_others_get_the_labels_that_are_wanted(logs):
+    labels = [truth.boxes3d.label for truth in opened(logs[1], classes={"car": "van"}).truths()]
     assert "car" not in np.concatenate(labels)
+
+
+def test_classes_that_mean_nothing_are_counted_once(logs, tmp_path):
+    rows = ["frame,x,y,z,length,width,height,yaw,label", *(f"{i},9,0,0,4,2,1,0,ufo 7" for i in range(3))]
+    (tmp_path / "labels.csv").write_text("\n".join(rows))
+    source = BoxSource(tmp_path / "labels.csv")
+    faults = FaultLog()
+    found = list(open_log(logs[1], faults, (), Setup(truth=source)).truths())
+    assert [truth.boxes3d.label.tolist() for truth in found] == [["other"]] * 3
+    assert faults.counts["GT007"] == 1
+    assert faults.places["GT007"] == ["drive.mcap: labels.csv: 'ufo 7'"]
+    faults = FaultLog()
+    found = list(open_log(logs[1], faults, (), Setup(truth=source, classes={"ufo 7": "bus"})).truths())
+    assert found[0].boxes3d.label.tolist() == ["bus"]
     assert faults.counts["GT007"] == 0
-    assert replace(setup, classes={}).classes == {}

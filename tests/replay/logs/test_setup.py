@@ -37,8 +37,9 @@ def log(request, tmp_path):
             writer.write(PointCloud("lidar", stamp, stamp, XYZ))
             for name in ("radar_a", "radar_b"):
                 writer.write(RadarScan(name, stamp, stamp, XYZ, np.array([1.5, -2.0], np.float32)))
-            names = {"label": np.array(["car"]), "source_label": np.array(["Auto"])}
-            boxes = Boxes3D(np.array([[10.0, 0, 0]]), np.ones((1, 3)), np.zeros(1), **names)
+            car, auto = np.array(["car"]), np.array(["Auto"])
+            place = np.array([[10.0, 0, 0]])
+            boxes = Boxes3D(place, np.ones((1, 3)), np.zeros(1), label=car, source_label=auto)
             flat = Boxes2D(np.array(["camera"]), np.array([[1.0, 2, 3, 4]]), label=np.array(["car"]))
             writer.write(Truth(stamp, stamp, boxes, flat))
     if request.param == "mcap":
@@ -145,7 +146,8 @@ def test_a_file_about_one_camera_means_the_only_one(log):
 @pytest.mark.parametrize(
     ("sensors", "message"),
     [
-        ({"a": SensorSetup("/nowhere", "lidar")}, "sensor 'a': the log has no topic '/nowhere'"),
+        ({"a": SensorSetup("/nowhere", "lidar")}, "none of its topics is in own.* --config none"),
+        ({n: SensorSetup(t, "lidar") for n, t in (("a", "/no"), ("b", "LIDAR"))}, "'a': the log has no topic '/no'"),
         ({n: SensorSetup("LIDAR", "lidar") for n in ("a", "b")}, "sensors 'a' and 'b' have one topic"),
         ({"a": SensorSetup("LIDAR", "camera")}, "holds lidar, not camera"),
         ({"a": SensorSetup("/truth/boxes", "lidar")}, "holds truth, not lidar"),

@@ -139,7 +139,7 @@ def test_boxes_in_images(distro, text):
     assert (part.is_2d, part.frame_id, part.truth.boxes3d) == (True, "cam", None)
     np.testing.assert_allclose(boxes.xyxy_px, [[8, 16, 12, 24], [6, 18, 14, 22]], atol=1e-12)
     assert boxes.camera.tolist() == ["cam", "cam"]
-    assert boxes.label.tolist() == ["other", "motorcycle"]
+    assert boxes.label.tolist() == ["", "motorcycle"]
     assert boxes.score is None
     assert boxes.track_id is None
 
@@ -201,7 +201,7 @@ def test_boxes_that_cant_be_used(row, message):
     ("name", "label"),
     [
         ("car", "car"), ("CAR", "car"), ("person", "pedestrian"), ("motorbike", "motorcycle"), ("cyclist", "bicycle"),
-        ("vehicle.car", "car"), ("Semi-Trailer", "trailer"), ("32007", "pedestrian"), ("", "other"), ("tree", "other"),
+        ("vehicle.car", "car"), ("Semi-Trailer", "trailer"), ("32007", "pedestrian"), ("", ""), ("tree", "other"),
     ],
 )  # fmt: skip
 def test_labels(name, label):
