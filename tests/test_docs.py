@@ -41,6 +41,7 @@ def workplace(tmp_path):
 
     (tmp_path / "runs" / "demo").mkdir(parents=True)
     write_boxes_log(tmp_path / "runs" / "demo" / "boxes.mcap", seconds=1.0)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     shared = ROOT.parent / "shared"
     for name, target in (
         ("astyx", "data/astyx"),
