@@ -7,9 +7,11 @@ INIT = f"{_HEAD}fbench init log.mcap\n\nfbench init log.mcap -o configs/car.toml
 REPLAY = (
     f"{_HEAD}fbench replay log.mcap --pipeline lidar3d\n\n"
     "fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report\n\n"
-    "fbench replay log.mcap -p my_pipeline.py:MyPipeline"
+    "fbench replay log.mcap -p my_pipeline.py:MyPipeline\n\n"
+    "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv\n\n"
+    "fbench replay log.mcap -p recorded:/perception/tracks"
 )
-SCORE = f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around"
+SCORE = f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around\n\nfbench score runs/log-lidar3d --truth label_02/0003.txt"
 REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
 COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
 VERIFY = (
