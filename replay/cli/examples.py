@@ -11,7 +11,10 @@ REPLAY = (
     "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv\n\n"
     "fbench replay log.mcap -p recorded:/perception/tracks"
 )
-SCORE = f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around\n\nfbench score runs/log-lidar3d --truth label_02/0003.txt"
+SCORE = (
+    f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around\n\n"
+    "fbench score runs/log-lidar3d --truth label_02/0003.txt"
+)
 REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
 COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
 VERIFY = (

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from fbench.datasets.boxes import write_boxes_log
+from fbench.replay.data import RigChange
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -102,3 +105,25 @@ def test_classes_that_mean_nothing_are_counted_once(logs, tmp_path):
     found = list(open_log(logs[1], faults, (), Setup(truth=source, classes={"ufo 7": "bus"})).truths())
     assert found[0].boxes3d.label.tolist() == ["bus"]
     assert faults.counts["GT007"] == 0
+
+
+def test_static_transforms_are_taken_from_any_file_of_a_split_recording(logs, tmp_path):
+    """Here they are recorded last, in a file of their own: who joins late gets them when it joins."""
+    folder = tmp_path / "split"
+    folder.mkdir()
+    with logs[1].open("rb") as source:
+        every = list(make_reader(source).iter_messages())
+    last_ns = max(message.log_time for _, _, message in every)
+    for number, is_static in ((0, False), (1, True)):
+        with (folder / f"drive_{number}.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start(profile="ros2")
+            for schema, channel, message in every:
+                if (channel.topic == "/tf_static") == is_static:
+                    about = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    id_ = writer.register_channel(channel.topic, channel.message_encoding, about)
+                    writer.add_message(id_, last_ns + 1 if is_static else message.log_time, message.data, 0)
+            writer.finish()
+    plain, split = open_log(logs[1], FaultLog()), open_log(folder, FaultLog())
+    assert split.rig.changed_since(plain.rig) == ()
+    assert not [m for m in split.messages() if isinstance(m, RigChange)]
