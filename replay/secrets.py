@@ -179,6 +179,8 @@ def _value(text: str, word: "re.Match[str]") -> "re.Match[str] | None":
     if not is_secret_name(word[0]):
         return None
     given = _GIVEN.match(text, word.end())
+    if given is not None and ":" in given[0] and text[max(0, word.start() - 1) : word.start()] in ("/", "\\"):
+        return None  # the last name of a path, and what is said about it
     if given is None and text[max(0, word.start() - 1) : word.start()] == "-":
         given = _NEXT_WORD.match(text, word.end())
     return None if given is None else _VALUE.match(text, given.end())

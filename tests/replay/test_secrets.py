@@ -60,6 +60,8 @@ REMOVED = {
 }
 
 KEPT = [
+    "stream in file '/etc/passwd': not a plain file name",
+    "topic '/auth/token': has no messages",
     "lidar at 1700000000000000000 ns: 3 of 4 points",
     "topic:/camera/a?b",
     "'/camera/image_raw'; did you mean '/camera/image'?",
