@@ -61,7 +61,7 @@ class GroundSpace:
 
     def measure(self, similarity: float) -> float:
         """Distance [m] of a pair."""
-        return -similarity
+        return abs(similarity)
 
     def _items(self, boxes: Boxes) -> Items:
         if not isinstance(boxes, Boxes3D):

@@ -1,14 +1,15 @@
 """recorded: the results that another system wrote into the log, or that lie in a file beside it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from fbench.pipelines.alongside import Alongside
 from fbench.pipelines.checks import require_between
-from fbench.pipelines.points.merged import world_T_body
+from fbench.pipelines.poses_alongside import PosesAlongside
+from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes, Fault, Frame, LogInfo, Output, Rig, Truth
 from fbench.replay.errors import ConfigError, LogError
@@ -17,6 +18,7 @@ from fbench.replay.geometry.transforms import inverse
 from fbench.replay.protocols import BoxReader
 
 STAGE = "recorded"
+"""Stands for all that the other system did."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Recorded:
         self._name = params.topic or "results"
         self._log: BoxReader | None = None
         self._alongside: Alongside | None = None
+        self._poses: PosesAlongside | None = None
         self._kind: type[Boxes] = Boxes3D
 
     def use_log(self, log: BoxReader) -> None:
@@ -66,6 +69,7 @@ class Recorded:
             to_ns = 1e6
             tolerance_ns, offset_ns = round(self._params.tolerance_ms * to_ns), round(self._params.offset_ms * to_ns)
             self._alongside = Alongside(results, tolerance_ns, offset_ns)
+            self._poses = PosesAlongside(self._log.body_poses(), min(self._log.poses, default=None))
 
     def reset(self, reason: str) -> None:
         """Begin a segment."""
@@ -77,10 +81,11 @@ class Recorded:
         if self._alongside is None:
             raise ConfigError("pipeline 'recorded' wasn't started")
         result, num_passed = self._alongside.take(frame)
+        world_T_body = None if self._poses is None else self._poses.world_T_body(frame)
         faults = [Fault("PRD003", f"{self._name} before frame {frame.index}")] * num_passed
         if result is None:
             return self._output(None, {self._name: f"no output within {self._params.tolerance_ms:g} ms"}, faults)
-        boxes, missing = self._placed(result, frame)
+        boxes, missing = self._placed(result, world_T_body)
         if boxes is None:
             return self._output(None, missing, faults)
         latency_ns = result.log_ns - frame.stamp_ns
@@ -90,11 +95,18 @@ class Recorded:
         if latency_ns < 0:
             faults.append(Fault("PRD004", f"{self._name}: {-latency_ns / 1e6:.3f} ms"))
             return self._output(boxes, missing, faults)
-        return replace(self._output(boxes, missing, faults), latency_ns=latency_ns, stage_ns={STAGE: latency_ns})
+        return self._output(boxes, missing, faults, latency_ns)
 
-    def _output(self, boxes: Boxes | None, missing: Mapping[str, str], faults: list[Fault]) -> Output:
+    def _output(
+        self,
+        boxes: Boxes | None,
+        missing: Mapping[str, str],
+        faults: list[Fault],
+        latency_ns: int | None = None,
+    ) -> Output:
         found = self._kind.empty() if boxes is None else boxes
-        return Output(found, found, {}, tuple(faults), missing, is_elsewhere=True)
+        stage_ns = {} if latency_ns is None else {STAGE: latency_ns}
+        return Output(found, found, stage_ns, tuple(faults), missing, clock="log")
 
     def _first_kind(self, log: BoxReader, log_info: LogInfo) -> type[Boxes]:
         """Kind of the first boxes that there are; of results without any box the kind of the first one."""
@@ -114,7 +126,7 @@ class Recorded:
             raise LogError(f"log '{log_info.name}': '{self._name}' holds no result that can be used", "CFG001")
         return empty
 
-    def _placed(self, result: Truth, frame: Frame) -> tuple[Boxes | None, dict[str, str]]:
+    def _placed(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
         """Boxes in body coordinates or in images of the rig's cameras, and what is missing."""
         if self._kind is Boxes2D:
             return self._seen(result.boxes2d)
@@ -122,10 +134,9 @@ class Recorded:
             return None, {self._name: "no boxes in 3D, as in other frames"}
         if not result.in_world:
             return result.boxes3d, {}
-        pose = world_T_body(self._rig, frame)
-        if pose is None:
+        if world_T_body is None:
             return None, {self._name: "no pose that moves it from the world to the body"}
-        return moved(result.boxes3d, inverse(pose)), {}
+        return moved(result.boxes3d, inverse(world_T_body)), {}
 
     def _seen(self, boxes: Boxes2D | None) -> tuple[Boxes | None, dict[str, str]]:
         if boxes is None:

@@ -1,5 +1,6 @@
 """Checks for the arrays inside the data types: shape and dtype, once, with an error that names the field."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ Bool = NDArray[np.bool_]
 Text = NDArray[np.str_]
 
 Shape = tuple[int | str, ...]
+MAX_TEXT = 1000
+"""Characters of a text in an array, where each takes the room of the longest."""
 
 
 def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
@@ -36,6 +39,18 @@ def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shap
         if fixed != have:
             raise DataError(f"{owner}.{field}: expected {expected}, got {got}")
     return _frozen(array, np.dtype(dtype))
+
+
+def text_array(texts: Sequence[str]) -> Text:
+    """Return texts of others as an array (N,).
+
+    Raises:
+        DataError: where one is longer than `MAX_TEXT`.
+    """
+    longest = max(map(len, texts), default=0)
+    if longest > MAX_TEXT:
+        raise DataError(f"a text has {longest} characters, more than {MAX_TEXT}")
+    return np.array(texts, np.str_)
 
 
 def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:

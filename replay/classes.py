@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.replay.arrays import Text
+from fbench.replay.arrays import Text, text_array
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import LABELS
 
@@ -82,4 +82,4 @@ def _plain(name: str) -> str:
 
 
 def _texts(names: list[str]) -> Text:
-    return np.array(names, dtype=np.str_)
+    return text_array(names)

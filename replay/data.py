@@ -18,9 +18,9 @@ from fbench.replay.errors import DataError
 from fbench.replay.geometry.transforms import pose_matrix
 
 __all__ = [
-    "KINDS", "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "Fault", "Float32",
-    "Float64", "Frame", "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output", "PointCloud", "Pose",
-    "RadarScan", "Rig", "RigChange", "Source", "Text", "Truth",
+    "KINDS", "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "ClockName", "Fault",
+    "Float32", "Float64", "Frame", "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output",
+    "PointCloud", "Pose", "RadarScan", "Rig", "RigChange", "Source", "Text", "Truth",
 ]  # fmt: skip
 
 LABELS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "other")
@@ -28,6 +28,8 @@ VEHICLES = ("car", "van", "truck", "bus", "trailer", "motorcycle")
 
 Kind: TypeAlias = Literal["camera", "lidar", "radar"]
 Boxes: TypeAlias = Boxes2D | Boxes3D
+ClockName: TypeAlias = Literal["host", "log"]
+"""Whose time latencies are measured in: that of this machine, or that of the log."""
 KINDS: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
 """Kinds of sensors by their names, to read what is only a text."""
 T = TypeVar("T", "Mount", "CameraModel")
@@ -296,16 +298,15 @@ class Output:
     detections: Boxes
     tracks: Boxes
     stage_ns: Mapping[str, int]
-    """Wall time of each stage [ns], in the order in which they ran."""
+    """Time of each stage [ns], in the order in which they ran."""
     faults: tuple[Fault, ...] = ()
     missing: Mapping[str, str] = field(default_factory=dict)
     """Sensors that the pipeline could have used but couldn't, with the reason: a camera without weights."""
-    latency_ns: int | None = None
-    """Time from the frame's instant to this output [ns], where the pipeline only passes on what was computed elsewhere;
-    `None`: what the step took.
+    clock: ClockName = "host"
+    """`log` where the pipeline only passes on what was computed elsewhere: then the times of the stages are log times
+    that follow the frame's instant and add up to the latency, which is unknown without any; what the step took says
+    nothing. Else they are wall times within the step.
     """
-    is_elsewhere: bool = False
-    """Whether the pipeline passes on what was computed elsewhere: without `latency_ns` there is no latency then."""
 
     def __post_init__(self) -> None:
         if type(self.detections) is not type(self.tracks):

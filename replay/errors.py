@@ -10,6 +10,8 @@ EXIT_NO = 1
 EXIT_USAGE = 2
 EXIT_DATA = 3
 EXIT_LOSSY = 4
+_MAX_CHARS = 1200
+"""Longer messages lose their middle, which then is a name or value from data."""
 
 
 class FbenchError(Exception):
@@ -22,9 +24,15 @@ class FbenchError(Exception):
     exit_code = EXIT_DATA
 
     def __init__(self, text: str = "", code: str = "") -> None:
-        super().__init__("".join(c if c.isprintable() else " " for c in without_secrets(text)))
+        clean = without_secrets(_shortened(text))
+        super().__init__("".join(c if c.isprintable() else " " for c in clean))
         self.code = code
         """Row of the fault table (`replay/faults.py`), empty where none fits."""
+
+
+def _shortened(text: str) -> str:
+    half = _MAX_CHARS // 2
+    return text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
 
 
 class ConfigError(FbenchError):

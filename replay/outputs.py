@@ -1,11 +1,12 @@
 """What a pipeline may give: checked before anything of it is recorded."""
 
 from collections.abc import Mapping
+from typing import get_args
 
 import numpy as np
 
 from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import LABELS, Boxes, Fault, Output, Rig
+from fbench.replay.data import LABELS, Boxes, ClockName, Fault, Output, Rig
 from fbench.replay.errors import DataError
 from fbench.replay.faults import FAULTS
 from fbench.replay.names import did_you_mean
@@ -31,6 +32,8 @@ class OutputCheck:
         self._kind = type(output.detections)
         _check_texts("missing", dict(output.missing))
         _check_times(dict(output.stage_ns))
+        if output.clock not in get_args(ClockName):
+            raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {output.clock!r}")
         for fault in output.faults:
             if not isinstance(fault, Fault) or fault.code not in FAULTS:
                 raise DataError(f"Output.faults: {fault!r} isn't a fault of the table")

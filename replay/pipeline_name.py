@@ -55,8 +55,14 @@ def with_absolute_files(text: str) -> str:
     """A command line, or a single path, as seen from any folder: words that are files here become absolute."""
     words = _words(text)
     # Links stay: a virtual environment's Python is one.
-    absolute = [str(Path(word).absolute()) if _is_path(word) else word for word in words]
+    absolute = [str(Path(word).absolute()) if names_file(word) else word for word in words]
     return text if words == absolute else shlex.join(absolute)
+
+
+def names_file(word: str) -> bool:
+    """Tell whether a word of a command line is the path of a file that is there."""
+    # A word such as `fast` may be the name of a file by chance.
+    return ("/" in word or "." in word) and not word.startswith("-") and Path(word).is_file()
 
 
 def _words(text: str) -> list[str]:
@@ -64,11 +70,6 @@ def _words(text: str) -> list[str]:
         return shlex.split(text)
     except ValueError:
         return [text]
-
-
-def _is_path(word: str) -> bool:
-    # A word such as `fast` may be the name of a file by chance.
-    return ("/" in word or "." in word) and not word.startswith("-") and Path(word).is_file()
 
 
 def _clean(text: str) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
-from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Truth
+from fbench.replay.data import Frame, LogInfo, Message, Output, Pose, Rig, RigChange, Truth
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 
@@ -88,6 +88,10 @@ class BoxReader(Protocol):
         """Names of the streams of poses, which alone can move boxes from the world to the body."""
         ...
 
+    def body_poses(self) -> Iterator[Pose]:
+        """Poses of all streams, in the order in which they were recorded."""
+        ...
+
     def detections(self, topic: str) -> Iterator[Truth]:
         """Boxes of one topic in the order in which they were recorded; where `topic` is empty, those of the file that
         was named beside the log, in the order of their stamps. `log_ns` is when they were recorded.
@@ -122,6 +126,17 @@ class TakesArgument(Protocol):
 
     argument: ClassVar[str]
     """Name of that parameter."""
+
+
+@runtime_checkable
+class TellsIdentity(Protocol):
+    """A pipeline whose work is done by something that its parameters don't tell apart: one build of a program, say."""
+
+    def identity(self) -> Mapping[str, object]:
+        """What tells it apart, by names for the manifest's parameters, JSON-ready; asked at the end of a run. Names of
+        files stand under the key `file`, so that `--redact` finds them.
+        """
+        ...
 
 
 @runtime_checkable

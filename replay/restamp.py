@@ -10,6 +10,8 @@ from fbench.replay.names import did_you_mean
 
 MAX_SKEW_NS = 60_000_000_000
 """Clocks that differ by more can't be one clock with a delay [ns]."""
+MAX_OFFSET_MS = 4e12
+"""Over a hundred years: what is added to a stamp of today still fits 64 bits."""
 
 StampSource = Literal["header", "log"]
 
@@ -64,7 +66,7 @@ def _offset_ns(text: str, name: str, value: str) -> int:
         offset_ms = float(value)
     except ValueError:
         offset_ms = float("nan")
-    if not name or not abs(offset_ms) <= 1e15:
+    if not name or not abs(offset_ms) <= MAX_OFFSET_MS:
         raise ConfigError(f"--offset {text}: expected SENSOR=MILLISECONDS, such as radar=-12.5")
     return round(offset_ms * 1e6)
 

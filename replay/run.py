@@ -10,7 +10,7 @@ import numpy as np
 
 from fbench.replay.boxes import finite
 from fbench.replay.clock import Clock, VirtualClock
-from fbench.replay.data import Boxes, Frame, Output, Rig
+from fbench.replay.data import Boxes, ClockName, Frame, Output, Rig
 from fbench.replay.digest import START, digest, link
 from fbench.replay.errors import FbenchError, LogError, RunError, one_line
 from fbench.replay.excerpt import Excerpt
@@ -21,7 +21,7 @@ from fbench.replay.host import package_versions
 from fbench.replay.manifest import FrameEntry, InputEntry, LogEntry, Manifest, TruthEntry, rig_entry
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
-from fbench.replay.protocols import Pipeline, Reader
+from fbench.replay.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.redact import redacted_manifest, redacted_record, redacted_rows
 from fbench.replay.restamp import StampParams
 from fbench.replay.secrets import clean_mapping, without_secrets
@@ -171,7 +171,7 @@ class _Loop:
             self._writer.add_boxes(name, frame.index, boxes)
         number, stamp = frame.frame_number, frame.stamp_ns
         record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
-        self._writer.add_frame(record, _times(output, total_ns))
+        self._writer.add_frame(record, *_times(output, total_ns))
 
     def _count_invalid(self, where: str, boxes: Boxes) -> None:
         sane, scored = finite(boxes)
@@ -245,7 +245,7 @@ class _Loop:
                 metadata=dict(sorted(info.metadata.items())),
             ),
             pipeline=self._plan.name,
-            parameters=dict(self._plan.parameters),
+            parameters={**self._plan.parameters, **_identity(self._plan.pipeline)},
             frames=FrameEntry(
                 reference=self.stream.reference,
                 timeout_ns=sync.timeout_ns,
@@ -285,10 +285,14 @@ def _require_plain_names(rig: Rig) -> None:
             )
 
 
-def _times(output: Output | None, step_ns: int) -> dict[str, int]:
-    """Times of the stages and of the whole frame, which no step tells of what was computed elsewhere."""
+def _identity(pipeline: Pipeline) -> Mapping[str, object]:
+    return pipeline.identity() if isinstance(pipeline, TellsIdentity) else {}
+
+
+def _times(output: Output | None, step_ns: int) -> tuple[dict[str, int], ClockName]:
+    """Times [ns] of the stages and of the whole frame, and whose they are."""
     if output is None:
-        return {"total": step_ns}
-    if output.latency_ns is not None:
-        return {**output.stage_ns, "total": output.latency_ns}
-    return dict(output.stage_ns) if output.is_elsewhere else {**output.stage_ns, "total": step_ns}
+        return {"total": step_ns}, "host"
+    if output.clock == "host":
+        return {**output.stage_ns, "total": step_ns}, "host"
+    return {**output.stage_ns, "total": sum(output.stage_ns.values())} if output.stage_ns else {}, "log"

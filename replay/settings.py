@@ -146,6 +146,16 @@ def describe(params: object) -> dict[str, object]:
     return described | (_described_by_sensor(params) if has_sensor_settings(params) else {})
 
 
+def described_file(path: Path) -> dict[str, object]:
+    """Return a file's name and sha256, `None` where it can't be read, as a program may be."""
+    try:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    except PermissionError:
+        sha256 = None
+    return {"file": path.name, "sha256": sha256}
+
+
 def _described_by_sensor(params: Any) -> dict[str, object]:
     files = {name for name, hint in _hints(type(params)) if Path in (hint, *typing.get_args(hint))}
     described: dict[str, object] = {}
@@ -168,10 +178,7 @@ def _described(value: object) -> object:
     if isinstance(value, Path) and not value.is_file():
         raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
-        return {
-            "file": value.name,
-            "sha256": hashlib.sha256(value.read_bytes()).hexdigest(),
-        }
+        return described_file(value)
     if isinstance(value, tuple):
         return [_described(item) for item in value]
     plain = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))

@@ -9,14 +9,15 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Self, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Boxes, Truth
+from fbench.replay.data import Boxes, ClockName, Truth
 from fbench.replay.errors import ConfigError, RunError
 from fbench.replay.files import swap
 from fbench.replay.manifest import Manifest, load_manifest, save_manifest
@@ -26,6 +27,7 @@ from fbench.replay.tables import BoxTable, BoxWriter, column_array, read_boxes, 
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
+_CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
 FRAMES, POSE = "frames.parquet", "pose"
 """The table of frames; its column that is there where the log has poses."""
 
@@ -83,11 +85,11 @@ class RunWriter:
         """The frames added so far."""
         return self._records
 
-    def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int]) -> None:
-        """Append one frame."""
+    def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int], clock: ClockName = "host") -> None:
+        """Append one frame, and how long it took by that clock."""
         self._rows[record.index] = len(self._records)
         self._records.append(record)
-        self._timings.add(record.index, stage_ns)
+        self._timings.add(record.index, stage_ns, clock)
 
     def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
         """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
@@ -147,21 +149,30 @@ def _require_replaceable(folder: Path, overwrite: bool) -> None:
 
 
 class _Timings:
-    """Wall time of each stage in each frame, as compact columns."""
+    """Time of each stage in each frame, as compact columns."""
 
     def __init__(self) -> None:
-        self._frames, self._stages, self._ns = array("q"), array("q"), array("q")
+        self._frames, self._stages, self._ns, self._clocks = array("q"), array("q"), array("q"), array("q")
         self._names: dict[str, int] = {}
 
-    def add(self, frame: int, stage_ns: Mapping[str, int]) -> None:
+    def add(self, frame: int, stage_ns: Mapping[str, int], clock: ClockName) -> None:
         for stage, ns in stage_ns.items():
             self._frames.append(frame)
             self._stages.append(self._names.setdefault(stage, len(self._names)))
             self._ns.append(ns)
+            self._clocks.append(_CLOCKS.index(clock))
 
     def columns(self) -> dict[str, pa.Array]:
-        stages = pa.DictionaryArray.from_arrays(_int64(self._stages), pa.array(list(self._names), pa.string()))
-        return {"frame": _int64(self._frames), "stage": stages.dictionary_decode(), "ns": _int64(self._ns)}
+        return {
+            "frame": _int64(self._frames),
+            "stage": _texts(self._stages, list(self._names)),
+            "ns": _int64(self._ns),
+            "clock": _texts(self._clocks, _CLOCKS),
+        }
+
+
+def _texts(indices: "array[int]", texts: Sequence[str]) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(_int64(indices), pa.array(texts, pa.string())).dictionary_decode()
 
 
 def _int64(values: "array[int]") -> pa.Array:
@@ -290,9 +301,18 @@ class Run:
         return boxes
 
     @cached_property
+    def clock(self) -> ClockName:
+        """Whose times `timings` are: those of the log as soon as the pipeline passed on one of them."""
+        return "log" if pc.any(pc.equal(self._timings["clock"], "log")).as_py() else "host"
+
+    @cached_property
+    def _timings(self) -> pa.Table:
+        return read_table(self.folder / "timings.parquet")
+
+    @cached_property
     def timings(self) -> dict[str, list[int]]:
-        """Wall time [ns] of each stage over the frames in which it ran, and `total` of the frames that have one."""
-        table = read_table(self.folder / "timings.parquet")
+        """Time [ns] of each stage over the frames in which it ran, and `total` of the frames that have one."""
+        table = self._timings.filter(pc.equal(self._timings["clock"], self.clock))
         stages: dict[str, list[int]] = {}
         for batch in table.select(["stage", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
             for stage, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from fbench.replay.arrays import Array, Int64
+from fbench.replay.arrays import Array, Int64, text_array
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes
 from fbench.replay.errors import RunError
@@ -132,7 +132,7 @@ def column_array(column: pa.ChunkedArray) -> Array:
             return np.array([[np.nan] * column.type.list_size if row is None else row for row in chunk.to_pylist()])
         return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, column.type.list_size)
     if pa.types.is_string(column.type):
-        return np.array(["" if text is None else text for text in chunk.to_pylist()], dtype=np.str_)
+        return text_array(["" if text is None else text for text in chunk.to_pylist()])
     dtype = np.dtype(column.type.to_pandas_dtype())
     return np.asarray(chunk.fill_null(_FILL[dtype.kind]).to_numpy(zero_copy_only=False), dtype)
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from fbench.datasets.boxes import write_boxes_log
+
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("replay", "datasets", "pipelines", "metrics", "reports")
 
@@ -59,16 +61,21 @@ def test_relative_imports_are_not_used():
             assert not relative, path
 
 
-def test_help_loads_nothing_heavy():
+def loaded_by(*arguments: str) -> set[str]:
+    """Modules that a command loads, itself being `fbench`."""
     code = (
-        "import sys; sys.argv = ['fbench', '--help']\n"
+        f"import sys; sys.argv = ['fbench', *{arguments!r}]\n"
         "from fbench.replay.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "print('LOADED', *sorted(sys.modules))"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = result.stdout.rpartition("LOADED")[2].split()
+    return set(result.stdout.rpartition("LOADED")[2].split())
+
+
+def test_help_loads_nothing_heavy():
+    loaded = loaded_by("--help")
     assert "typer" in loaded
     heavy = {
         "numpy",
@@ -86,7 +93,14 @@ def test_help_loads_nothing_heavy():
         "sklearn",
         "pandas",
     }
-    assert not heavy & set(loaded)
+    assert not heavy & loaded
+
+
+def test_log_info_on_mcap_loads_no_tables_kernels_or_models(tmp_path):
+    write_boxes_log(tmp_path / "boxes.mcap", 0.2)
+    loaded = loaded_by("log", "info", str(tmp_path / "boxes.mcap"))
+    assert "mcap" in loaded
+    assert not {"numba", "cv2", "pyarrow", "onnxruntime", "pandas", "plotly", "jinja2", "sklearn"} & loaded
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.pipeline_name import names_file
 
 _OWN_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """fbench sets these for itself: another program has threads of its own."""
@@ -26,6 +27,11 @@ class Command:
     def name(self) -> str:
         """The program's file name."""
         return Path(self.program).name
+
+    @property
+    def files(self) -> list[Path]:
+        """The program, and the files that its arguments name: scripts, weights."""
+        return [Path(self.program), *(Path(word) for word in self.words[1:] if names_file(word))]
 
 
 def parse_command(text: str) -> Command:

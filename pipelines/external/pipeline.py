@@ -1,21 +1,24 @@
 """`exec`: any program as a pipeline, watched, and started again where it fails."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import ClassVar
 
 from fbench.pipelines.checks import require_between
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.command import parse_command
+from fbench.pipelines.external.command import Command, parse_command
 from fbench.pipelines.external.dialogue import Dialogue, ProgramError, ProtocolError, RefusedError
 from fbench.pipelines.external.requests import hello
 from fbench.pipelines.external.responses import to_output
 from fbench.pipelines.external.stderr import KeptText
 from fbench.replay.data import Frame, LogInfo, Output, Rig
-from fbench.replay.errors import LogError, RunError
+from fbench.replay.errors import DataError, LogError, RunError
+from fbench.replay.settings import described_file
 
 _MIB = 1 << 20
+_MAX_STAGES = 64
+_MAX_NAME_CHARS = 200
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class Exec:
         self._command = parse_command(params.command)
         self._kept = KeptText()
         self._dialogue: Dialogue | None = None
+        self._stages: tuple[str, ...] = ()
+        self._identity: dict[str, object] = {}
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Start the program, or tell it of another rig.
@@ -66,12 +71,14 @@ class Exec:
         self._hello = hello(rig, log_info)
         try:
             with self._watched():
-                self._greet(self._dialogue or self._begin())
+                ready = self._greet(self._dialogue or self._begin())
         except RefusedError as error:
             self._kill()
             raise LogError(str(error)) from error
         except (ProgramError, ProtocolError) as error:
             raise RunError(f"exec: can't start: {error}") from error
+        # Files may be built anew while the run goes on.
+        self._identity = self._identity or _identity(self._command, ready)
 
     def reset(self, reason: str) -> None:
         """Have the program forget all tracks; one that was lost has none."""
@@ -96,13 +103,25 @@ class Exec:
         with self._watched():
             dialogue = self._dialogue or self._begin_again()
             output = dialogue.step(frame, self._params.frame_timeout_s)
-        return to_output(output)
+        return self._checked(to_output(output))
+
+    def _checked(self, output: Output) -> Output:
+        """Each name of a stage becomes a column of the run: they may not be new in every frame."""
+        names = dict.fromkeys([*self._stages, *output.stage_ns])
+        if len(names) > _MAX_STAGES:
+            raise DataError(f"stages: over {_MAX_STAGES} different names in the run, such as '{list(names)[-1]}'")
+        self._stages = tuple(names)
+        return output
 
     def close(self) -> None:
         """End the program."""
         dialogue, self._dialogue = self._dialogue, None
         if dialogue is not None:
             dialogue.process.close(self._params.close_timeout_s)
+
+    def identity(self) -> Mapping[str, object]:
+        """Name that the program gave itself at the start, and its files, so that two builds of it can be told apart."""
+        return self._identity
 
     def stderr(self) -> bytes:
         """What the program wrote to stderr in all its lives: the first and the last 512 KiB."""
@@ -142,3 +161,8 @@ class Exec:
         dialogue, self._dialogue = self._dialogue, None
         if dialogue is not None:
             dialogue.process.kill()
+
+
+def _identity(command: Command, ready: schema.Ready) -> dict[str, object]:
+    files = [described_file(path) for path in command.files]
+    return {"program.name": ready.name[:_MAX_NAME_CHARS], "program.files": files}

@@ -1,5 +1,6 @@
 """What a program answers: responses of the schema, checked and turned into outputs."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -7,12 +8,16 @@ import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.arrays import Array, Bool, Float64, Int64, Text, text_array
 from fbench.replay.boxes import Boxes2D, Boxes3D, finite
 from fbench.replay.data import Boxes, Output
 from fbench.replay.errors import DataError
 
 _MAX_STAGES = 64
+_MAX_BOXES = 10_000
+"""Of a frame; each costs time when it is scored."""
+_MAX_MISSING = 256
+_MAX_CHARS = 200
 _MAX_STAGE_NS = 2**62
 _ALL_SOURCES = 15
 
@@ -44,7 +49,10 @@ def to_output(output: schema.Output) -> Output:
     Raises:
         DataError: where boxes are incomplete or not finite, saying which field.
     """
+    _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
+    _require_short("stages", [stage.name for stage in output.stages], _MAX_STAGES)
     detections, tracks = _results(output)
+    _require_unique(tracks)
     for name, boxes in (("detections", detections), ("tracks", tracks)):
         _require_finite(name, boxes)
     return Output(detections, tracks, _stage_ns(output.stages), missing=dict(sorted(output.missing.items())))
@@ -59,7 +67,13 @@ def _results(output: schema.Output) -> tuple[Boxes, Boxes]:
     raise DataError("gave an Output without in_3d or in_2d; set one, empty where nothing was found")
 
 
+def _require_few(name: str, num: int) -> None:
+    if num > _MAX_BOXES:
+        raise DataError(f"{name}: expected at most {_MAX_BOXES} boxes, got {num}")
+
+
 def _boxes3d(name: str, boxes: schema.Boxes3D) -> Boxes3D:
+    _require_few(name, len(boxes.yaw_rad))
     return Boxes3D(
         center_m=_vectors(f"{name}.center_m", boxes.center_m, 3),
         size_lwh_m=_vectors(f"{name}.size_lwh_m", boxes.size_lwh_m, 3),
@@ -72,6 +86,7 @@ def _boxes3d(name: str, boxes: schema.Boxes3D) -> Boxes3D:
 
 
 def _boxes2d(name: str, boxes: schema.Boxes2D) -> Boxes2D:
+    _require_few(name, len(boxes.camera))
     visible = boxes.visible_xyxy_px
     return Boxes2D(
         camera=_texts(boxes.camera),
@@ -101,7 +116,7 @@ def _numbers(values: Sequence[float]) -> Float64 | None:
 
 
 def _texts(values: Sequence[str]) -> Text:
-    return np.array(list(values), np.str_)
+    return text_array(list(values))
 
 
 def _vectors(where: str, values: Sequence[float], size: int) -> Float64:
@@ -125,9 +140,25 @@ def _require_finite(name: str, boxes: Boxes) -> None:
         raise DataError(f"{name}: {'score' if sane[first] else 'geometry'} of box {first} isn't finite")
 
 
+def _require_short(where: str, texts: Sequence[str], limit: int) -> None:
+    if len(texts) > limit:
+        raise DataError(f"{where}: expected at most {limit}, got {len(texts)}")
+    longest = max(map(len, texts), default=0)
+    if longest > _MAX_CHARS:
+        raise DataError(f"{where}: a text has {longest} characters, at most {_MAX_CHARS} are taken")
+
+
+def _require_unique(tracks: Boxes) -> None:
+    """An id names one object of a frame, and in images one of each camera."""
+    ids = [] if tracks.track_id is None else tracks.track_id.tolist()
+    cameras = tracks.camera.tolist() if isinstance(tracks, Boxes2D) else [""] * len(ids)
+    named = Counter((camera, id_) for camera, id_ in zip(cameras, ids, strict=False) if id_ >= 0)
+    twice = next((id_ for (_, id_), num in named.items() if num > 1), None)
+    if twice is not None:
+        raise DataError(f"tracks: id {twice} is there twice; an id names one object of a frame")
+
+
 def _stage_ns(stages: Sequence[schema.Stage]) -> dict[str, int]:
-    if len(stages) > _MAX_STAGES:
-        raise DataError(f"stages: expected at most {_MAX_STAGES}, got {len(stages)}")
     for stage in stages:
         if stage.duration_ns > _MAX_STAGE_NS:
             raise DataError(f"stages: '{stage.name}' took {stage.duration_ns} ns, which can't be")

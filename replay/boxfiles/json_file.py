@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,13 +25,22 @@ def read_json(path: Path) -> Any:
             raise LimitError(
                 f"{path}: {size >> 20} MiB of JSON, more than {_MAX_BYTES >> 20}; split it, or use Parquet"
             )
-        return json.loads(path.read_text(encoding="utf-8-sig"))
+        return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_object)
     except RecursionError:
         raise LimitError(f"{path}: nested too deeply") from None
     except ValueError as error:
-        raise LogError(f"{path}: isn't JSON ({str(error).splitlines()[0]})") from error
+        raise LogError(f"{path}: isn't JSON ({str(error).splitlines()[0][:200]})") from error
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Of two values under one key JSON keeps one, so that boxes would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        raise ValueError(f"an object has the key '{counts.most_common(1)[0][0][:60]}' twice")
+    return found
 
 
 def head_of(path: Path) -> str:
@@ -116,7 +126,7 @@ def text(value: object, where: str) -> str:
         return ""
     if not isinstance(value, str):
         raise LogError(f"{where}: expected a text, got {_kind(value)}")
-    return value
+    return value.encode("utf-8", "replace").decode()  # JSON can write half a surrogate pair, files can't
 
 
 def _kind(value: object) -> str:

@@ -9,13 +9,15 @@ from fbench.replay.boxfiles.placing import body_T, camera_of
 from fbench.replay.boxfiles.rows import Labelled, flats, solids
 from fbench.replay.boxfiles.text import Line, frame_number, lines
 from fbench.replay.data import Truth
-from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.errors import ConfigError, LimitError, LogError
 from fbench.replay.faults import FaultLog
 from fbench.replay.geometry.boxes import moved
 from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 _Frames = Iterable[tuple[int, list[Labelled]]]
+_MAX_EMPTY = 200_000
+"""Frames without rows, one after the other, that still belong to a sequence: nearly two hours."""
 
 
 def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
@@ -51,13 +53,19 @@ def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults
 
 
 def filled(frames: _Frames, first: int = 0, num: int = 0) -> _Frames:
-    """Put frames without rows between the others, and behind them up to `num` frames."""
+    """Put frames without rows between the others, and behind them up to `num` frames.
+
+    Raises:
+        LimitError: where these are more than any sequence has.
+    """
     expected = first
     for number, objects in frames:
+        if number - expected > _MAX_EMPTY:
+            raise LimitError(f"frames {expected} to {number - 1} have no row; more than {_MAX_EMPTY} aren't filled in")
         yield from ((i, []) for i in range(expected, number))
         yield number, objects
         expected = number + 1
-    yield from ((i, []) for i in range(expected, first + num))
+    yield from ((i, []) for i in range(expected, min(first + num, expected + _MAX_EMPTY)))
 
 
 def in_order(rows: Iterable[tuple[int, Labelled]]) -> _Frames:
@@ -76,14 +84,15 @@ def text_files(path: Path, inner: str) -> list[Path]:
     if path.is_file():
         return [path]
     folder = path / inner if (path / inner).is_dir() else path
-    found = sorted(file for file in folder.glob("*.txt") if file.stem.isascii() and file.stem.isdigit())
+    numbered = (file for file in folder.glob("*.txt") if file.stem.isascii() and file.stem.isdigit())
+    found = sorted(file for file in numbered if file.is_file())
     if not found:
         raise LogError(f"{folder}: no file that is named by a number, such as 000000.txt")
     return found
 
 
 def _camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
-    """Whose image 2D boxes are in; 3D boxes are in the coordinates of that camera too, unless `frame` names another."""
+    """Whose image 2D boxes are in; 3D boxes are in its coordinates too, unless `frame` names others."""
     return camera_of(source.camera or source.frame, coordinates, str(source.path))
 
 
@@ -92,14 +101,16 @@ def _sequence(path: Path, camera: str) -> _Frames:
 
 
 def _tracked(line: Line, camera: str) -> Labelled:
-    if len(line.fields) not in (17, 18):
+    if len(line.fields) < 17:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
-    return labelled(line, line.fields[2:], camera, track_id(line.fields[1], line.where))
+    # Some trackers write more behind the score, which the benchmark's own evaluation doesn't read.
+    return labelled(line, line.fields[2:18], camera, track_id(line.fields[1], line.where))
 
 
 def _truths(frames: Callable[[], _Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
     where = str(source.path)
-    owner = camera_of(source.frame or source.camera, coordinates, where)
+    # Of camera 0, whose coordinates KITTI's 3D boxes are in, many logs have no images.
+    owner = coordinates.camera(source.frame) or source.frame or camera_of(source.camera, coordinates, where)
     body_T_level = body_T(owner, coordinates, where) @ CAMERA_T_LEVEL
     is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():

@@ -86,6 +86,8 @@ def form_of(source: BoxSource) -> str:
     """
     if not source.path.exists():
         raise ConfigError(f"{source.path}: no such file or folder")
+    if not (source.path.is_file() or source.path.is_dir()):  # a FIFO would block, a device could go on for ever
+        raise ConfigError(f"{source.path}: neither a regular file nor a folder")
     form = source.format or recognised(source.path)
     if form not in FORMATS:
         raise ConfigError(f"'{form}' is no form of boxes{did_you_mean(form, FORMATS)}")

@@ -1,5 +1,6 @@
 """Reading stamps, ids and numbers that a file holds as text."""
 
+import re
 from decimal import Decimal, InvalidOperation
 from hashlib import blake2b
 
@@ -9,6 +10,7 @@ from fbench.replay.errors import LogError
 
 _MAX_NS = 2**63 - 1
 _MAX_S = Decimal(_MAX_NS // 10**9 + 1)
+_ZONE = re.compile(r"([+-])(\d\d):?(\d\d)$", re.ASCII)
 _HASHED = 1 << 62
 """From here on ids stand for texts."""
 
@@ -38,7 +40,7 @@ def stamp_of_time(text: str) -> int:
         ValueError: where it is none of these.
     """
     if "-" in text[1:] and ":" in text:
-        found = int(np.datetime64(text.strip().removesuffix("Z").replace(" ", "T"), "ns").astype(np.int64))
+        found = _of_date(text.strip().replace(" ", "T"))
         if found < 0:
             raise ValueError(f"'{text[:40]}' is no stamp")
         return found
@@ -50,6 +52,17 @@ def stamp_of_time(text: str) -> int:
         raise ValueError(f"'{text[:40]}' is no time")
     digits = next(shift for limit, shift in ((11, 9), (14, 6), (17, 3), (19, 0)) if value < Decimal(10) ** limit)
     return min(int(value.scaleb(digits).to_integral_value()), _MAX_NS)
+
+
+def _of_date(text: str) -> int:
+    """Return ns since 1970 of a date and time, which is in UTC unless it ends in an offset such as +01:00."""
+    zone = _ZONE.search(text)
+    ahead_ns = 0
+    if zone is not None:
+        minutes = 60 * int(zone[2]) + int(zone[3])
+        ahead_ns = minutes * 60_000_000_000 * (-1 if zone[1] == "-" else 1)
+    local = text.removesuffix("Z") if zone is None else text[: zone.start()]
+    return int(np.datetime64(local, "ns").astype(np.int64)) - ahead_ns
 
 
 def track_number(text: str) -> int:

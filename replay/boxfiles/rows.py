@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.replay.arrays import Array
+from fbench.replay.arrays import Array, text_array
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.classes import label
 
@@ -100,10 +100,11 @@ def _velocities(rows: Sequence[Solid]) -> Array | None:
 def _common(rows: Sequence[Labelled]) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "label": np.array([label(row.source_label) if row.label is None else row.label for row in rows], np.str_),
-        "source_label": np.array([row.source_label for row in rows], np.str_),
+        "source_label": text_array([row.source_label for row in rows]),
     }
     for name, dtype, absent in _OPTIONAL:
         values = [getattr(row, name) for row in rows]
         if any(value is not None for value in values):
-            columns[name] = np.array([absent if value is None else value for value in values], dtype)
+            there = [absent if value is None else value for value in values]
+            columns[name] = text_array(there) if dtype is np.str_ else np.array(there, dtype)
     return columns

@@ -1,8 +1,10 @@
 """CSV and Parquet files as batches of rows, with bounded memory."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -10,12 +12,18 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 
 from fbench.replay.errors import LimitError, LogError
+from fbench.replay.logs.parquet.footer import read_tail, require_parsable
+from fbench.replay.logs.parquet.pages import read_page
+from fbench.replay.logs.parquet.thrift import DamageError
 
 SUFFIXES = (".csv", ".tsv", ".parquet")
 ROW = "row"
 """Column that is added: the number of each row, 1 for the first behind the header."""
 _ROWS_AT_ONCE = 16384
-_MAX_PAGE = 256 * 2**20
+_MAX_PAGES = 256 * 2**20
+_PAGE_HEADER = 64 * 1024
+_GROWING = (6, 7)
+"""DELTA_LENGTH_BYTE_ARRAY and DELTA_BYTE_ARRAY of parquet-format: a few bytes may stand for any amount of text."""
 _SEPARATORS = ",;\t"
 
 
@@ -43,6 +51,7 @@ class TableFile:
             for batch in self._read([self.names[name] for name in wanted]):
                 rows = pa.array(np.arange(first, first + batch.num_rows))
                 first += batch.num_rows
+                batch.validate(full=True)  # texts that aren't UTF-8
                 columns_ = [batch.column(self.names[name]) for name in wanted]
                 yield pa.table([*columns_, rows], names=[*wanted, ROW])
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -52,7 +61,11 @@ class TableFile:
         if self.separator is not None:
             yield from _csv(self.path, self.separator, names)
             return
-        with pq.ParquetFile(self.path, page_checksum_verification=True, pre_buffer=False) as file:
+        texts = [self.names[name] for name, kind in self.types.items() if _is_text(kind) and self.names[name] in names]
+        with pq.ParquetFile(
+            self.path, page_checksum_verification=True, pre_buffer=False,
+            read_dictionary=texts,  # a text that is repeated takes room once
+        ) as file:  # fmt: skip
             yield from file.iter_batches(_ROWS_AT_ONCE, columns=names, use_threads=False)
 
 
@@ -70,9 +83,9 @@ def open_table_file(path: Path) -> TableFile:
             separator = _separator(path)
             with pacsv.open_csv(path, _read_options(), _parse_options(separator)) as reader:
                 schema = reader.schema
-    except (pa.ArrowException, OSError) as error:
+        plain = [name.strip().lower() for name in schema.names]
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
-    plain = [name.strip().lower() for name in schema.names]
     twice = next((name for name in plain if plain.count(name) > 1), None) if len(plain) < 10_000 else "?"
     if twice is not None or ROW in plain:
         raise LogError(f"{path}: column '{ROW if twice is None else twice}' is there twice, or not allowed")
@@ -81,12 +94,48 @@ def open_table_file(path: Path) -> TableFile:
 
 
 def _schema(path: Path) -> pa.Schema:
-    """Refuse row groups that would take more memory than a table of boxes needs."""
-    with pq.ParquetFile(path) as file:
-        groups = (file.metadata.row_group(i) for i in range(file.metadata.num_row_groups))
-        if any(group.total_byte_size > _MAX_PAGE for group in groups):
-            raise LimitError(f"{path}: a row group is larger than {_MAX_PAGE >> 20} MiB; write smaller ones", "LIM004")
-        return file.schema_arrow
+    """Refuse files that would take more memory than a table of boxes needs."""
+    with path.open("rb", buffering=0) as opened:
+        tail = read_tail(path, opened, os.fstat(opened.fileno()).st_size)
+        require_parsable(path, tail)
+        with pq.ParquetFile(opened) as file:
+            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
+            for group in groups:
+                _require_small(path, opened, group)
+            return file.schema_arrow
+
+
+def _require_small(path: Path, file: BinaryIO, group: Any) -> None:
+    """Bound what the pages of a row group take at one time: one page and the dictionary of each column."""
+    size = 0
+    for i in range(group.num_columns):
+        try:
+            size += _largest(path, file, group.column(i))
+        except DamageError as error:
+            raise LogError(f"{path}: column '{group.column(i).path_in_schema}' is damaged ({error})") from error
+    if size > _MAX_PAGES:
+        raise LimitError(f"{path}: pages take {size >> 20} MiB, over {_MAX_PAGES >> 20}; write smaller ones", "LIM004")
+
+
+def _largest(path: Path, file: BinaryIO, chunk: Any) -> int:
+    """Bytes that the dictionary and the largest page of a column say that they take."""
+    starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
+    at = min(starts, default=0)
+    end = at + chunk.total_compressed_size
+    dictionary = largest = 0
+    while at < end:
+        page = read_page(memoryview(os.pread(file.fileno(), min(_PAGE_HEADER, end - at), at)))
+        if page.encoding in _GROWING:
+            raise LogError(f"{path}: column '{chunk.path_in_schema}' is delta-coded text; write it as PLAIN")
+        if page.is_dictionary:
+            dictionary = page.unpacked
+        largest = max(largest, page.unpacked)
+        at += page.header + page.stored
+    return dictionary + largest
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def _separator(path: Path) -> str:

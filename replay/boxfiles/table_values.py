@@ -9,10 +9,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from fbench.replay.arrays import Bool, Float64, Int64, Text
+from fbench.replay.arrays import MAX_TEXT, Bool, Float64, Int64, Text, text_array
 from fbench.replay.boxfiles.parse import stamp_of_seconds, track_number
 from fbench.replay.boxfiles.table_files import ROW
-from fbench.replay.errors import LogError
+from fbench.replay.errors import LimitError, LogError
 
 _TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
 
@@ -48,7 +48,7 @@ class Values:
         """Return int64 (N,)."""
         column = self._column(name)
         if pa.types.is_timestamp(column.type):
-            column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+            column = self._cast(column, pa.timestamp("ns"), name, "a stamp that fits nanoseconds").cast(pa.int64())
         if pa.types.is_string(column.type):
             column = pc.utf8_trim_whitespace(column)
             column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
@@ -57,7 +57,7 @@ class Values:
 
     def texts(self, name: str) -> Text:
         """Return texts (N,), empty where there is none."""
-        return np.array([text.strip() for text in self._texts(name)], np.str_)
+        return text_array([text.strip() for text in self._texts(name)])
 
     def flags(self, name: str) -> Bool:
         """Return bool (N,), false where there is none."""
@@ -107,7 +107,8 @@ class Values:
                 try:
                     value.cast(kind)
                 except pa.ArrowException:
-                    raise self._wrong(name, index, str(value.as_py()), expected) from None
+                    told = value.value if pa.types.is_timestamp(column.type) else value.as_py()
+                    raise self._wrong(name, index, str(told), expected) from None
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected {expected}") from None
 
     def _wrong(self, name: str, index: int, text: str, expected: str) -> LogError:
@@ -118,12 +119,26 @@ class Values:
         if isinstance(column, pa.ChunkedArray):
             column = pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
         if pa.types.is_dictionary(column.type):
+            self._require_short(name, column.dictionary)  # each of its rows repeats an entry
             column = column.dictionary_decode()
+        self._require_short(name, column)
         if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
             column = column.cast(pa.string())
         if not _is_plain(column.type):
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected single values")
         return column
+
+    def _require_short(self, name: str, column: pa.Array) -> None:
+        if not _is_text(column.type) or not len(column):
+            return
+        longest = pc.max(pc.binary_length(column)).as_py() or 0
+        if longest > 4 * MAX_TEXT:  # bytes of UTF-8
+            raise LimitError(f"{self.path}: column '{name}' has a text of {longest} bytes, more than {4 * MAX_TEXT}")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    checks = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+    return any(check(kind) for check in checks)
 
 
 def _is_plain(kind: pa.DataType) -> bool:

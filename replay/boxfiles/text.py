@@ -7,6 +7,7 @@ from pathlib import Path
 from fbench.replay.errors import LimitError, LogError
 
 _MAX_LINE = 100_000
+_MAX_LINES = 5_000_000
 MAX_FRAMES = 10_000_000
 """Files that count more frames than this are refused."""
 
@@ -38,6 +39,8 @@ def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
             for number, text in enumerate(iter(lambda: file.readline(_MAX_LINE), ""), 1):
                 if len(text) >= _MAX_LINE:
                     raise LimitError(f"{path} line {number}: longer than {_MAX_LINE} characters")
+                if number > _MAX_LINES:
+                    raise LimitError(f"{path}: more than {_MAX_LINES} lines; split it, or use Parquet")
                 fields = [field.strip() for field in text.strip().split(separator)] if text.strip() else []
                 if fields:
                     yield Line(path, number, fields)

@@ -7,7 +7,7 @@ from fbench.replay.check.finding import Finding, finding
 from fbench.replay.check.frames import FrameStats, SensorFrames
 from fbench.replay.data import Frame, LogInfo, Rig
 from fbench.replay.digest import digest
-from fbench.replay.errors import FbenchError, LogError, one_line
+from fbench.replay.errors import ConfigError, FbenchError, LogError, one_line
 from fbench.replay.protocols import Pipeline
 from fbench.replay.sync import SyncParams
 
@@ -31,17 +31,18 @@ class Trial:
         """Start the pipeline on the log's rig.
 
         Raises:
-            FbenchError: where it is the configuration that is wrong.
+            ConfigError: where it is the configuration that is wrong.
         """
         try:
             self.pipeline.start(rig, info)
             self._is_ready = True
         except LogError as error:
             self.problems.append(finding("CHK008", "", f"{self.name} can't start: {error}"))
-        except FbenchError:
+        except ConfigError:
             raise
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
-            self.problems.append(finding("PRD002", "", f"{self.name} can't start: {one_line(error)}"))
+            why = str(error) if isinstance(error, FbenchError) else one_line(error)
+            self.problems.append(finding("PRD002", "", f"{self.name} can't start: {why}"))
 
     def offer(self, frame: Frame) -> None:
         """Try the pipeline on this frame if it is among the first complete ones."""

@@ -69,6 +69,11 @@ def main() -> None:
         sys.exit(128 + signal.SIGINT)
     except _TerminatedError:
         sys.exit(128 + signal.SIGTERM)
+    except MemoryError as error:
+        if debug:
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+        sys.stderr.write("fbench: out of memory: the data asks for more than there is\n")
+        sys.exit(EXIT_DATA)
     except (FbenchError, OSError, _UsageError) as error:
         if debug:
             sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))

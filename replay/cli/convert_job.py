@@ -46,7 +46,7 @@ def _print(result: Converted, rows: list[dict[str, Any]]) -> None:
     table.add_column("topic", overflow="fold")
     table.add_column("messages", justify="right")
     for topic, num in result.messages.items():
-        table.add_row(topic.replace("[", r"\["), str(num))
+        table.add_row(topic, str(num))
     out.print(table)
     for line in _lines(result, rows):
         out.print(line, markup=False, soft_wrap=True)

@@ -23,7 +23,7 @@ def run_demo(folder: Path) -> None:
         out.print(line, markup=False, soft_wrap=True)
     runs = []
     for pipeline in PIPELINES:
-        out.print(f"\n[bold]{pipeline}[/bold]")
+        out.print(f"\n{pipeline}", style="bold")
         job = Job(LogSource(log), pipeline, out=folder / pipeline, overwrite=True, budget=FaultBudget(None))
         runs.append(run_job(job))
         show_run(runs[-1], as_json=False)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table as Grid
 
 from fbench.replay.cli.fault_text import explained
@@ -75,7 +74,7 @@ def _print(out: Console, place: Path, draft: Draft, written: Written) -> None:
         grid.add_column(column, overflow="fold", no_wrap=column != "why")
     for p in written.places:
         if _is_shown(p):
-            grid.add_row(str(p.number), *(escape(plain(cell)) for cell in _cells(p)))
+            grid.add_row(str(p.number), *_cells(p))
     out.print(grid)
     for table in draft.tables:
         if not table.is_active:

@@ -107,7 +107,7 @@ def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
 
 def _streams(result: Survey) -> Table:
     table = Table(box=None, pad_edge=False)
-    for column in ("sensor", "kind", "messages", "Hz", r"x, y, z on the body \[m]", "camera"):
+    for column in ("sensor", "kind", "messages", "Hz", "x, y, z on the body [m]", "camera"):
         table.add_column(column)
     for s in result.streams:
         table.add_row(s.sensor, s.kind, str(s.num_messages), _rate(s), _position(result, s.sensor), _lens(result, s))

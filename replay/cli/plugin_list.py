@@ -2,7 +2,6 @@
 
 from typing import get_args
 
-from rich.markup import escape
 from rich.table import Table
 
 from fbench.replay.cli.show import console
@@ -36,9 +35,9 @@ def show_parameters(group: str, name: str) -> None:
         table.add_column(column, no_wrap=column != "meaning")
     docs = parameter_docs(params)
     for path, value in ({} if params is None else describe(params)).items():
-        table.add_row(path, "none" if value is None else str(value), escape(docs.get(path, "")))
+        table.add_row(path, "none" if value is None else str(value), docs.get(path, ""))
     if has_sensor_settings(params):
-        table.add_row("SENSOR.NAME", "", escape(docs.get(BY_SENSOR, "")))
+        table.add_row("SENSOR.NAME", "", docs.get(BY_SENSOR, ""))
     console().print(table)
 
 

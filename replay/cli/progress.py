@@ -21,9 +21,9 @@ from fbench.replay.secrets import without_secrets
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(without_secrets(title), total=total or None)
+        task = progress.add_task(_shown(title), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
@@ -33,12 +33,12 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     console = Console(stderr=True)
     columns = (
         SpinnerColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         TextColumn("{task.completed} frames"),
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(without_secrets(title), total=None)
+        task = progress.add_task(_shown(title), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
 
@@ -47,7 +47,11 @@ def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many replays are done, of how many, on stderr while the `with` block runs."""
     console = Console(stderr=True)
     done = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), *done)
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *done)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(without_secrets(title), total=None)
+        task = progress.add_task(_shown(title), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def _shown(title: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in without_secrets(title))

@@ -17,7 +17,7 @@ def score_folder(folder: Path, options: ScoreOptions) -> Run:
     run = Run(folder)
     metrics = [load("metrics", name)() for name in found("metrics")]
     scores = score_run(run, options, metrics)
-    latency = json.dumps(summarise(run.timings), indent=1, allow_nan=False) + "\n"
+    latency = json.dumps(summarise(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)
     return Run(folder)

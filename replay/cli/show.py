@@ -4,8 +4,10 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, HighlighterType, JustifyMethod, OverflowMethod
+from rich.style import Style
 from rich.table import Table
+from rich.text import Text
 
 from fbench.replay.scores import Score
 
@@ -13,10 +15,33 @@ _COUNTS = ("idsw",)
 _SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw")
 
 
+class _Console(Console):
+    """Shows names from data as they are: they can't steer the terminal, and their brackets are no markup."""
+
+    def render_str(
+        self,
+        text: str,
+        *,
+        style: str | Style = "",
+        justify: JustifyMethod | None = None,
+        overflow: OverflowMethod | None = None,
+        emoji: bool | None = None,
+        markup: bool | None = None,
+        highlight: bool | None = None,
+        highlighter: HighlighterType | None = None,
+    ) -> Text:
+        """Return a text as it is printed."""
+        shown = "".join(c if c.isprintable() or c == "\n" else " " for c in text)
+        return super().render_str(
+            shown, style=style, justify=justify, overflow=overflow, emoji=emoji, markup=markup, highlight=highlight,
+            highlighter=highlighter,
+        )  # fmt: skip
+
+
 def console() -> Console:
-    """A console that neither highlights nor breaks lines of what isn't a terminal."""
-    plain = Console(highlight=False)
-    return plain if plain.is_terminal else Console(highlight=False, width=120)
+    """A console that neither highlights nor breaks lines of what isn't a terminal, and has no markup."""
+    plain = _Console(highlight=False, markup=False, emoji=False)
+    return plain if plain.is_terminal else _Console(highlight=False, markup=False, emoji=False, width=120)
 
 
 def print_json(content: object) -> None:

@@ -1,7 +1,7 @@
 """Reading an `fbench.toml`, which is untrusted input."""
 
-import tomllib
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
@@ -12,6 +12,7 @@ from fbench.replay.logs.setup import BoxSource, SensorSetup, Setup
 from fbench.replay.names import did_you_mean
 from fbench.replay.rig_patch import RigPatch
 from fbench.replay.rigfiles.open import open_rig_file
+from fbench.replay.toml_file import TomlError, parse_toml
 
 MAX_BYTES = 1024 * 1024
 _TABLES: Mapping[str, type[BaseModel]] = {
@@ -26,8 +27,8 @@ def load_config(path: Path) -> Config:
         ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names the key.
     """
     try:
-        return Config.model_validate(tomllib.loads(_text(path)))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return Config.model_validate(parse_toml(_content(path)))
+    except TomlError as error:
         raise ConfigError(f"{path}: not TOML: {error}", "CFG003") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {_first(error)}", "CFG003") from error
@@ -46,6 +47,7 @@ def setup_of(config: Config, path: Path) -> Setup:
         sensors={name: _sensor(table) for name, table in config.sensors.items()},
         body=config.body.frame,
         pose=config.body.pose,
+        world=config.body.world,
         rig=patch,
         truth_topics=config.truth.topics,
         result_topics=config.results.topics or (),
@@ -57,18 +59,33 @@ def setup_of(config: Config, path: Path) -> Setup:
 
 
 def inside(config: Path, name: str) -> Path:
-    """Path of a file that a configuration names: it must lie in the configuration's folder, or below.
+    """Path of a file that a configuration names: it must lie in the configuration's folder, or below, and so must all
+    that the links in a folder lead to.
 
     Raises:
         ConfigError: where it doesn't.
     """
     folder = config.parent.resolve()
-    path = (folder / name).resolve() if "\0" not in name else folder.parent
-    if not path.is_relative_to(folder) or Path(name).is_absolute():
+    if Path(name).is_absolute() or not _is_inside(folder, folder / name):
         raise ConfigError(f"{config}: '{name}' lies outside of its folder; name it on the command line", "SEC002")
-    if not path.exists():
+    if not (folder / name).exists():
         raise ConfigError(f"{config}: '{name}': no such file or folder")
+    for entry in _links(folder / name):
+        if not _is_inside(folder, entry):
+            raise ConfigError(f"{config}: '{name}' holds '{entry.name}', a link out of its folder", "SEC002")
     return config.parent / name
+
+
+def _is_inside(folder: Path, path: Path) -> bool:
+    try:
+        return path.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError, ValueError):  # too long, a loop of links, a NUL
+        return False
+
+
+def _links(path: Path) -> Iterator[Path]:
+    for at, folders, files in os.walk(path):
+        yield from (entry for name in sorted(folders + files) if (entry := Path(at, name)).is_symlink())
 
 
 def _sensor(table: SensorTable) -> SensorSetup:
@@ -90,17 +107,17 @@ def _source(table: BoxesTable, path: Path) -> BoxSource | None:
     return BoxSource(inside(path, table.file), table.format, table.frame, table.camera)
 
 
-def _text(path: Path) -> str:
+def _content(path: Path) -> bytes:
     try:
+        if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+            raise ConfigError(f"{path}: not a regular file; name an fbench.toml")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no configuration needs", "CFG003")
-        return data.decode()
+        return data
     except OSError as error:
         raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: not UTF-8 ({error.reason} at byte {error.start})", "CFG003") from error
 
 
 def _first(error: ValidationError) -> str:

@@ -8,10 +8,11 @@ from fbench.replay.classes import IGNORE
 from fbench.replay.data import LABELS, Kind
 from fbench.replay.logs.setup import Doppler, EgoMotion
 from fbench.replay.names import did_you_mean
+from fbench.replay.restamp import MAX_OFFSET_MS
 
 NAME = "fbench.toml"
 
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
 Duration = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 
@@ -36,7 +37,9 @@ class BodyTable(_Strict):
     """Coordinate frame of the body; empty: as its name tells."""
     pose: str = ""
     """Topic with poses of the body in the world; empty: as the log says."""
-    rig: tuple[Name, ...] = Field(default=(), strict=False)
+    world: str = ""
+    """Coordinate frame in which poses from `/tf` are wanted; empty: the one above all others."""
+    rig: tuple[Name, ...] = Field(default=(), strict=False, max_length=100)
     """Files with calibration, relative to this one; the first one that names a sensor counts."""
 
 
@@ -47,7 +50,7 @@ class SensorTable(_Strict):
     kind: Kind
     frame: str = ""
     calibration: str = ""
-    offset_ms: Annotated[float, Field(ge=-1e15, le=1e15, allow_inf_nan=False)] = 0.0
+    offset_ms: Annotated[float, Field(ge=-MAX_OFFSET_MS, le=MAX_OFFSET_MS, allow_inf_nan=False)] = 0.0
     doppler: Doppler = "receding"
     ego_motion: EgoMotion = "included"
     velocity_period_mps: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)] | None = None

@@ -24,7 +24,8 @@ class _Vote:
     """What one scan says."""
 
     window: int
-    along_mps: float
+    ahead_mps: float
+    """What the scan says of things straight ahead that stand still, with the sign of its numbers."""
     is_still: bool
 
 
@@ -57,7 +58,7 @@ def _own(line: Line) -> Line:
 
 
 def _is_fast(vote: _Vote) -> bool:
-    return not vote.is_still and abs(vote.along_mps) > _SURELY_MOVING_MPS
+    return not vote.is_still and abs(vote.ahead_mps) > _SURELY_MOVING_MPS
 
 
 def _votes(radar: Candidate, rig: Rig) -> list[_Vote]:
@@ -67,9 +68,10 @@ def _votes(radar: Candidate, rig: Rig) -> list[_Vote]:
         fit = None if seen.scan is None else fit_scan(seen.scan, rotation)
         if fit is None or fit.share < _MIN_SHARE:
             continue
-        if abs(fit.along_mps) > _MOVING_MPS:
-            votes.append(_Vote(seen.window, fit.along_mps, False))
-        elif abs(fit.along_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
+        ahead_mps = -float(fit.velocity_mps[0])
+        if abs(ahead_mps) > _MOVING_MPS:
+            votes.append(_Vote(seen.window, ahead_mps, False))
+        elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
             votes.append(_Vote(seen.window, 0.0, True))
     return votes
 
@@ -102,7 +104,7 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
         return _unknown("the vehicle hardly moves in the scans that were looked at")
     signs = Counter(_sign(v, speeds) for v in included)
     sign, num = min(signs.items(), key=lambda item: (-item[1], item[0] != "receding"))
-    speed = float(np.median([abs(v.along_mps) for v in included]))
+    speed = float(np.median([abs(v.ahead_mps) for v in included]))
     is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
     backed = "poses say so" if speeds else "taken for driving forward"
     why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
@@ -114,7 +116,7 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
 
 def _sign(vote: _Vote, speeds: Mapping[int, float]) -> str:
     reverses = speeds.get(vote.window, 1.0) < -1.0
-    return "receding" if (vote.along_mps < 0) != reverses else "approaching"
+    return "receding" if (vote.ahead_mps < 0) != reverses else "approaching"
 
 
 def _unknown(why: str) -> tuple[Line, ...]:

@@ -14,6 +14,8 @@ from fbench.replay.sync import SyncParams, choose_reference
 
 _DEFAULT = SyncParams()
 _STEP_MS = 5.0
+_MAX_TOLERANCE_MS = 1e9
+"""As a configuration may have."""
 _MAX_TIMEOUT_MS = 1000.0
 
 
@@ -63,7 +65,7 @@ def _tolerance(period_ns: int | None) -> Line:
         return Line("tolerance_ms", _DEFAULT.tolerance_ns / 1e6, "the default: the period isn't known", is_guess=True)
     return Line(
         "tolerance_ms",
-        round(max(period_ns / 2e6, 1.0), 1),
+        round(min(max(period_ns / 2e6, 1.0), _MAX_TOLERANCE_MS), 1),
         f"half the period of the reference, {period_ns / 1e6:.1f} ms",
     )
 

@@ -25,6 +25,7 @@ _DERIVED: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Words in topics that something computed from measurements, or that isn't a picture."""
 _MAX_NAME = 200
+_MAX_FIELDS = 12
 _MANY_POINTS, _VERY_MANY_POINTS = 3000, 8000
 """No radar gives so many points a scan with a laser's number, or without one."""
 
@@ -89,7 +90,15 @@ def _kind(heard: Heard) -> tuple[Kind, str, bool]:
     compensated = compensated_field(heard.fields)
     if kind == "lidar" and compensated:
         return "radar", f"its points have '{compensated}', which isn't read: a radar without Doppler", True
+    if kind == "lidar" and heard.fields and num < _MANY_POINTS and _is_called_radar(heard):
+        fields = ", ".join(heard.fields[:_MAX_FIELDS])
+        return "radar", f"it is called so, but none of its fields ({fields}) is known as radial velocity", True
     return kind, f"its type is {heard.schema}", False
+
+
+def _is_called_radar(heard: Heard) -> bool:
+    words = _words(heard.topic) + _words(heard.role.frame_id)
+    return any(word.startswith("radar") for word in words) and not any(word.startswith("lidar") for word in words)
 
 
 def _measured(heard: Iterable[Heard], kinds: Mapping[str, tuple[Kind, str, bool]], out: dict[str, str]) -> list[Heard]:
@@ -116,8 +125,11 @@ def _measured(heard: Iterable[Heard], kinds: Mapping[str, tuple[Kind, str, bool]
 
 
 def _derived(kind: str, topic: str) -> str:
-    words = topic.lower().replace("/", "_").replace("-", "_").split("_")
-    return next((word for word in words if word in _DERIVED[kind]), "")
+    return next((word for word in _words(topic) if word in _DERIVED[kind]), "")
+
+
+def _words(name: str) -> list[str]:
+    return name.lower().replace("/", "_").replace("-", "_").split("_")
 
 
 def _repeated(kind: str, heard: Sequence[Heard], stem_of: Mapping[str, str]) -> dict[str, str]:

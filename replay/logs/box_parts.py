@@ -14,6 +14,8 @@ from fbench.replay.errors import DecodeError
 B = TypeVar("B", Boxes2D, Boxes3D)
 _INT64 = range(-(2**63), 2**63)
 _UUID = re.compile(r"[0-9a-fA-F]{8}[0-9a-fA-F-]{8,}", re.ASCII)
+_NUMBERED = re.compile(r"[a-zA-Z][\w ./:#-]{0,126}[0-9]", re.ASCII)
+"""A name with a number of its own; without one it may as well be a class."""
 
 
 def matrix(parts: Sequence[Any], names: str) -> Float64:
@@ -61,15 +63,15 @@ def turned(xyzw: Float64, vectors: Float64) -> Float64:
 
 
 def track_ids(ids: Sequence[object]) -> Int64 | None:
-    """Tracks as numbers: integers as they are, and UUIDs, as texts or bytes, by 63 bits of a digest; `None` where not
-    all are of one of these kinds, or one UUID comes twice.
+    """Tracks as numbers: integers as they are; UUIDs, as texts or bytes, and names that end with a number, such as
+    `veh_11`, by 63 bits of a digest. `None` where not all are of one of these kinds, or such a text comes twice.
     """
     texts = [id_.hex() if isinstance(id_, bytes) else "" if id_ is None else str(id_) for id_ in ids]
     is_bytes = any(isinstance(id_, bytes) for id_ in ids)
     if not is_bytes and all(t.isascii() and t.removeprefix("-").isdigit() and len(t) <= 20 for t in texts):
         numbers = [int(text) for text in texts]
         return np.array(numbers, np.int64) if all(n in _INT64 for n in numbers) else None
-    if len(set(texts)) < len(texts) or not all(_UUID.fullmatch(text) for text in texts):
+    if len(set(texts)) < len(texts) or not all(_UUID.fullmatch(t) or _NUMBERED.fullmatch(t) for t in texts):
         return None
     digests = [blake2b(text.lower().encode(), digest_size=8).digest() for text in texts]
     return np.array([int.from_bytes(digest, "little") >> 1 for digest in digests], np.int64)

@@ -29,7 +29,9 @@ class Probe(NamedTuple):
 
     kind: str
     frame_id: str
-    """Coordinate frame of the sensor."""
+    """Coordinate frame of the sensor, or the one whose pose is given."""
+    world: str = ""
+    """Coordinate frame in which poses are given."""
 
 
 class Codec(Protocol):

@@ -22,6 +22,8 @@ class CoordinateFrames:
     """What the log calls the body's coordinate frame."""
     sensors: Mapping[str, str] = field(default_factory=dict)
     """Names of sensors by their coordinate frame, and by the topic of their messages."""
+    world: str = ""
+    """Coordinate frame in which the log's poses are; empty: it isn't told."""
 
     def body_T(self, name: str) -> Float64 | None:
         """Matrix (4, 4) that moves points from a coordinate frame, given by its name or that of a sensor, to the body;
@@ -38,8 +40,8 @@ class CoordinateFrames:
         return None if pose is None else pose_matrix(*pose)
 
     def is_world(self, name: str) -> bool:
-        """Tell whether a coordinate frame stands still, so that only poses link it to the body."""
-        return name in WORLDS
+        """Tell whether a coordinate frame is that of the poses, which alone link it to the body; `world` always is."""
+        return name == WORLDS[0] or (name == self.world if self.world else name in WORLDS)
 
     def camera(self, name: str) -> str | None:
         """Name of the camera that is called so, or has this coordinate frame or topic; `None` where none does."""

@@ -8,6 +8,9 @@ from fbench.replay.arrays import Array, Float32, Float64
 
 DOPPLER_FIELDS = (
     "velocity", "doppler", "doppler_velocity", "radial_velocity", "v_r", "vr", "radial_speed", "speed_radial",
+    "v_radial", "v_rad", "vrad", "velocity_radial", "radial_vel", "vel_radial", "radialvelocity", "radialspeed",
+    "doppler_speed", "doppler_vel", "dopplervelocity", "v_doppler", "range_rate", "rangerate", "doppler_mps",
+    "v_doppler_mps", "radial_velocity_mps", "doppler_velocity_mps", "range_rate_mps", "v_rel", "vrel",
 )  # fmt: skip
 """A cloud with one of these fields is a radar scan; their values count as positive when receding."""
 VECTOR_FIELDS = ("vx", "vy")

@@ -13,6 +13,7 @@ from fbench.replay.classes import ClassMap
 from fbench.replay.data import KINDS, LogInfo, Message, Pose, Rig, RigChange, Truth
 from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
 from fbench.replay.faults import FaultLog
+from fbench.replay.logs.apply_setup import as_set_up, facts, with_names
 from fbench.replay.logs.arrange import arranged
 from fbench.replay.logs.box_topics import box_channels
 from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
@@ -23,11 +24,10 @@ from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges
 from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
-from fbench.replay.logs.set_up import as_set_up, facts, with_names
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.tf_poses import TfPoses, TfSource, of_body
 from fbench.replay.logs.tree import BODIES, BODY, tree_of
-from fbench.replay.logs.truth_frames import in_body
+from fbench.replay.logs.truth_frames import PosesIn, in_body
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.logs.truth_stream import joined, paired
 from fbench.replay.secrets import clean_mapping, without_secrets
@@ -98,8 +98,8 @@ class LogReader:
         heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
         names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
         if self.container.rigs:
-            return CoordinateFrames(self.rig, tree_of(self.rig), BODY, names)
-        return CoordinateFrames(self.rig, self._state.tree, self._state.body(), names)
+            return CoordinateFrames(self.rig, tree_of(self.rig), BODY, names, self._poses_in.world)
+        return CoordinateFrames(self.rig, self._state.tree, self._state.body(), names, self._poses_in.world)
 
     @cached_property
     def _stored_rigs(self) -> list[tuple[int, Rig]]:
@@ -137,7 +137,14 @@ class LogReader:
 
     @cached_property
     def _tf(self) -> TfSource:
-        return TfSource(self.container, self.roles, self.setup.pose, lambda: self._state)
+        return TfSource(self.container, self.roles, self.setup.pose, lambda: self._state, self.setup.world)
+
+    @cached_property
+    def _poses_in(self) -> PosesIn:
+        if self._tf.channels:
+            return PosesIn(are_there=True, world=self._tf.world)
+        worlds = [role.world for _, role in sorted(self.roles.items()) if role.kind == "pose"]
+        return PosesIn(bool(worlds), next(iter(worlds), ""))
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
@@ -178,6 +185,14 @@ class LogReader:
         return joined(
             part for entry in self.container.entries(self._channels("truth")) for part in self.truth_parts(entry)
         )
+
+    def body_poses(self) -> Iterator[Pose]:
+        """Poses of the body alone, in canonical order."""
+        moving = self._tf.poses() if self._tf.channels else None
+        for entry in self.container.entries(self._channels("pose") | self._tf.channels):
+            pose = self._decoded(entry, moving)
+            if isinstance(pose, Pose):
+                yield pose
 
     def detections(self, topic: str) -> Iterator[Truth]:
         """Results of another system; see `fbench.replay.protocols.BoxReader`.
@@ -233,8 +248,8 @@ class LogReader:
             return part
         cameras = {role.frame_id: role.sensor for _, role in sorted(self.roles.items()) if role.kind == "camera"}
         if self.container.rigs:
-            return in_body(part, tree_of(self.rig), BODY, cameras, bool(self.poses))
-        return in_body(part, self._state.tree, self._state.body(), cameras, bool(self.poses))
+            return in_body(part, tree_of(self.rig), BODY, cameras, self._poses_in)
+        return in_body(part, self._state.tree, self._state.body(), cameras, self._poses_in)
 
     def _classed(self, truth: Truth, unknown: Callable[[str], None]) -> Truth:
         classes = ClassMap(self.setup.classes)

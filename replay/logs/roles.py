@@ -32,6 +32,8 @@ class Role:
     numbered: bool = False
     """Whether the container's sequence number is the frame number."""
     size_wh: tuple[int, int] | None = None
+    world: str = ""
+    """Coordinate frame in which poses are given, where messages name it."""
     is_own: bool = False
     """Whether fbench wrote the channel."""
 
@@ -116,7 +118,7 @@ def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Rol
     frames = {(topics[id_], p.frame_id) for id_, p in probes.items() if p.kind in SENSORS}
     shared = Counter(frame for _, frame in frames)
     found: dict[int, Role] = {}
-    for id_, (kind, frame) in probes.items():
+    for id_, (kind, frame, world) in probes.items():
         topic, codec = topics[id_], codecs[id_]
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
@@ -124,7 +126,7 @@ def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Rol
         else:
             other = kind == "truth" and not _names_truth(topic)
             of = frame if kind == "odometry" else ""
-            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), of, codec)
+            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), of, codec, world=world)
     return found
 
 

@@ -55,6 +55,8 @@ class Setup:
     """Coordinate frame of the body; empty: as its name tells."""
     pose: str = ""
     """Topic with the poses of the body; empty: as the log says."""
+    world: str = ""
+    """Coordinate frame in which poses from transforms are wanted; empty: the one above all others."""
     rig: RigPatch = field(default_factory=RigPatch)
     truth_topics: tuple[str, ...] | None = None
     """Topics of ground truth; `None`: as their names tell."""

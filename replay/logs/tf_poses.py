@@ -70,6 +70,8 @@ class TfSource:
     topic: str
     state: Callable[[], RigState]
     """What is known of coordinate frames as the log begins."""
+    wanted: str = ""
+    """Coordinate frame of the world; empty: the one above all others."""
 
     @cached_property
     def channels(self) -> frozenset[int]:
@@ -85,8 +87,17 @@ class TfSource:
         return self.topic.strip("/")
 
     def poses(self) -> TfPoses:
-        """Begin a pass over the log. The world is the coordinate frame above all others of the body, as the first
-        messages say.
+        """Begin a pass over the log.
+
+        Raises:
+            LogError: where no transform says where the body is.
+        """
+        state = self.state()
+        return TfPoses(self.name, state.tree, state.body(), self.world)
+
+    @cached_property
+    def world(self) -> str:
+        """Coordinate frame above all others of the body, or the wanted one, as the first messages say.
 
         Raises:
             LogError: where no transform says where the body is.
@@ -96,10 +107,12 @@ class TfSource:
         for entry in islice(self.container.entries(self.channels), _MAX_SEARCHED):
             for child, edge in self._transforms(entry):
                 tree.put(child, edge)
-        world = tree.path(body)[-1]
-        if world == body:
-            raise LogError(f"{self.container.path}: topic '{self.topic}' doesn't say where '{body}' is", "CAL001")
-        return TfPoses(self.name, state.tree, body, world)
+        path = tree.path(body)
+        world = self.wanted or path[-1]
+        if world == body or world not in path:
+            what = f"doesn't say where '{body}' is" + (f" in '{self.wanted}'" if self.wanted else "")
+            raise LogError(f"{self.container.path}: topic '{self.topic}' {what}", "CAL001")
+        return world
 
     def _transforms(self, entry: Entry) -> Sequence[tuple[str, Edge]]:
         codec = self.roles[entry.channel].codec

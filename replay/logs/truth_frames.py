@@ -1,7 +1,7 @@
 """Moving recorded boxes from the coordinate frame of their message into that of the body."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,20 +14,45 @@ from fbench.replay.logs.tree import TransformTree
 from fbench.replay.logs.truth_part import TruthPart
 
 
+@dataclass(frozen=True)
+class PosesIn:
+    """The poses of a log: whether there are any, and in which coordinate frame."""
+
+    are_there: bool
+    world: str = ""
+    """Empty: it isn't told."""
+
+    def link(self, frame: str, body: str) -> bool:
+        """Tell whether poses alone link a coordinate frame to the body.
+
+        Raises:
+            DecodeError: where it stands still, but poses are in another one.
+        """
+        if not self.are_there or frame == body or frame not in {*WORLDS, self.world} - {""}:
+            return False
+        if self.world and frame not in (self.world, WORLDS[0]):
+            raise DecodeError(f"boxes in '{frame}', but poses in '{self.world}'; name a topic with poses in '{frame}'")
+        return True
+
+
+NO_POSES = PosesIn(are_there=False)
+
+
 def in_body(
-    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], has_poses: bool = False
+    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn = NO_POSES
 ) -> TruthPart:
     """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
 
-    Where the log has poses, boxes in a coordinate frame that stands still are left in it, and say so.
+    Boxes in the coordinate frame of the log's poses are left in it, and say so.
 
     Raises:
-        DecodeError: where nothing links the boxes' coordinate frame to the body, or no camera has it.
+        DecodeError: where nothing links the boxes' coordinate frame to the body, poses are in another world, or no
+            camera has it.
     """
     truth = part.truth
     if truth.boxes3d is not None and part.frame_ids:
         truth = replace(truth, boxes3d=_gathered(truth.boxes3d, part.frame_ids, tree, body))
-    elif truth.boxes3d is not None and has_poses and part.frame_id in WORLDS and part.frame_id != body:
+    elif truth.boxes3d is not None and poses.link(part.frame_id, body):
         # Whatever the tree holds above the body is where it was when the log began.
         truth = replace(truth, in_world=True)
     elif truth.boxes3d is not None and part.frame_id != body:

@@ -1,6 +1,5 @@
 """Our own form of calibration: TOML, for people to write. docs/logs.md describes it."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,6 +23,7 @@ from fbench.replay.rigfiles.values import (
     shown,
     unit_quaternion,
 )
+from fbench.replay.toml_file import TomlError, parse_toml
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -93,14 +93,10 @@ def read_own(path: Path, content: bytes) -> RigPatch:
 
 def _parsed(path: Path, content: bytes) -> RigFile:
     try:
-        return RigFile.model_validate(tomllib.loads(content.decode("utf-8-sig")))
+        return RigFile.model_validate(parse_toml(content))
     except ValidationError as error:
         raise ConfigError(f"{path}: {_first(error)}", MALFORMED) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: isn't UTF-8 text (at byte {error.start})", MALFORMED) from error
-    except RecursionError:
-        raise ConfigError(f"{path}: nested too deeply", MALFORMED) from None
-    except ValueError as error:
+    except TomlError as error:
         raise ConfigError(f"{path}: isn't TOML ({error})", MALFORMED) from error
 
 

@@ -16,12 +16,12 @@ class Shown:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One line about calibration, time or Doppler."""
+    """One line about calibration, time, Doppler or truth."""
 
     about: str
     """Which sensors."""
     what: str
-    """`alignment`, `stereo`, `time` or `doppler`."""
+    """`alignment`, `stereo`, `time`, `doppler` or `truth`."""
     text: str
     is_bad: bool
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.replay.arrays import Float64
+from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrapped
 from fbench.replay.images import Pixels
 from fbench.reports.preview import draw
 from fbench.reports.preview.colors import CURVE, of_speed
-from fbench.reports.preview.doppler_fit import INLIER_MPS, EgoFit, fit_ego, wrapped
 from fbench.reports.preview.plot import Axes, spanned
 from fbench.reports.preview.sample import Points, Sample
 
 _COLUMNS, _CELL = 3, (426, 270)
-_MOVING_MPS, _REVERSING_MPS = 0.5, 3.0
+_MOVING_MPS = 0.5
 _MIN_SHARE = 0.3
 
 
@@ -100,7 +100,7 @@ def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | Non
 def _verdict(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, bool]:
     fits = [scan.fit for scan in scans if scan.fit is not None]
     if not scans:
-        return "no radial velocities", False
+        return "no radial velocities, which radar3d needs", False
     if not fits:
         return "too few points to judge the velocities", False
     if (period := _unknown_period(scans)) if period_mps is None else 0.0:
@@ -149,8 +149,6 @@ def _moving(speed: float, ego: float | None, agree: str, is_clear: bool) -> tupl
         return (f"{found}, as its poses do", False) if near else (f"{found}, but {told}", True)
     if not is_clear:
         return f"{found}; because of aliasing the other direction fits about as well, so look at the curves", False
-    if speed < -_REVERSING_MPS:
-        return f"{found}; unless it does, {flip}", True
     return (f"{found}; unless it does, {flip}", True) if speed < 0 else (found, False)
 
 

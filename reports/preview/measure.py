@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fbench.replay.errors import LogError
+from fbench.reports.preview import labels
 from fbench.reports.preview.album import Album
 from fbench.reports.preview.alignment import aligned, edges_of
 from fbench.reports.preview.content import Shown, Verdict
@@ -57,6 +58,12 @@ class Measured:
                 )
                 stem = f"doppler-{self.album.stem(radar)}"
                 self.shown.append(self.album.add(stem, panel, text, f"Radial velocity over azimuth of {radar}"))
+
+    def labels(self) -> None:
+        """Judge where truth is."""
+        found = labels.judged(self.material.samples)
+        if found is not None:
+            self.verdicts.append(Verdict("3D boxes", "truth", found.text, found.is_bad))
 
     def alignment(self) -> None:
         """Draw and judge how LiDARs fit each camera."""

@@ -29,6 +29,7 @@ def write_preview(material: Material, folder: Path) -> Content:
     measured.times(times)
     measured.mounting()
     measured.doppler()
+    measured.labels()
     measured.alignment()
     stereo = measured.stereo()
     draw = FramePictures(album, ground_of(material.samples), [n for n in names if material.kinds.get(n) == "lidar"])

@@ -35,6 +35,17 @@ def test_the_first_run_of_a_stage_is_apart() -> None:
     assert whole(found)["max_ms"] == 30.0
 
 
+def test_times_from_a_log_have_no_first_run() -> None:
+    """The system was at work before the log began; a stage's name says nothing about whose times they are."""
+    timings = {"recorded": [80 * MS, 81 * MS, 120 * MS], "total": [80 * MS, 81 * MS, 120 * MS]}
+    found = summarise(timings, "log")
+    assert (found["clock"], found["frames"], found["over_budget"], found["excluded"]) == ("log", 3, 1, "")
+    assert [(row["count"], row["first_ms"], row["p50_ms"]) for row in found["stages"]] == [(3, None, 81.0)] * 2
+    assert whole(summarise({"total": [80 * MS]}, "log"))["p99_ms"] == 80.0
+    found = summarise(timings)
+    assert (found["clock"], found["frames"], whole(found)["first_ms"]) == ("host", 2, 80.0)
+
+
 def test_frames_over_the_budget() -> None:
     times = [300 * MS, 100 * MS, 100 * MS + 1, 50 * MS, 200 * MS]
     found = summarise({"total": times})

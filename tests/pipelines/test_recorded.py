@@ -26,7 +26,11 @@ class Log:
     """Implements `BoxReader`."""
 
     def __init__(self, results, poses=()):
-        self._results, self.poses = results, poses
+        self._results, self._poses = results, poses
+        self.poses = tuple(sorted({pose.sensor for pose in poses}))
+
+    def body_poses(self):
+        yield from self._poses
 
     def detections(self, topic):
         if topic not in ("", "/tracks"):
@@ -42,11 +46,17 @@ def result(ms, x=None, delay_ms=70, **more):
     return Truth(S + ms * MS, S + (ms + delay_ms) * MS, box(ms if x is None else x), **more)
 
 
-def frame(index, ms, segment=0, pose=None, **more):
+def pose_at(ms, x, y=0.0, delay_ms=2):
+    """Looking along y of the world."""
+    turned = np.array([0.0, 0, 2**-0.5, 2**-0.5])
+    return Pose("pose", S + ms * MS, S + (ms + delay_ms) * MS, np.array([x, y, 0.0]), turned)
+
+
+def frame(index, ms, segment=0, delay_ms=1, **more):
     stamp = S + ms * MS
-    messages: dict[str, Any] = {"lidar": PointCloud("lidar", stamp, stamp + MS, np.zeros((1, 3), np.float32))}
-    if pose is not None:
-        messages["pose"] = Pose("pose", stamp, stamp, np.array(pose), np.array([0.0, 0, 2**-0.5, 2**-0.5]))
+    messages: dict[str, Any] = {
+        "lidar": PointCloud("lidar", stamp, stamp + delay_ms * MS, np.zeros((1, 3), np.float32))
+    }
     return Frame(index, stamp, segment, messages, **more)
 
 
@@ -71,8 +81,7 @@ def run(results, stamps_ms, **params):
 def test_each_frame_gets_the_result_of_its_stamp():
     outputs = run([result(ms) for ms in (0, 100, 200)], [0, 100, 200])
     assert places(outputs) == [0, 100, 200]
-    assert [o.latency_ns for o in outputs] == [70 * MS] * 3
-    assert [dict(o.stage_ns) for o in outputs] == [{"recorded": 70 * MS}] * 3
+    assert [(o.clock, dict(o.stage_ns)) for o in outputs] == [("log", {"recorded": 70 * MS})] * 3
     assert not any(o.faults or o.missing for o in outputs)
 
 
@@ -80,8 +89,7 @@ def test_frames_without_a_result():
     outputs = run([result(0), result(300)], [0, 100, 200, 300])
     assert places(outputs) == [0, None, None, 300]
     assert dict(outputs[1].missing) == {"/tracks": "no output within 50 ms"}
-    assert outputs[1].latency_ns is None
-    assert outputs[1].is_elsewhere
+    assert (outputs[1].clock, dict(outputs[1].stage_ns)) == ("log", {})
     assert isinstance(outputs[1].tracks, Boxes3D)
 
 
@@ -112,13 +120,13 @@ def test_results_that_no_frame_takes_are_counted():
 def test_results_before_their_frame_have_no_latency():
     [output] = run([result(20, delay_ms=-30)], [0])
     assert places([output]) == [20]
-    assert (output.latency_ns, dict(output.stage_ns)) == (None, {})
+    assert (output.clock, dict(output.stage_ns)) == ("log", {})
     assert [(f.code, f.where) for f in output.faults] == [("PRD004", "/tracks: 10.000 ms")]
 
 
 def test_results_whose_time_of_recording_isnt_known():
     [output] = run([result(10, delay_ms=0)], [0])
-    assert (output.latency_ns, output.faults, output.is_elsewhere) == (None, (), True)
+    assert (output.clock, dict(output.stage_ns), output.faults) == ("log", {}, ())
 
 
 def test_clock_that_jumps_back():
@@ -185,7 +193,7 @@ def test_results_that_count_frames():
     pipeline = started(results)
     outputs = [pipeline.step(frame(i, 37 * i)) for i in (0, 1, 2, 5)]
     assert places(outputs) == [0, 1, None, 5]
-    assert all(o.latency_ns is None for o in outputs)
+    assert not any(o.stage_ns for o in outputs)
 
 
 def test_sparse_results_that_count_frames_stay_held():
@@ -245,8 +253,8 @@ def test_boxes_in_the_world_need_poses():
     seen = Truth(
         S, S + 70 * MS, Boxes3D(np.array([[10.0, 25, 1]]), np.ones((1, 3)), np.array([np.pi / 2])), in_world=True
     )
-    pipeline = started([seen, replace(seen, stamp_ns=S + 100 * MS)], poses=("pose",))
-    output, without = pipeline.step(frame(0, 0, pose=[10.0, 20, 0])), pipeline.step(frame(1, 100))
+    pipeline = started([seen, replace(seen, stamp_ns=S + 100 * MS)], [pose_at(0, 10.0, 20.0)])
+    output, without = pipeline.step(frame(0, 0)), pipeline.step(frame(1, 100))
     np.testing.assert_allclose(output.detections.center_m, [[5, 0, 1]], atol=1e-12)
     np.testing.assert_allclose(output.detections.yaw_rad, [0], atol=1e-12)
     assert dict(without.missing) == {"/tracks": "no pose that moves it from the world to the body"}
@@ -254,6 +262,36 @@ def test_boxes_in_the_world_need_poses():
         LogError, match="log 'log': the boxes of '/tracks' are in coordinates of the world, and the log"
     ):
         started([seen])
+
+
+def test_boxes_in_the_world_are_seen_from_where_the_body_is_at_the_instant_of_the_frame():
+    """15 m/s along y, poses at 10 Hz in the middle between frames: none comes before its frame is complete."""
+    steps = range(0, 500, 100)
+    poses = [pose_at(ms, 0.0, 0.015 * ms) for ms in range(-50, 600, 100)]
+    results = [Truth(S + ms * MS, S + (ms + 70) * MS, standing(), in_world=True) for ms in steps]
+    pipeline = started(results, poses)
+    ahead = [pipeline.step(frame(i, ms)).detections.center_m[0] for i, ms in enumerate(steps)]
+    np.testing.assert_allclose(ahead, [[40 - 0.015 * ms, 0, 0] for ms in steps], atol=1e-9)
+
+
+def test_boxes_in_the_world_after_a_clock_that_jumps_back():
+    """Poses of the time before the jump, and those that arrive before their frame, don't get in the way."""
+    ahead = range(9000, 9500, 100)
+    poses = [pose_at(ms, 0.0, 0.01 * ms) for ms in range(8900, 9500, 50)]
+    poses += [replace(pose_at(ms, 0.0, 0.02 * ms), log_ns=S + (10_000 + ms) * MS) for ms in range(-100, 600, 50)]
+    results = [Truth(S + ms * MS, S + (ms + 70) * MS, standing(), in_world=True) for ms in ahead]
+    results += [Truth(S + ms * MS, S + (10_070 + ms) * MS, standing(), in_world=True) for ms in range(0, 500, 100)]
+    pipeline = started(results, poses)
+    before = places([pipeline.step(frame(i, ms)) for i, ms in enumerate(ahead)])
+    pipeline.reset("clock jumped back")
+    found = places([pipeline.step(frame(5 + i, ms, 1, delay_ms=10_100)) for i, ms in enumerate(range(0, 500, 100))])
+    np.testing.assert_allclose(before, [40 - 0.01 * ms for ms in ahead])
+    np.testing.assert_allclose(found, [40 - 0.02 * ms for ms in range(0, 500, 100)])
+
+
+def standing():
+    """Stands 40 m along y of the world, and looks there."""
+    return Boxes3D(np.array([[0.0, 40, 0]]), np.ones((1, 3)), np.array([np.pi / 2]))
 
 
 def test_what_cannot_be_used():

@@ -57,3 +57,28 @@ def test_other_streams_and_insane_poses_dont_count():
     assert not found.is_known
     assert not poses_of(pose(0, 5.0), 0, name=None).is_known
     assert pose_of(np.full(7, np.nan)) is None
+
+
+def test_a_frame_that_opens_long_after_its_poses_came_is_between_the_two_around_it():
+    """A LiDAR that is stamped as its sweep begins arrives 100 ms later than an odometry of 50 Hz does."""
+    drive = [pose(ms, ms / 10) for ms in range(0, 2000, 20)]
+    found = poses_of(*drive[:50], 875, 5, *drive[50:], 1990)
+    np.testing.assert_allclose(found.values[:, 0], [87.5, 0.5, 198])
+
+
+def test_a_near_pose_that_came_before_isnt_taken_for_the_one_at_the_instant():
+    np.testing.assert_allclose(poses_of(pose(0, 0.0), pose(40, 4.0), 10).values[:, 0], [1])
+
+
+def test_poses_out_of_order_are_sorted():
+    np.testing.assert_allclose(poses_of(pose(0, 0.0), pose(40, 4.0), pose(20, 3.0), 10, 30).values[:, 0], [1.5, 3.5])
+
+
+def test_after_a_clock_that_jumped_back_only_new_poses_count():
+    found = poses_of(pose(9000, 0.0), pose(9100, 1.0), 9120, pose(100, 50.0), 150, pose(200, 60.0), 9050)
+    np.testing.assert_array_equal(found.values[:, 0], [1, 55, np.nan])
+
+
+def test_poses_are_kept_for_ten_seconds():
+    drive = [pose(ms, ms / 10) for ms in range(0, 20_000, 100)]
+    np.testing.assert_array_equal(poses_of(*drive, 9950, 8850).values[:, 0], [995, np.nan])

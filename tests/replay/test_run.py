@@ -53,6 +53,23 @@ def test_run_folder_tells_what_happened(tmp_path):
     assert json.loads((run.folder / "faults.json").read_text())["lost"] == 0
 
 
+class Passing(Echo):
+    """Passes on what was computed elsewhere, and fails on a frame."""
+
+    def step(self, frame):
+        if frame.index == 3:
+            raise ValueError("no")
+        stage_ns = {} if frame.index == 4 else {"detect": 70 * MS, "track": 10 * MS}
+        return replace(super().step(frame), clock="log", stage_ns=stage_ns)
+
+
+def test_times_of_what_was_computed_elsewhere(tmp_path):
+    run = play(drive(), tmp_path / "run", Passing())
+    assert run.clock == "log"
+    assert run.timings == {"detect": [70 * MS] * 18, "track": [10 * MS] * 18, "total": [80 * MS] * 18}
+    assert play(drive(), tmp_path / "echo").clock == "host"
+
+
 def test_truth_belongs_to_its_frames_and_no_others(tmp_path):
     run = play(drive(), tmp_path / "run")
     assert [f.truth_stamp_ns is not None for f in run.frames] == [i % 2 == 0 for i in range(20)]
@@ -308,6 +325,7 @@ NO_CAMERA = Boxes2D(np.array(["cam"]), np.ones((1, 4)))
     [
         (out(detections=None, tracks=None), "expected Boxes2D or Boxes3D, got NoneType"),
         (out(stage_ns={"a": None}), "Output.stage_ns: expected names and times"),
+        (out(clock="wall"), "Output.clock: expected host or log, got 'wall'"),
         (out(missing={"lidar": 3}), "Output.missing: expected texts"),
         (out(faults=(Fault("XYZ", "here"),)), "isn't a fault of the table"),
         (out(detections=LABELLED), "Output.detections.label: 'Car' isn't known; did you mean 'car'"),

@@ -72,7 +72,7 @@ class FoxgloveCodec:
         """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
         kind = self.kinds[0]
         if self.schema == "foxglove.PoseInFrame":
-            return Probe(kind, pose_frame(data))
+            return Probe(kind, "", pose_frame(data))
         if self.schema not in _SENSORS:
             return Probe(kind, "")
         message = _SENSORS[self.schema]

@@ -19,7 +19,7 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.arrays import Array, Float64
+from fbench.replay.arrays import Array, Float64, text_array
 from fbench.replay.data import Boxes2D, Boxes3D
 from fbench.replay.errors import DataError, DecodeError
 from fbench.replay.logs.foxglove.messages import rotation, vector
@@ -126,7 +126,7 @@ def _texts(array: Array) -> list[str]:
 def _array(name: str, texts: list[str]) -> Array:
     dtype = np.dtype(_DTYPES.get(name, "f8"))
     if dtype.kind == "U":
-        return np.array(texts, dtype=np.str_)
+        return text_array(texts)
     if name in _WIDTHS:
         values = [[_float(part) for part in text.split(", ")] for text in texts]
         return np.array(values, np.float64).reshape(len(texts), _WIDTHS[name])

@@ -105,11 +105,10 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
         if sums is not None and size != sums.size:
             reason = "truncated" if size < sums.size else "changed"
             raise LogError(f"{path}: {reason}, it has {size} bytes instead of {sums.size}", "PQ001")
-        tail = _tail(path, file, size)
+        tail = read_tail(path, file, size)
     if sums is not None and crc32(tail) != sums.footer_crc32:
         raise LogError(f"{path}: damaged, the checksum of its footer doesn't match", "PQ001")
-    if tail.count(0) > MAX_ZEROS:
-        raise LimitError(f"{path}: its footer is too large to be read safely; write larger row groups", "LIM004")
+    require_parsable(path, tail)
     try:
         source = pq.ParquetFile(pa.BufferReader(MAGIC + tail))
         metadata, schema = source.metadata, source.schema_arrow
@@ -119,8 +118,22 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
     return Footer(size, metadata, present_columns(str(path), kind, schema), groups)
 
 
-def _tail(path: Path, file: BinaryIO, size: int) -> bytes:
-    """Everything after the last row group."""
+def require_parsable(path: Path, tail: bytes) -> None:
+    """Refuse a footer that would take too much memory when it is parsed.
+
+    Raises:
+        LimitError: where it would.
+    """
+    if tail.count(0) > MAX_ZEROS:
+        raise LimitError(f"{path}: its footer is too large to be read safely; write larger row groups", "LIM004")
+
+
+def read_tail(path: Path, file: BinaryIO, size: int) -> bytes:
+    """Return everything after the last row group.
+
+    Raises:
+        LogError: where the file isn't Parquet, truncated or damaged.
+    """
     start, end = os.pread(file.fileno(), 4, 0), os.pread(file.fileno(), _END, max(0, size - _END))
     if size < len(MAGIC) + _END or start != MAGIC or end[4:] != MAGIC:
         state = "its start or end is damaged, or it is truncated" if MAGIC in (start, end[4:]) else "not Parquet"

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from fbench.replay.arrays import Array, Bool
+from fbench.replay.arrays import Array, Bool, text_array
 from fbench.replay.data import Boxes2D, Boxes3D, Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.errors import DataError, DecodeError
 from fbench.replay.logs.parquet.columns import BOXES_NEEDED, Column, Content, StreamKind
@@ -164,7 +164,7 @@ def _list(scalar: Any, content: Content) -> Array:
         texts = values.to_pylist()
         if None in texts:
             raise ValueError("null in a list")
-        return np.array(texts, dtype=np.str_)
+        return text_array(texts)
     num, width = len(values), _WIDTHS.get(content)
     if width is not None:
         inner = values.flatten()

@@ -68,8 +68,10 @@ def pose_reads(decode: Decode, encoding: str) -> Reads:
     """Odometry, PoseStamped, PoseWithCovarianceStamped; only the first says whose pose it is."""
 
     def probe(data: memoryview) -> Probe:
-        child = find(decode(data), "child_frame_id")
-        return Probe("odometry", "" if child is None else plain_frame(str(child)))
+        found = decode(data)
+        child = find(found, "child_frame_id")
+        world = header(found, encoding).frame_id
+        return Probe("odometry", "" if child is None else plain_frame(str(child)), world)
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         found = decode(data)

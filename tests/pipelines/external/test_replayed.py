@@ -1,5 +1,6 @@
 """`fbench replay -p exec:...` as a user calls it."""
 
+import hashlib
 import os
 import shlex
 import signal
@@ -53,6 +54,24 @@ def test_runs_are_the_same(folder):
     assert a.manifest.parameters["command"] == f"{sys.executable} nearest.py 4"
 
 
+def sha256(path):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+def test_manifest_tells_builds_apart(folder):
+    """The same command, but the program was built anew in between."""
+    python = {"file": Path(sys.executable).name, "sha256": sha256(sys.executable)}
+    before = sha256("nearest.py")
+    assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", "a").returncode == 0
+    Path("nearest.py").write_text(Path("nearest.py").read_text() + "# another build\n")
+    assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", "b", "--redact").returncode == 0
+    a, b = Run(Path("a")).manifest.parameters, Run(Path("b")).manifest.parameters
+    assert a["program.name"] == "nearest"
+    assert a["program.files"] == [python, {"file": "nearest.py", "sha256": before}]
+    assert b["program.files"] == [{"sha256": python["sha256"]}, {"sha256": sha256("nearest.py")}]
+    assert before != sha256("nearest.py")
+
+
 def test_crashes_are_counted_and_stderr_is_kept(folder):
     result = fbench("replay", "boxes.mcap", "-p", program(folder, "ACTIONS = {3: lambda r: os.abort()}"), "-o", "run")
     assert result.returncode == 4
@@ -88,6 +107,12 @@ def test_commands_that_cannot_run_are_one_line(folder, pipeline, code, line):
     result = fbench("replay", "boxes.mcap", "-p", pipeline)
     assert (result.returncode, result.stderr) == (code, line)
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+def test_check_finds_that_a_program_cannot_start(folder):
+    result = fbench("log", "check", "boxes.mcap", "-p", "exec:true")
+    assert (result.returncode, result.stderr) == (1, "")
+    assert "error PRD002: true can't start: exec: can't start: true exited with 0" in result.stdout
 
 
 def test_check_tries_the_program_and_ends_it(folder):

@@ -53,7 +53,7 @@ def common(draw, n):
     return {
         "label": draw(optional(n, st.sampled_from(["", *LABELS]))),
         "score": draw(optional(n, FINITE)),
-        "track_id": draw(optional(n, st.integers(-(2**63), 2**63 - 1))),
+        "track_id": draw(st.just([]) | st.lists(st.integers(-(2**63), 2**63 - 1), min_size=n, max_size=n, unique=True)),
         "sources": draw(optional(n, st.integers(0, 15))),
         "predicted": draw(optional(n, st.booleans())),
     }

@@ -13,7 +13,7 @@ from fbench.replay.geometry.boxes import corners, iou_2d
 from fbench.replay.geometry.transforms import inverse, quaternion, transform
 from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.logs.tree import tree_of
+from fbench.replay.logs.tree import Edge, tree_of
 
 from .made import FORWARD, form, read
 
@@ -75,6 +75,25 @@ def test_3d_and_2d_boxes_of_two_cameras(tmp_path):
     np.testing.assert_allclose(truth.boxes3d.center_m[0, 0], 21)
 
 
+def test_3d_boxes_at_a_camera_that_the_log_has_no_images_of(tmp_path):
+    (tmp_path / "000000.txt").write_text(f"{CAR}\n")
+    rig = Rig({"cam2": Mount("camera", np.zeros(3), FORWARD)}, {"cam2": CameraModel(np.eye(3), (9, 9))})
+    tree = tree_of(rig)
+    tree.put("cam0_link", Edge("body", np.array([1.0, 0, 0]), FORWARD))
+    known = CoordinateFrames(rig, tree, "body", {})
+    [truth] = open_boxes(BoxSource(tmp_path, frame="cam0_link", camera="cam2"), known, FaultLog()).truths()
+    assert truth.boxes2d.camera.tolist() == ["cam2"]
+    np.testing.assert_allclose(truth.boxes3d.center_m, [[21, -3, -1.6 + 0.75]], atol=1e-12)
+    with pytest.raises(ConfigError, match="coordinate frame 'cam1_link' isn't in the log; did you mean 'cam0_link'"):
+        list(open_boxes(BoxSource(tmp_path, frame="cam1_link", camera="cam2"), known, FaultLog()).truths())
+
+
+def test_trackers_that_write_more_behind_the_score(tmp_path):
+    (tmp_path / "0000.txt").write_text(f"0 7 {FLAT} 1\n")
+    [truth] = read(tmp_path)
+    assert (truth.boxes2d.track_id.tolist(), truth.boxes2d.score.tolist()) == ([7], [0.75])
+
+
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
@@ -84,7 +103,7 @@ def test_3d_and_2d_boxes_of_two_cameras(tmp_path):
         ("0000.txt", f"0 1 {CAR}\nx 1 {CAR}\n", "0000.txt line 2: frame is 'x', expected a whole number"),
         ("0000.txt", f"0 1 {CAR}\n1 1.5 {CAR}\n", "line 2: track id is '1.5', expected a whole number"),
         ("0000.txt", f"0 1 {CAR}\n0 1 {CAR}\n", "id 1 twice at frame 0"),
-        ("0000.txt", f"0 1 {CAR} 1 2\n", "line 1: 19 columns, expected 17, or 18 with a score"),
+        ("0000.txt", f"0 1 {CAR}\n0 1 {CAR[:-4]}\n", "line 2: 16 columns, expected 17, or 18 with a score"),
         ("0000.txt", f"999999999999 1 {CAR}\n", "line 1: frame is 999999999999, expected 0 to 9999999"),
         ("0000.txt", f"0 1 {CAR}\n\udcff\n", "isn't UTF-8 text"),
         ("0000.txt", f"0 1 {CAR}\n{'1' * 200_000}\n", "line 2: longer than 100000 characters"),
@@ -163,6 +182,7 @@ def test_projections_of_real_boxes_agree_with_their_2d_labels(shared):
     assert min(overlaps) > 0.85
 
 
+@pytest.mark.slow
 def test_all_tracking_sequences_hold_what_a_plain_count_finds(shared):
     known = calibrated(shared / "data/kitti_tracking/calib/0000.txt")
     folder = shared / "data/kitti_tracking/label_02"
@@ -179,3 +199,14 @@ def test_all_tracking_sequences_hold_what_a_plain_count_finds(shared):
         assert solid == sum(row[2] != "DontCare" for row in rows)
         ids = {int(i) for t in truths if len(t.boxes3d) for i in t.boxes3d.track_id}
         assert ids == {int(row[1]) for row in rows if row[2] != "DontCare"}
+
+
+def test_output_of_a_real_tracker_in_2d(shared):
+    known = calibrated(shared / "data/kitti_tracking/calib/0000.txt")
+    for path in sorted((shared / "data/kitti_tracking/trackers_2d/GT-SORT/data").glob("*.txt"))[:3]:
+        rows = [line.split() for line in path.read_text().splitlines()]
+        truths = list(open_boxes(BoxSource(path, frame="cam2", camera="cam2"), known, FaultLog()).truths())
+        assert all(truth.boxes3d is None for truth in truths)
+        assert sum(len(truth.boxes2d) for truth in truths) == len(rows)
+        edges = np.concatenate([truth.boxes2d.xyxy_px for truth in truths])
+        np.testing.assert_allclose(edges.sum(axis=0), np.array([row[6:10] for row in rows], float).sum(axis=0))

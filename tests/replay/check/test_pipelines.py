@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from fbench.replay.data import PointCloud, RadarScan, Rig
+from fbench.replay.errors import ConfigError, ModelError, RunError
 from fbench.replay.sync import SyncParams
 
 from ..fakes import Echo
@@ -109,6 +110,24 @@ def test_pipeline_that_fails(path, pipeline, text):
     one = found(checked(path, clean(), pipeline=("mine", pipeline)), "PRD002")
     assert text in one.text
     assert one.severity == "error"
+
+
+@pytest.mark.parametrize("error", [RunError("no GPU"), ModelError("no GPU")])
+def test_failure_of_its_own_is_a_finding_in_its_own_words(path, error):
+    class Failing(Echo):
+        def start(self, rig, log_info):
+            raise error
+
+    assert found(checked(path, clean(), pipeline=("mine", Failing())), "PRD002").text == "mine can't start: no GPU"
+
+
+def test_wrong_configuration_is_no_finding(path):
+    class Wrong(Echo):
+        def start(self, rig, log_info):
+            raise ConfigError("--set x=1: no such sensor")
+
+    with pytest.raises(ConfigError, match="no such sensor"):
+        checked(path, clean(), pipeline=("mine", Wrong()))
 
 
 def test_no_complete_frame_is_tried_all_the_same(path):

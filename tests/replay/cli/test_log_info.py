@@ -1,8 +1,11 @@
 """`fbench log info`, as a user calls it."""
 
-from fbench.replay.data import Rig
+import numpy as np
+import pytest
 
-from .conftest import messages, rig, truths, write_log
+from fbench.replay.data import Mount, PointCloud, Rig
+
+from .conftest import UPRIGHT, car_points, messages, rig, truths, write_log
 
 
 def test_table_and_json(fbench, log):
@@ -44,3 +47,13 @@ def test_damaged_and_foreign_files(fbench, tmp_path):
     other.write_bytes(b"hello")
     assert fbench("log", "info", other).code == 3
     assert fbench("log", "info", tmp_path / "none.mcap").code == 3
+
+
+@pytest.mark.parametrize("name", ["\x1b[31mred", "[/red]", "[bold]x"])
+def test_names_steer_no_terminal_and_are_no_markup(fbench, tmp_path, name):
+    mounts = {name: Mount("lidar", np.zeros(3), UPRIGHT)}
+    log = write_log(tmp_path / "a.mcap", [PointCloud(name, 1, 1, car_points(12))], Rig(mounts, {}))
+    result = fbench("log", "info", log)
+    assert result.code == 0
+    assert name.replace("\x1b", " ") in result.out
+    assert "\x1b" not in result.out + fbench("log", "check", log).out

@@ -85,6 +85,15 @@ def test_poses_tell_reversing_from_the_other_sign(guess):
     assert config.sensors["radar_front_right"].doppler == "approaching"
 
 
+def test_transforms_that_move_say_where_the_body_is(guess):
+    drive = d.drive(odometry_too=False)
+    for _, ns in d.steps(20, 100):
+        drive.add("/tf", ns, d.transforms([("odom", "base_link", (1.0, 0, 0), (0, 0, 0, 1.0))], ns))
+    config, text = guess(drive)
+    assert config.body.pose == "/tf"
+    assert 'pose = "/tf"  # its transforms say where the body is in \'odom\'' in text
+
+
 @pytest.mark.parametrize("odometry_too", [True, False])
 def test_a_vehicle_that_stands_says_nothing(guess, odometry_too):
     config, text = guess(d.drive(speed_mps=0.0, odometry_too=odometry_too))
@@ -150,6 +159,16 @@ def test_compensated_velocities_are_not_read(guess):
     config, text = guess(log)
     assert config.sensors["radar"].kind == "radar"
     assert "'v_r_compensated', which isn't read" in text
+
+
+def test_a_radar_whose_doppler_is_called_otherwise_is_one_by_its_name(guess):
+    """The fields are shown, since what it measures isn't read."""
+    log = lidar_log()
+    for _, ns in d.steps(10, 50):
+        log.add("/radar/points", ns, d.radar_points("base_link", ns, 9.0, field_name="speed_q"))
+    config, text = guess(log)
+    assert {name: sensor.kind for name, sensor in config.sensors.items()} == {"lidar": "lidar", "radar": "radar"}
+    assert "it is called so, but none of its fields (x, y, z, speed_q, rcs) is known as radial velocity" in text
 
 
 def test_sensors_without_calibration_are_commented_out(guess):

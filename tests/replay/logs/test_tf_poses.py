@@ -11,6 +11,7 @@ from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.tf_poses import TfPoses, of_body
 from fbench.replay.logs.tree import Edge, TransformTree
+from fbench.replay.logs.truth_frames import PosesIn
 
 from ..cli.test_recorded import START_S, drive, write
 from .ros.builders import DISTROS, Ros
@@ -40,6 +41,45 @@ def test_chain_to_the_world():
     np.testing.assert_allclose(second.translation_m, [99, 6, 0], atol=1e-12)
     assert second.stamp_ns == 18
     assert poses.take(both, [0, 0], 31).stamp_ns == 31
+
+
+def two_worlds(tmp_path):
+    """A body that moves in `odom`, which lies beside the origin of `map`."""
+    return log(
+        tmp_path, ("/tf_static", edge("base_link", "lidar", (1, 0, 0))), ("/points", POINTS),
+        ("/tf", edge("map", "odom", (100, 0, 0))), ("/tf", edge("odom", "base_link", (5, 0, 0))),
+    )[0]  # fmt: skip
+
+
+@pytest.mark.parametrize(("world", "x"), [("", 105), ("map", 105), ("odom", 5)])
+def test_the_world_may_be_chosen(tmp_path, world, x):
+    path = two_worlds(tmp_path).container.path
+    reader = open_log(path, FaultLog(), setup=Setup(pose="/tf", world=world))
+    last = [m for m in reader.messages() if isinstance(m, Pose)][-1]
+    assert last.translation_m.tolist() == [x, 0, 0]
+    frames = reader.coordinate_frames
+    assert frames.world == (world or "map")
+    assert [frames.is_world(name) for name in ("map", "odom", "world")] == [world != "odom", world == "odom", True]
+
+
+def test_a_world_that_transforms_dont_reach_is_refused(tmp_path):
+    path = two_worlds(tmp_path).container.path
+    with pytest.raises(LogError, match="topic '/tf' doesn't say where 'base_link' is in 'earth'"):
+        list(open_log(path, FaultLog(), setup=Setup(pose="/tf", world="earth")).messages())
+
+
+@pytest.mark.parametrize(("frame", "poses", "is_there"), [
+    ("odom", PosesIn(True, "odom"), True), ("world", PosesIn(True, "odom"), True), ("map", PosesIn(True), True),
+    ("utm", PosesIn(True, "utm"), True), ("utm", PosesIn(True), False), ("map", PosesIn(False), False),
+    ("base_link", PosesIn(True, "map"), False),
+])  # fmt: skip
+def test_poses_link_their_own_world_alone(frame, poses, is_there):
+    assert poses.link(frame, "base_link") == is_there
+
+
+def test_boxes_in_another_world_than_poses_are_refused():
+    with pytest.raises(DecodeError, match="boxes in 'map', but poses in 'odom'; name a topic with poses in 'map'"):
+        PosesIn(True, "odom").link("map", "base_link")
 
 
 def test_loops_are_refused():

@@ -15,7 +15,8 @@ from fbench.replay.errors import ConfigError
 from fbench.replay.geometry.transforms import pose_matrix
 from fbench.replay.logs.tree import TransformTree
 from fbench.replay.rigfiles.open import open_rig_file
-from fbench.replay.rigfiles.save import rig_toml
+
+from .save import rig_toml
 
 FULL = """\
 # three ways to give a rotation
@@ -133,7 +134,7 @@ BAD = {
     "no TOML": ("[sensors.a\n", "isn't TOML"),
     "key twice": ("[sensors.a]\nparent = 'a'\nparent = 'b'", "isn't TOML"),
     "deep": (f"a = {'[' * 20000}", "nested too deeply"),
-    "not text": (b"[sensors.\xff]", "isn't UTF-8 text .at byte 9."),
+    "not text": (b"[sensors.\xff]", "isn't TOML .not UTF-8 .invalid start byte at byte 9"),
 }  # fmt: skip
 
 

@@ -1,10 +1,9 @@
 """Sign, ego motion and aliasing of radial velocities."""
 
 import numpy as np
-import pytest
 
+from fbench.replay.geometry.ego_velocity import wrapped
 from fbench.reports.preview.doppler import doppler_panel, judged
-from fbench.reports.preview.doppler_fit import fit_ego, wrapped
 
 from .street import sample, street_rig
 
@@ -22,31 +21,6 @@ def scans(speed=12.0, sign=1, period=None, movers=0, ego=None, num=3):
 def directions(azimuth_deg):
     a = np.radians(azimuth_deg)
     return np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)
-
-
-def test_the_speed_is_found_among_other_traffic():
-    d = directions(np.linspace(-50, 50, 101))
-    v = -(d @ np.array([10.0, 0.5, 0]))
-    v[:40] = np.linspace(-20, 20, 40)
-    fit = fit_ego(d, v, None)
-    assert fit.velocity_mps == pytest.approx([10.0, 0.5], abs=0.05)
-    assert 0.6 <= fit.share < 0.7
-    assert fit.radial_mps(np.array([0.0, np.pi / 2])) == pytest.approx([-10.0, -0.5], abs=0.05)
-
-
-def test_a_rear_radar_sees_what_it_leaves():
-    d = directions(np.linspace(140, 220, 81))
-    assert fit_ego(d, -(d @ np.array([8.0, 0, 0])), None).velocity_mps[0] == pytest.approx(8.0, abs=0.05)
-
-
-def test_too_few_points_fit_nothing():
-    assert fit_ego(directions(np.zeros(7)), np.ones(7), None) is None
-    assert fit_ego(directions(np.zeros(20)), np.full(20, np.nan), None) is None
-
-
-def test_velocities_wrap_at_half_a_period():
-    assert wrapped(np.array([4.0, 6.0, -6.0]), 10.0).tolist() == [4.0, -4.0, 4.0]
-    assert wrapped(np.array([6.0]), None).tolist() == [6.0]
 
 
 def test_driving_forward_is_right():
@@ -102,7 +76,7 @@ def test_noise_is_explained_by_nothing():
 def test_without_velocities_there_is_no_panel():
     silent = [sample(street_rig(), scans={"radar": ([[10.0, 0, 0]], None)})]
     assert doppler_panel(silent, "radar", None) is None
-    assert judged(silent, "radar", None).text == "no radial velocities"
+    assert judged(silent, "radar", None).text == "no radial velocities, which radar3d needs"
     few = [sample(street_rig(), scans={"radar": ([[10.0, 0, 0]], [1.0])})]
     assert "too few" in judged(few, "radar", None).text
     assert doppler_panel(scans(num=4), "radar", 10.0).shape == (540, 1278, 3)

@@ -160,6 +160,21 @@ def test_ids_that_arent_all_integers_are_left_out(ids):
     assert truth(JAZZY, ARRAY3, array3(JAZZY, rows)).truth.boxes3d.track_id is None
 
 
+def test_names_with_a_number_are_ids():
+    """Equal in every message, whatever comes before; a name without a number may be a class."""
+
+    def of(*ids):
+        rows = [([], box3d(JAZZY), "", id_) for id_ in ids]
+        return truth(JAZZY, ARRAY3, array3(JAZZY, rows)).truth.boxes3d.track_id
+
+    first = of("veh_11", "ped 2", "g199").tolist()
+    assert len(set(first)) == 3
+    assert of("g199", "veh_11").tolist() == [first[2], first[0]]
+    assert min(first) >= 0
+    for others in (("veh_11", "car"), ("veh_11", "veh_11"), ("veh_11", ""), ("veh_11", "x" * 10_000)):
+        assert of(*others) is None
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_orientations_agree_with_scipy(seed):
     xyzw = np.random.Generator(np.random.Philox(seed)).normal(size=4) * 3

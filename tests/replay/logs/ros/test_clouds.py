@@ -135,7 +135,7 @@ def test_times_that_could_be_both_stay_unknown():
     "name",
     [
         "velocity", "doppler", "Doppler", "doppler_velocity", "radial_velocity", "v_r", "vr", "radial_speed",
-        "speed_radial",
+        "speed_radial", "v_radial", "range_rate", "v_doppler_mps", "vRel",
     ],
 )  # fmt: skip
 def test_radar_by_the_names_of_its_doppler(distro, name):

@@ -1,14 +1,14 @@
-"""What a radar's velocities say about the vehicle's own speed."""
+"""The motion of a radar over ground, from the radial velocities of one scan."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Bool, Float64
+from fbench.replay.arrays import Bool, Float64, Int64
 
 INLIER_MPS = 0.4
-MAX_SPEED_MPS = 45.0
-_STEP_MPS = 0.1
+_MAX_SPEED_MPS = 45.0
+_STEP_MPS = 0.2
 _MIN_POINTS = 8
 
 
@@ -20,11 +20,8 @@ class EgoFit:
     """(2,) forward and left, body axes [m/s]."""
     share: float
     """Share of the points that agree."""
-    still_share: float
-    """Share of the points that don't move relative to the radar."""
     opposite_share: float
     """Share that the best motion the other way round would explain; with aliasing it can be as good."""
-    num: int
 
     def radial_mps(self, azimuth_rad: Float64) -> Float64:
         """Radial velocity (N,) [m/s] of stationary objects in these directions in the plane, not aliased."""
@@ -50,18 +47,17 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     d, v = directions[known, :2], speed_mps[known]
     if len(v) < _MIN_POINTS:
         return None
-    num = round(MAX_SPEED_MPS / _STEP_MPS)
-    candidates = np.arange(-num, num + 1) * _STEP_MPS
-    candidates = candidates[np.argsort(np.abs(candidates), kind="stable")]
-    counts = [int(np.count_nonzero(_agree(d, v, np.array([c, 0.0]), period_mps))) for c in candidates]
-    best = int(np.argmax(counts))
-    opposite = max((n for c, n in zip(candidates, counts, strict=True) if c * candidates[best] < 0), default=0)
-    velocity = np.array([candidates[best], 0.0])
-    for _ in range(3):
-        velocity = _refined(d, v, velocity, period_mps)
+    num = round(_MAX_SPEED_MPS / _STEP_MPS)
+    speeds = np.arange(-num, num + 1, dtype=np.float64) * _STEP_MPS
+    candidates: Float64 = speeds[np.argsort(np.abs(speeds), kind="stable")]  # of equal ones the slowest is taken
+    counts = _support(d, v, candidates, period_mps)
+    best = candidates[int(np.argmax(counts))]
+    opposite = int(counts[candidates * best < 0].max(initial=0))
+    velocity = np.array([best, 0.0])
+    for band in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):  # from wide to narrow, as a radar in a bend moves sideways too
+        velocity = _refined(d, v, velocity, period_mps, band * INLIER_MPS)
     agreeing = _agree(d, v, velocity, period_mps)
-    still = np.abs(v) < INLIER_MPS
-    return EgoFit(velocity, float(agreeing.mean()), float(still.mean()), opposite / len(v), len(v))
+    return EgoFit(velocity, float(agreeing.mean()), opposite / len(v))
 
 
 def wrapped(speed_mps: Float64, period_mps: float | None) -> Float64:
@@ -71,18 +67,25 @@ def wrapped(speed_mps: Float64, period_mps: float | None) -> Float64:
     return np.asarray((speed_mps + period_mps / 2) % period_mps - period_mps / 2, np.float64)
 
 
+def _support(d: Float64, v: Float64, forward_mps: Float64, period_mps: float | None) -> Int64:
+    """Number of points that agree with each forward speed (M,)."""
+    parts = np.array_split(forward_mps, 16)  # so that large scans don't take M times their size
+    rest = (wrapped(v + part[:, None] * d[:, 0], period_mps) for part in parts)
+    return np.concatenate([np.count_nonzero(np.abs(part) < INLIER_MPS, axis=1) for part in rest])
+
+
 def _residual(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
     return wrapped(v + d[:, 0] * velocity[0] + d[:, 1] * velocity[1], period_mps)
 
 
-def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Bool:
-    agreeing: Bool = np.abs(_residual(d, v, velocity, period_mps)) < INLIER_MPS
+def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float = INLIER_MPS) -> Bool:
+    agreeing: Bool = np.abs(_residual(d, v, velocity, period_mps)) < band_mps
     return agreeing
 
 
-def _refined(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
+def _refined(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float) -> Float64:
     """Least squares over the agreeing points; sideways only where the directions tell it."""
-    agreeing = _agree(d, v, velocity, period_mps)
+    agreeing = _agree(d, v, velocity, period_mps, band_mps)
     if np.count_nonzero(agreeing) < _MIN_POINTS:
         return velocity
     d, rest = d[agreeing], _residual(d, v, velocity, period_mps)[agreeing]

@@ -1,4 +1,4 @@
-"""Writing calibration in our own form."""
+"""Writing calibration in our own form, so that it can be read back."""
 
 import json
 from collections.abc import Iterator
