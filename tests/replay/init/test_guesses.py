@@ -91,7 +91,7 @@ def test_transforms_that_move_say_where_the_body_is(guess):
         drive.add("/tf", ns, d.transforms([("odom", "base_link", (1.0, 0, 0), (0, 0, 0, 1.0))], ns))
     config, text = guess(drive)
     assert config.body.pose == "/tf"
-    assert 'pose = "/tf"  # its transforms say where the body is in \'odom\'' in text
+    assert "pose = \"/tf\"  # its transforms say where the body is in 'odom'" in text
 
 
 @pytest.mark.parametrize("odometry_too", [True, False])
