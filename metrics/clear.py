@@ -164,8 +164,10 @@ def _require_unique_ids(view: View) -> None:
             if (times > 1).any():
                 twice = int(ids[times > 1][0])
                 image = f", camera {scene.stream}" if scene.stream else ""
+                # The folder may still have a name that nobody knows.
+                which = f"'{view.run.manifest.pipeline}' on log '{view.run.manifest.log.name}'"
                 raise MetricError(
-                    f"{view.run.folder}: frame {scene.frame}{image}: {what} has id {twice} twice; "
+                    f"{which}: frame {scene.frame}{image}: {what} has id {twice} twice; "
                     "an id names one object of a frame",
                     "GT003",
                 )

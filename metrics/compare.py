@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.manifest import Manifest
+from fbench.replay.manifest import InputEntry, Manifest, TruthEntry
 from fbench.replay.scores import Score
 
 Verdict = Literal["same", "better", "worse", "gone", "new", "null"]
@@ -96,11 +96,25 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
 def _settings(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
     before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
     names = [*before, *(name for name in after if name not in before)] if base.pipeline == head.pipeline else []
+    files, others = _files(base), _files(head)
     return [
         ("pipeline", base.pipeline, head.pipeline),
         ("frames", base.num_frames, head.num_frames),
+        *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
         *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
     ]
+
+
+def _files(manifest: Manifest) -> dict[str, str]:
+    """What files beside the log say, by their role; equal names may have other content."""
+    named: dict[str, list[str]] = {"truth": [_file(manifest.truth)]} if manifest.truth else {}
+    for entry in manifest.inputs:
+        named.setdefault(entry.role, []).append(_file(entry))
+    return {role: ", ".join(entries) for role, entries in named.items()}
+
+
+def _file(entry: InputEntry | TruthEntry) -> str:
+    return f"{entry.name or 'a file'} ({entry.digest[:8]})"
 
 
 def _log(manifest: Manifest) -> str:

@@ -4,17 +4,17 @@ import importlib.util
 import inspect
 import sys
 import typing
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import is_dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, Literal
 
-from fbench.replay.errors import ConfigError, FbenchError
+from fbench.replay.errors import ConfigError, FbenchError, RunError, one_line
 from fbench.replay.names import did_you_mean
 from fbench.replay.pipeline_name import parse_name
-from fbench.replay.protocols import Closes, Pipeline, TakesArgument
+from fbench.replay.protocols import BoxReader, Closes, Pipeline, TakesArgument, UsesLog
 from fbench.replay.settings import apply_settings, describe
 
 Group = Literal["datasets", "pipelines", "metrics", "reports"]
@@ -76,12 +76,51 @@ def _from_file(name: str) -> Any:
 
 @contextmanager
 def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
-    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something."""
+    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something.
+
+    Raises:
+        RunError: where it can't be closed, unless another error came before.
+    """
     pipeline, parameters = make_pipeline(name, settings)
     try:
         yield pipeline, parameters
-    finally:
-        if isinstance(pipeline, Closes):
+    except BaseException:
+        with suppress(FbenchError):  # what ended the replay says more
+            _close(pipeline, name)
+        raise
+    _close(pipeline, name)
+
+
+@contextmanager
+def guarded(what: str) -> Iterator[None]:
+    """Tell whatever a plug-in raises in one line.
+
+    Raises:
+        RunError: with `what` couldn't be done, and why; errors of fbench pass as they are.
+    """
+    try:
+        yield
+    except FbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        raise RunError(f"{what}: {one_line(error)}") from error
+
+
+def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> None:
+    """Let a pipeline that needs more of a log than its frames have one of its own.
+
+    Raises:
+        RunError: where it fails to take it.
+    """
+    if isinstance(pipeline, UsesLog):
+        log = opened()
+        with guarded(f"pipeline '{name}' can't use the log"):
+            pipeline.use_log(log)
+
+
+def _close(pipeline: Pipeline, name: str) -> None:
+    if isinstance(pipeline, Closes):
+        with guarded(f"pipeline '{name}' can't be closed"):
             pipeline.close()
 
 

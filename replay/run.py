@@ -1,5 +1,6 @@
 """The one loop: log -> frames -> pipeline -> run folder."""
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +13,7 @@ from fbench.replay.boxes import finite
 from fbench.replay.clock import Clock, VirtualClock
 from fbench.replay.data import Boxes, ClockName, Frame, Output, Rig
 from fbench.replay.digest import START, digest, link
-from fbench.replay.errors import FbenchError, LogError, RunError, one_line
+from fbench.replay.errors import LogError, RunError, one_line
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
@@ -21,6 +22,7 @@ from fbench.replay.host import package_versions
 from fbench.replay.manifest import FrameEntry, InputEntry, LogEntry, Manifest, TruthEntry, rig_entry
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
+from fbench.replay.plugins import guarded
 from fbench.replay.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.redact import redacted_manifest, redacted_record, redacted_rows
 from fbench.replay.restamp import StampParams
@@ -115,13 +117,9 @@ class _Loop:
         Raises:
             RunError: where it fails for a reason of its own.
         """
-        try:
-            _require_plain_names(self._rig)
+        _require_plain_names(self._rig)
+        with guarded(f"pipeline '{self._plan.name}' can't start"):
             self._plan.pipeline.start(self._rig, self._info)
-        except FbenchError:
-            raise
-        except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            raise RunError(f"pipeline '{self._plan.name}' can't start: {one_line(error)}") from error
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
@@ -245,7 +243,7 @@ class _Loop:
                 metadata=dict(sorted(info.metadata.items())),
             ),
             pipeline=self._plan.name,
-            parameters={**self._plan.parameters, **_identity(self._plan.pipeline)},
+            parameters={**self._plan.parameters, **self._identity()},
             frames=FrameEntry(
                 reference=self.stream.reference,
                 timeout_ns=sync.timeout_ns,
@@ -270,6 +268,20 @@ class _Loop:
         )
         return redacted_manifest(manifest) if self._plan.redact else manifest
 
+    def _identity(self) -> Mapping[str, object]:
+        """What tells the pipeline apart.
+
+        Raises:
+            RunError: where it fails to say, or says what JSON can't hold.
+        """
+        pipeline = self._plan.pipeline
+        if not isinstance(pipeline, TellsIdentity):
+            return {}
+        with guarded(f"pipeline '{self._plan.name}' can't say what tells it apart"):
+            identity = dict(pipeline.identity())
+            json.dumps(identity, allow_nan=False)
+        return identity
+
 
 def _require_plain_names(rig: Rig) -> None:
     """Refuse sensors whose names, which are all over a run, hold credentials.
@@ -283,10 +295,6 @@ def _require_plain_names(rig: Rig) -> None:
                 f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
                 "([sensors.NAME] with its topic), or leave it out with --topics"
             )
-
-
-def _identity(pipeline: Pipeline) -> Mapping[str, object]:
-    return pipeline.identity() if isinstance(pipeline, TellsIdentity) else {}
 
 
 def _times(output: Output | None, step_ns: int) -> tuple[dict[str, int], ClockName]:

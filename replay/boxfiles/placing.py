@@ -9,7 +9,7 @@ from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.errors import ConfigError, DecodeError, LogError
 from fbench.replay.geometry.boxes import moved
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.coordinates import WORLDS, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.names import did_you_mean
 
@@ -46,6 +46,9 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
         matrix = coordinates.body_T(name)
     except DecodeError as error:
         raise LogError(f"{where}: coordinate frame '{name}': {error}", "CAL001") from error
+    if matrix is None and name in WORLDS:
+        advice = f"name a topic with poses in '{name}' as body.pose"
+        raise ConfigError(f"{where}: boxes in '{name}', but the log's poses are in '{coordinates.world}'; {advice}")
     if matrix is None:
         raise ConfigError(
             f"{where}: coordinate frame '{name}' isn't in the log{did_you_mean(name, known(coordinates))}"
@@ -55,7 +58,8 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
 
 def known(coordinates: CoordinateFrames) -> list[str]:
     """Names of the coordinate frames that boxes may be in."""
-    return sorted({"body", "world", coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges} - {""})
+    linked = {coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges}
+    return sorted({"body", "world", coordinates.world, *linked} - {""})
 
 
 def camera_of(name: str, coordinates: CoordinateFrames, where: str) -> str:

@@ -59,7 +59,7 @@ RULES: Mapping[str, Rule] = {
     "TIM009": Rule(
         "warning",
         "look at the sensor's latency and clock; raise --timeout-ms if frames lack it",
-        "header stamps and arrival differ by more than a period",
+        "header stamps are more than two periods older than arrival, or over 20 ms newer",
     ),
     "TIM011": Rule("warning", "let the driver stamp its messages"),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),

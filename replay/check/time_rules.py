@@ -14,6 +14,10 @@ from fbench.replay.restamp import MAX_SKEW_NS, mending_offset
 _MANY_LOST, _MANY_IRREGULAR = 0.05, 0.1
 _FEW = 10
 """Fewer messages say nothing about a period."""
+_MAX_PERIODS = 2
+"""A sweep that is stamped as it begins and recorded when it is over is a period old, and what sending it took."""
+_MAX_EARLY_NS = 20_000_000
+"""So far ahead of the recorder may a synchronised clock be."""
 
 
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:
@@ -89,10 +93,12 @@ def _clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[Findin
         offset = mending_offset(stats.sensor, -skew, reference.sensor, -other)
         advice = f"synchronise the clocks, or give {offset} or --stamps log"
         yield finding("TIM008", stats.sensor, text, stats.num_messages, advice=advice)
-    elif period is not None and abs(skew) > period:
+    elif period is not None and (skew > _MAX_PERIODS * period or skew < -_MAX_EARLY_NS):
+        beyond = (
+            f", more than {_MAX_PERIODS} periods of {_ms(period)}" if skew > 0 else ": measured after it was recorded?"
+        )
         text = (f"header stamps are {_ms(abs(skew))} {'older' if skew > 0 else 'newer'} than arrival (median; "
-                f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}), "
-                f"more than a period of {_ms(period)}")  # fmt: skip
+                f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}){beyond}")  # fmt: skip
         yield finding("TIM009", stats.sensor, text, stats.num_messages)
 
 

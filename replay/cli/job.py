@@ -21,8 +21,8 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
 from fbench.replay.pipeline_name import parse_name
-from fbench.replay.plugins import load, opened_pipeline
-from fbench.replay.protocols import KeepsStderr, Pipeline, UsesLog
+from fbench.replay.plugins import give_log, guarded, load, opened_pipeline
+from fbench.replay.protocols import KeepsStderr, Pipeline
 from fbench.replay.read_ahead import DEFAULT, opened_ahead
 from fbench.replay.redact import public_name, public_pipeline
 from fbench.replay.restamp import StampParams
@@ -91,7 +91,8 @@ def run_job(job: Job) -> Run:
         host = {**describe_host(), "rate": job.rate, "wall_s": wall_s, **_measured(clock.pace)}
         replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         if not job.redact:
-            keep_stderr(pipeline, folder)
+            with guarded(f"pipeline '{job.name}' can't give its stderr"):
+                keep_stderr(pipeline, folder)
         score_folder(folder, job.scoring)
 
     faults = FaultLog()
@@ -120,8 +121,7 @@ def run_job(job: Job) -> Run:
             progress=progress,
             failed=_first_traceback(job.debug),
         )
-        if isinstance(pipeline, UsesLog):
-            pipeline.use_log(job.log.open(faults))
+        give_log(pipeline, job.name, lambda: job.log.open(faults))
         with opened_ahead(job.log.open, faults, job.read_ahead) as reader:
             folder = job.folder(reader.info)
             replay(reader, plan, folder, faults, job.overwrite, complete)

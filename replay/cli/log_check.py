@@ -19,8 +19,8 @@ from fbench.replay.cli.show import console, print_json
 from fbench.replay.config.source import LogSource
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 from fbench.replay.faults import FaultLog
-from fbench.replay.plugins import opened_pipeline
-from fbench.replay.protocols import Pipeline, UsesLog
+from fbench.replay.plugins import give_log, opened_pipeline
+from fbench.replay.protocols import Pipeline
 from fbench.replay.restamp import StampParams
 from fbench.replay.sync import SyncParams
 
@@ -47,8 +47,8 @@ def run_check(job: CheckJob) -> int:
     # What a plug-in prints must not get between the lines of --json.
     with redirect_stdout(sys.stderr), _tried(job) as pipeline, explained(faults):
         reader = job.log.open(faults)
-        if pipeline is not None and isinstance(pipeline[1], UsesLog):
-            pipeline[1].use_log(job.log.open(faults))
+        if pipeline is not None:
+            give_log(pipeline[1], pipeline[0], lambda: job.log.open(faults))
         total = sum(reader.container.counts.values())
         with message_progress(f"{job.log.path.name}: reading all", total) as progress:
             options = CheckOptions(

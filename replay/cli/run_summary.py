@@ -37,14 +37,17 @@ def show_run(run: Run, as_json: bool) -> None:
 def _status(run: Run) -> list[str]:
     manifest = run.manifest
     scored = sum(frame.truth_stamp_ns is not None for frame in run.frames)
-    lines = [f"frames: {manifest.num_frames} in {manifest.num_segments} segments, {scored} with truth"]
+    segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
+    lines = [f"frames: {manifest.num_frames} in {segments}, {scored} with truth"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
     lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")
     for sensor, num in counts["late_messages"].items():
         lines += [f"late: {num} messages of {sensor} came after their frame was released"] if num else []
     for sensor, num in counts["unused_messages"].items():
-        lines += [f"unused: {num} messages of {sensor}, which frames don't need"] if num else []
+        # Poses between frames are used, to find those at the frames' instants.
+        is_sensor = sensor in manifest.mounts
+        lines += [f"unused: {num} messages of {sensor}, which frames don't need"] if num and is_sensor else []
     lines += fault_lines(counts["rows"])
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")

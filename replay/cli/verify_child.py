@@ -18,8 +18,7 @@ from fbench.replay.config.source import LogSource, log_source
 from fbench.replay.errors import EXIT_OK, FbenchError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_container
-from fbench.replay.plugins import opened_pipeline
-from fbench.replay.protocols import UsesLog
+from fbench.replay.plugins import give_log, opened_pipeline
 from fbench.replay.read_ahead import opened_ahead
 from fbench.replay.run import Plan, replay
 from fbench.replay.scores import ScoreOptions
@@ -49,8 +48,7 @@ def run(task: Task) -> None:
         _log(task) as log,
         opened_ahead(log.open, faults, task.read_ahead) as ahead,
     ):
-        if isinstance(pipeline, UsesLog):
-            pipeline.use_log(log.open(faults))
+        give_log(pipeline, task.pipeline, lambda: log.open(faults))
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
         plan = Plan(

@@ -34,13 +34,14 @@ def inverse(dst_T_src: Float64) -> Float64:
 
 
 def transform(dst_T_src: Float64, xyz: Array) -> Float64:
-    """Move points (N, 3) [m] from `src` to `dst`; returns float64 (N, 3).
+    """Move points (N, 3) [m] from `src` to `dst`; returns float64 (N, 3), which isn't finite where a point isn't.
 
     Written as sums of products, so that the result doesn't depend on the BLAS in use.
     """
     p = np.asarray(xyz, np.float64)
     m = dst_T_src
-    return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # not finite in, not finite out: whoever needs more checks that
+        return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
 
 
 def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:

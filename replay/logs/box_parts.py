@@ -17,6 +17,19 @@ _UUID = re.compile(r"[0-9a-fA-F]{8}[0-9a-fA-F-]{8,}", re.ASCII)
 _NUMBERED = re.compile(r"[a-zA-Z][\w ./:#-]{0,126}[0-9]", re.ASCII)
 """A name with a number of its own; without one it may as well be a class."""
 
+_MAX_BOXES = 10_000
+"""As of programs' answers; many more than any stack gives, and few enough to compare each with each."""
+
+
+def require_few(num: int) -> None:
+    """Refuse what no stack gives.
+
+    Raises:
+        DecodeError: where a message has too many boxes.
+    """
+    if num > _MAX_BOXES:
+        raise DecodeError(f"{num} boxes in one message, more than {_MAX_BOXES}")
+
 
 def matrix(parts: Sequence[Any], names: str) -> Float64:
     """Attributes of each part (N, len(names)), such as `x`, `y`, `z`.
@@ -81,8 +94,9 @@ def checked(boxes: B) -> B:
     """Return the boxes as they are.
 
     Raises:
-        DecodeError: where a box isn't finite.
+        DecodeError: where a box isn't finite, or there are too many.
     """
+    require_few(len(boxes))
     good, scored = finite(boxes)
     if not (good & scored).all():
         raise DecodeError(f"box {int(np.argmin(good & scored))} isn't finite")

@@ -26,7 +26,7 @@ from fbench.replay.logs.roles import Role, roles
 from fbench.replay.logs.selection import selected
 from fbench.replay.logs.setup import BoxSource, Setup
 from fbench.replay.logs.tf_poses import TfPoses, TfSource, of_body
-from fbench.replay.logs.tree import BODIES, BODY, tree_of
+from fbench.replay.logs.tree import BODIES, BODY, invalid, tree_of
 from fbench.replay.logs.truth_frames import PosesIn, in_body
 from fbench.replay.logs.truth_part import TruthPart
 from fbench.replay.logs.truth_stream import joined, paired
@@ -281,6 +281,8 @@ class LogReader:
 
     def _of_body(self, pose: Pose, child: str) -> Pose:
         """Where the body is, from the pose of a coordinate frame that is fixed to it."""
+        if (why := invalid(pose.translation_m, pose.rotation_xyzw)) is not None:
+            raise DecodeError(f"pose {why}")
         try:
             body_T_child = self.coordinate_frames.body_T(child)
         except LogError:  # messages can be read even where the rig can't

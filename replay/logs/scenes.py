@@ -11,7 +11,7 @@ import numpy as np
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.classes import labels
-from fbench.replay.logs.box_parts import checked, matrix, orientation, track_ids, turned
+from fbench.replay.logs.box_parts import checked, matrix, orientation, require_few, track_ids, turned
 
 _LABELS = ("label", "class", "classname", "classlabel", "classification", "category", "categoryname", "objectclass",
            "objecttype", "type", "semantic")  # fmt: skip
@@ -34,8 +34,9 @@ def scene_boxes(entities: Sequence[Any]) -> tuple[Boxes3D, tuple[str, ...]]:
     text, then its id, tells it. Speeds are along the heading.
 
     Raises:
-        DecodeError: where a box isn't finite.
+        DecodeError: where a box isn't finite, or there are too many.
     """
+    require_few(sum(len(entity.cubes) for entity in entities))
     cubes = [(entity, cube) for entity in entities for cube in entity.cubes]
     said = [_metadata(entity) for entity, _ in cubes]
     xyzw = matrix([cube.pose.orientation for _, cube in cubes], "xyzw")

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.arrays import Float64
+from fbench.replay.boxes import MAX_MAGNITUDE
 from fbench.replay.data import Rig
 from fbench.replay.errors import DecodeError
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
@@ -12,6 +13,8 @@ from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 BODY = "body"
 BODIES = (BODY, "base_link", "base_footprint", "ego_vehicle", "ego")
 """What the body's coordinate frame is called, the first of these that is met on the way to the root."""
+_MIN_QUATERNION = 1e-100
+"""Squares of what is smaller vanish."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +105,7 @@ class TransformTree:
         body's frame sits at 0.
 
         Raises:
-            DecodeError: where the transforms form a loop, or a quaternion of a chain is zero.
+            DecodeError: where the transforms form a loop, or one of them isn't finite or its quaternion zero.
         """
         path = self.path(frame)
         if frame == body:
@@ -111,6 +114,7 @@ class TransformTree:
             return self._across(path, body)
         edge = self.edges[frame]
         if edge.parent == body:
+            _require_valid(frame, edge)
             return edge.translation_m, edge.rotation_xyzw
         return _split(self._chain(path, body))
 
@@ -134,11 +138,22 @@ class TransformTree:
         matrix = np.eye(4)
         for frame in path[: path.index(body)]:
             edge = self.edges[frame]
-            try:
-                matrix = pose_matrix(edge.translation_m, edge.rotation_xyzw) @ matrix
-            except ValueError as error:
-                raise DecodeError(f"transform of '{frame}' has no valid rotation ({error})") from error
+            _require_valid(frame, edge)
+            matrix = pose_matrix(edge.translation_m, edge.rotation_xyzw) @ matrix
         return matrix
+
+
+def _require_valid(frame: str, edge: Edge) -> None:
+    if (why := invalid(edge.translation_m, edge.rotation_xyzw)) is not None:
+        raise DecodeError(f"transform of '{frame}' {why}")
+
+
+def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
+    """Tell what is wrong with a pose that can't be one."""
+    if not np.abs(np.nan_to_num(translation_m, nan=np.inf)).max() < MAX_MAGNITUDE:
+        return "isn't finite"
+    largest = np.abs(np.nan_to_num(rotation_xyzw, nan=np.inf)).max()
+    return None if _MIN_QUATERNION < largest < MAX_MAGNITUDE else "has no valid rotation"
 
 
 def _split(matrix: Float64) -> tuple[Float64, Float64]:

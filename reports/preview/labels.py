@@ -11,10 +11,11 @@ from fbench.reports.preview.sample import Sample
 
 _NEAR_M, _FAR_M = 25.0, 150.0
 """Nearer boxes should hold points, unless they are hidden; nobody labels what is farther away."""
-_MIDDLE, _WIDER_M = 0.3, 0.2
-"""Points count in this share of a box's height above and below its middle, so that the ground doesn't."""
+_MIDDLE, _WIDER_M = 0.3, 0.5
+"""Points count in this share of a box's height above and below its middle, so that the ground doesn't, and that far
+beside it, since the vehicle moves during a sweep."""
 _SIDE_RAD = 0.1
-_FEW, _MIN_SHARE = 5, 0.3
+_FEW, _MIN_SHARE = 5, 0.5
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ def judged(samples: Sequence[Sample]) -> Labels | None:
     if len(hit) < _FEW:
         return None
     text = f"{int(hit.sum())} of {len(hit)} boxes within {_NEAR_M:g} m hold LiDAR points above the ground"
-    is_bad = bool(hit.mean() < _MIN_SHARE)
+    is_bad = bool(hit.mean() <= _MIN_SHARE)
     return Labels(text + (": wrong coordinate frame, stamps or sizes?" if is_bad else ""), is_bad)
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from fbench.metrics.compare import compare, require_comparable
 from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.manifest import LogEntry
+from fbench.replay.manifest import InputEntry, LogEntry, TruthEntry
 from fbench.replay.scores import Score
 
 from .conftest import make_manifest
@@ -116,3 +116,15 @@ class TestRequireComparable:
     def test_what_else_differs_is_noted(self) -> None:
         notes = require_comparable(make_manifest(), make_manifest(pipeline="late3d", complete=False))
         assert notes == ("pipeline: lidar3d -> late3d", "head is incomplete")
+
+    def test_other_truth_calibration_and_configuration_are_noted(self) -> None:
+        config, other = (InputEntry(role="config", name="fbench.toml", digest=d * 16) for d in ("a1", "b2"))
+        rig = InputEntry(role="rig", name="fix.urdf", digest="c3" * 16)
+        truth = TruthEntry(name="labels.csv", format="table", digest="d4" * 16)
+        head = make_manifest(inputs=[other, rig], truth=truth)
+        assert require_comparable(make_manifest(inputs=[config]), head) == (
+            "config: fbench.toml (a1a1a1a1) -> fbench.toml (b2b2b2b2)",
+            "rig: none -> fix.urdf (c3c3c3c3)",
+            "truth: none -> labels.csv (d4d4d4d4)",
+        )
+        assert require_comparable(head, head) == ()

@@ -192,6 +192,15 @@ def test_half_way_between_two_instants_the_nearer_one_wins():
     assert steps == {-23 * MS}
 
 
+def test_jitter_doesnt_leave_a_frame_that_lies_half_way_between_two_messages_without_any():
+    """A radar of 15 Hz, whose messages lie 33.3 ms around every other instant of 10 Hz."""
+    jitter = np.random.Generator(np.random.Philox(0)).normal(0, 0.6, 300)
+    lidar = [message("lidar", 100 * i, 100 * i + 105) for i in range(200)]
+    radar = [message("radar", round(i * 200 / 3 + j, 3), i * 200 / 3 + 45) for i, j in enumerate(jitter)]
+    frames, _ = play([*lidar, *radar], ("lidar", "radar"), "lidar", tolerance_ns=50 * MS)
+    assert sum(bool(f.missing) for f in frames) <= 4  # the mean period isn't known well at first
+
+
 arrivals = st.lists(st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.integers(0, 200)), max_size=60)
 
 

@@ -2,6 +2,7 @@
 
 import resource
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -11,11 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.boxfiles.open import open_boxes
 from fbench.replay.boxfiles.table_order import _MAX_AT_ONCE
 from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.setup import BoxSource
 from fbench.replay.tables import BoxWriter
 
-from .made import S, read
+from .made import S, coordinates, read
 
 SOLID = "x,y,z,length,width,height,yaw"
 BOX = "1,2,0.5,4,2,1.5,0.25"
@@ -269,3 +273,13 @@ def test_a_million_rows_stream(tmp_path):
     truths = open_boxes(BoxSource(path), coordinates("cam"), FaultLog()).truths()
     assert sum(len(truth.boxes3d) for truth in truths) == num
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
+
+
+def test_boxes_in_another_world_than_the_poses_of_the_log_are_refused(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text(f"frame,frame_id,{SOLID}\n0,map,{BOX}\n")
+    known = replace(coordinates("cam"), world="odom")
+    with pytest.raises(ConfigError, match="boxes in 'map', but the log's poses are in 'odom'; name a topic with poses"):
+        list(open_boxes(BoxSource(path), known, FaultLog()).truths())
+    same = replace(known, world="map")
+    assert next(open_boxes(BoxSource(path), same, FaultLog()).truths()).in_world

@@ -151,6 +151,18 @@ def test_stamps_far_older_than_arrival(path):
     assert one.text.startswith("header stamps are 510.0 ms older than arrival (median; ")
 
 
+def test_stamps_of_when_a_sweep_began_are_nothing_to_warn_of(path):
+    assert checked(path, [replace(m, log_ns=m.log_ns + 98 * MS) for m in clean()]).num_problems == 0
+
+
+def test_stamps_ahead_of_arrival(path):
+    result = checked(path, changed(delayed("radar", 60 * MS), clean()))
+    assert ("TIM009", "radar") in problems(result)
+    text = found(result, "TIM009").text
+    assert text.startswith("header stamps are ")
+    assert text.endswith(" ms): measured after it was recorded?")
+
+
 def test_stamps_of_zero(path):
     def zero(item):
         return replace(item, stamp_ns=0) if getattr(item, "sensor", "") == "radar" else item

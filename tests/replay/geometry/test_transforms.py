@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -42,3 +43,10 @@ def test_quarter_turn_by_hand():
 
 def test_wrap_angle():
     np.testing.assert_allclose(wrap_angle(np.array([0, np.pi, -np.pi, 3.5])), [0, -np.pi, -np.pi, 3.5 - 2 * np.pi])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1.7e308])
+def test_points_that_are_not_finite_stay_so_without_a_warning(value):
+    turned = pose_matrix([0, 0, 0], [0.5, 0.5, 0.5, 0.5]) * 2
+    moved = transform(turned, np.array([[1.0, 2, 3], [value, value, -value]]))
+    assert np.isfinite(moved).all(axis=1).tolist() == [True, False]

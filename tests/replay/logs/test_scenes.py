@@ -195,3 +195,31 @@ def test_boxes_in_the_world_stay_there_where_poses_move_them(tmp_path):
     [truth] = reader.truths()
     assert truth.in_world
     assert truth.boxes3d.center_m.tolist() == [[10, 0, 0]]
+
+
+def hostile(tmp_path, message):
+    """What a scene loses that comes before a sane one."""
+    sane = scene(("a", (1, 2, 3), {}, {}))
+    static = ("/tf_static", edge("base_link", "lidar", (1, 0, 0)))
+    reader, faults = log(tmp_path, static, ("/points", POINTS), ("/objects", message), ("/objects", sane))
+    assert [len(truth.boxes3d) for truth in reader.detections("/objects")] == [1]
+    return next(str(row["places"]) for row in faults.rows() if row["code"] == "DEC001")
+
+
+def test_scenes_of_more_boxes_than_can_be(tmp_path):
+    """Of two bytes each, and a hundred times that in memory."""
+    assert "10001 boxes in one message, more than 10000" in hostile(
+        tmp_path, scene(("a", (1, 2, 3), {}, {"cubes": 10_001}))
+    )
+    assert "bytes, more than 8388608" in hostile(tmp_path, scene(("a" * 2**23, (1, 2, 3), {}, {})))
+
+
+@pytest.mark.parametrize("metadata", [{"speed": "inf"}, {"velocity": "1e999 0"}, {"speed": "1e308"}])
+def test_speeds_that_cannot_be_warn_nobody(tmp_path, metadata):
+    assert len(boxes(tmp_path, ("a", (1, 2, 3), metadata, {}))) == 1
+
+
+def test_rotation_that_is_not_finite(tmp_path):
+    broken = scene(("a", (1, 2, 3), {}, {}))
+    broken.entities[0].cubes[0].pose.orientation.w = np.inf
+    assert "box 0 isn't finite" in hostile(tmp_path, broken)

@@ -13,7 +13,7 @@ from fbench.replay.logs.tf_poses import TfPoses, of_body
 from fbench.replay.logs.tree import Edge, TransformTree
 from fbench.replay.logs.truth_frames import PosesIn
 
-from ..cli.test_recorded import START_S, drive, write
+from ..cli.test_recorded import START_S, drive, pose, write
 from .ros.builders import DISTROS, Ros
 from .test_foreign import edge, log, packed
 
@@ -171,3 +171,46 @@ def test_odometry_counts_only_where_the_user_names_it(tmp_path):
     assert "pose of 'imu', which no fixed transform links to the body" in faults.places["DEC001"][0]
     with pytest.raises(ConfigError, match=r"body\.pose: the log has no topic '/odom/base'; did you mean"):
         open_log(path, faults, setup=Setup(pose="/odom/base", source="fbench.toml"))
+
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("xyz", "xyzw", "why"),
+    [
+        ((NAN, 0, 0), UPRIGHT, "isn't finite"),
+        ((1e308, 0, 0), UPRIGHT, "isn't finite"),
+        ((0, 0, 0), np.full(4, NAN), "has no valid rotation"),
+        ((0, 0, 0), np.array([INF, 0, 0, 1]), "has no valid rotation"),
+        ((0, 0, 0), np.full(4, 1e308), "has no valid rotation"),
+        ((0, 0, 0), np.zeros(4), "has no valid rotation"),
+    ],
+)
+@pytest.mark.parametrize("above", [{}, {"odom": link("map", (1, 0, 0))}], ids=["direct", "chain"])
+def test_transforms_that_cannot_be(xyz, xyzw, why, above):
+    poses = TfPoses("tf", TransformTree(above), "base_link", "map" if above else "odom")
+    with pytest.raises(DecodeError, match=f"transform of 'base_link' {why}"):
+        poses.take([("base_link", link("odom", xyz, xyzw))], [1], 2)
+
+
+def test_boxes_in_a_coordinate_frame_whose_transform_cannot_be():
+    tree = TransformTree({"tower": link("base_link", (0, 0, 0), np.array([INF, 0, 0, 1]))})
+    with pytest.raises(DecodeError, match="transform of 'tower' has no valid rotation"):
+        tree.pose("tower", "base_link")
+
+
+def test_odometry_that_cannot_be_is_counted(tmp_path):
+    def turned(ms, x):
+        message = pose(ms, x)
+        message.pose.position.x = NAN if ms == 100 else x
+        return ROS.write(message)
+
+    kind = "geometry_msgs/msg/PoseStamped"
+    odometry = [(ms + 1, "/odom", kind, turned(ms, float(ms))) for ms in range(0, 600, 100)]
+    faults = FaultLog()
+    reader = open_log(write(tmp_path / "log.mcap", *drive(*odometry)), faults, setup=Setup(pose="/odom"))
+    assert len(list(reader.body_poses())) == 5
+    [row] = [row for row in faults.rows() if row["code"] == "DEC001"]
+    assert row["count"] == 1
+    assert "pose isn't finite" in str(row)

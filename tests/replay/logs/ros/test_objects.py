@@ -256,7 +256,7 @@ def test_poses(distro, name):
     data = ros.write(ros.make(name, ros.header("odom"), *parts))
     codec = ros.codec(name)
     assert codec.kinds == ("odometry",)
-    assert codec.probe(data) == ("odometry", "base_link" if name == POSE_TYPES[0] else "")
+    assert codec.probe(data) == ("odometry", "base_link" if name == POSE_TYPES[0] else "", "odom")
     found = codec.message("pose", data, ORIGIN)
     assert (found.sensor, found.stamp_ns, found.log_ns, found.frame_number) == ("s", STAMP_NS, STAMP_NS + 5, 7)
     assert found.translation_m.tolist() == [1, 2, 3]
