@@ -62,7 +62,7 @@ def clean_mapping(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a mapping whose keys and texts hold no secrets; texts under names like `api_key` are hidden whole."""
     cleaned: dict[str, Any] = {}
     for key, value in values.items():
-        hidden = isinstance(value, str) and is_secret_name(key)
+        hidden = isinstance(value, str) and value != "" and is_secret_name(key)
         cleaned.setdefault(without_secrets(key), HIDDEN if hidden else _cleaned(value))
     return cleaned
 

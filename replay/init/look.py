@@ -13,7 +13,7 @@ from fbench.replay.init.fields import cloud_fields
 from fbench.replay.init.sample import sampled
 from fbench.replay.logs.codec import SENSORS, Origin
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.roles import Role, codec_of, roles
+from fbench.replay.logs.roles import Codecs, Role, roles
 from fbench.replay.logs.truth_part import TruthPart
 
 MEASURED = (*SENSORS, "pose", "odometry")
@@ -166,17 +166,18 @@ def _unread(container: Container, found: Mapping[int, Role]) -> Iterator[Unread]
     """Topics without a use, once each, with the reason."""
     used = {role.topic for role in found.values()}
     topics = {c.topic: id_ for id_, c in sorted(container.channels.items(), reverse=True) if c.topic not in used}
+    codecs = Codecs()
     for topic, id_ in sorted(topics.items()):
         channel = container.channels[id_]
-        yield Unread(topic, channel.schema_name, _why(container, id_))
+        yield Unread(topic, channel.schema_name, _why(codecs, container, id_))
 
 
-def _why(container: Container, id_: int) -> str:
+def _why(codecs: Codecs, container: Container, id_: int) -> str:
     channel = container.channels[id_]
     if not container.counts.get(id_, 1):
         return "no messages"
     try:
-        codec = codec_of(channel)
+        codec = codecs.of(channel)
         entry = next(islice(container.entries(frozenset([id_])), 1), None) if codec is not None else None
         if codec is not None and entry is not None and isinstance(entry.data, memoryview):
             codec.probe(entry.data)

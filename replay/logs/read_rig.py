@@ -151,10 +151,6 @@ class RigState:
             raise LogError(
                 f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_leave_out(name)}", "CAL001"
             )
-        if not (np.isfinite(pose[0]).all() and np.isfinite(pose[1]).all() and np.any(pose[1])):
-            raise LogError(
-                f"{path}: sensor '{name}' has no valid pose (position {pose[0]}, rotation {pose[1]})", "CAL001"
-            )
         return Mount(kind, *pose)
 
     def _moves(self, frame: str) -> str:

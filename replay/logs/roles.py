@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from fbench.replay.errors import DecodeError, LogError, UnsupportedError
 from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Probe
-from fbench.replay.logs.container import Channel, Container
+from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
 from fbench.replay.logs.tree import BODIES
 
@@ -51,8 +51,9 @@ def roles(container: Container) -> dict[int, Role]:
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
+    codecs = Codecs()
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
-        codec = _codec(container, channel)
+        codec = _codec(codecs, container, channel)
         kinds = () if codec is None else codec.kinds
         own = _own(channel, codec)
         if own is not None and (channel.encoding == STORED or own.kind in kinds):
@@ -65,30 +66,39 @@ def roles(container: Container) -> dict[int, Role]:
     return found | _foreign(container, foreign)
 
 
-def _codec(container: Container, channel: Channel) -> Codec | None:
+def _codec(codecs: "Codecs", container: Container, channel: Channel) -> Codec | None:
     """A definition that is damaged or hostile makes its topic unreadable, not the log."""
     try:
-        return codec_of(channel)
+        return codecs.of(channel)
     except DecodeError as error:
         container.once("LOG008", (channel.topic,), f"topic '{channel.topic}' can't be decoded: {error}")
         return None
 
 
-def codec_of(channel: Channel) -> Codec | None:
-    """Return the codec for a channel's messages; `None` where fbench has none.
+class Codecs:
+    """Codecs of channels; those of ROS once a type, as definitions take milliseconds and thousands may share one."""
 
-    Raises:
-        DecodeError: where the definition of its type is damaged.
-    """
-    if channel.encoding == "protobuf":
-        from fbench.replay.logs.foxglove.codec import foxglove_codec
+    def __init__(self) -> None:
+        self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
-        return foxglove_codec(channel)
-    if channel.encoding in _ROS:
+    def of(self, channel: Channel) -> Codec | None:
+        """Return the codec for a channel's messages; `None` where fbench has none.
+
+        Raises:
+            DecodeError: where the definition of its type is damaged.
+        """
+        if channel.encoding == "protobuf":
+            from fbench.replay.logs.foxglove.codec import foxglove_codec
+
+            return foxglove_codec(channel)
+        if channel.encoding not in _ROS:
+            return None
         from fbench.replay.logs.ros.codec import ros_codec
 
-        return ros_codec(channel)
-    return None
+        key = channel.encoding, channel.schema
+        if key not in self._ros:
+            self._ros[key] = ros_codec(channel)
+        return self._ros[key]
 
 
 def _count_unused(container: Container, channel: Channel) -> None:

@@ -13,7 +13,7 @@ from fbench.replay.logs.codec import Codec
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.read_rig import RigState
 from fbench.replay.logs.roles import Role
-from fbench.replay.logs.tree import Edge, TransformTree
+from fbench.replay.logs.tree import Edge, TransformTree, invalid
 
 _MAX_SEARCHED = 2000
 """So many messages are searched for the world."""
@@ -53,6 +53,8 @@ class TfPoses:
         pose = self._tree.pose(self._body, self._world)
         if pose is None:
             return None
+        if (why := invalid(*pose)) is not None:
+            raise DecodeError(f"transform of '{self._body}' {why}")
         return Pose(self._sensor, max(on_it) or log_ns, log_ns, *pose)
 
     def _way(self) -> list[str]:

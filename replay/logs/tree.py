@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.replay.arrays import Float64
-from fbench.replay.boxes import MAX_MAGNITUDE
 from fbench.replay.data import Rig
 from fbench.replay.errors import DecodeError
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
@@ -13,8 +12,8 @@ from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 BODY = "body"
 BODIES = (BODY, "base_link", "base_footprint", "ego_vehicle", "ego")
 """What the body's coordinate frame is called, the first of these that is met on the way to the root."""
-_MIN_QUATERNION = 1e-100
-"""Squares of what is smaller vanish."""
+_MIN_QUATERNION, _MAX = 1e-100, 1e100
+"""Squares of what is smaller vanish, of what is larger overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ class TransformTree:
             return self._across(path, body)
         edge = self.edges[frame]
         if edge.parent == body:
-            _require_valid(frame, edge)
+            _require_finite(frame, edge)
             return edge.translation_m, edge.rotation_xyzw
         return _split(self._chain(path, body))
 
@@ -143,6 +142,14 @@ class TransformTree:
         return matrix
 
 
+def _require_finite(frame: str, edge: Edge) -> None:
+    """What is returned as it is stored may be of any length."""
+    if not np.isfinite(edge.translation_m).all():
+        raise DecodeError(f"transform of '{frame}' isn't finite")
+    if not (np.isfinite(edge.rotation_xyzw).all() and np.any(edge.rotation_xyzw)):
+        raise DecodeError(f"transform of '{frame}' has no valid rotation")
+
+
 def _require_valid(frame: str, edge: Edge) -> None:
     if (why := invalid(edge.translation_m, edge.rotation_xyzw)) is not None:
         raise DecodeError(f"transform of '{frame}' {why}")
@@ -150,10 +157,10 @@ def _require_valid(frame: str, edge: Edge) -> None:
 
 def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
     """Tell what is wrong with a pose that can't be one."""
-    if not np.abs(np.nan_to_num(translation_m, nan=np.inf)).max() < MAX_MAGNITUDE:
+    if not np.abs(np.nan_to_num(translation_m, nan=np.inf)).max() < _MAX:
         return "isn't finite"
     largest = np.abs(np.nan_to_num(rotation_xyzw, nan=np.inf)).max()
-    return None if _MIN_QUATERNION < largest < MAX_MAGNITUDE else "has no valid rotation"
+    return None if _MIN_QUATERNION < largest < _MAX else "has no valid rotation"
 
 
 def _split(matrix: Float64) -> tuple[Float64, Float64]:

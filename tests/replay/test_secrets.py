@@ -147,9 +147,9 @@ def test_names():
 def test_mappings():
     values = {
         "token": "HUSH", "source": "https://u:hush@h/x?s=HUSH", "n": 3, "list": ["--token=HUSH", {"pwd": "HUSH"}],
-        "https://u:hush@h": None, "model": {"api_key": "HUSH", "file": "a.onnx"}, "password": 3,
+        "https://u:hush@h": None, "model": {"api_key": "HUSH", "file": "a.onnx"}, "password": 3, "secret": "",
     }  # fmt: skip
     assert clean_mapping(values) == {
         "token": "***", "source": "https://h/x", "n": 3, "list": ["--token=***", {"pwd": "***"}],
-        "https://h": None, "model": {"api_key": "***", "file": "a.onnx"}, "password": 3,
+        "https://h": None, "model": {"api_key": "***", "file": "a.onnx"}, "password": 3, "secret": "",
     }  # fmt: skip

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from fbench.replay.boxes import finite
 from fbench.replay.boxfiles.open import open_boxes
 from fbench.replay.data import CameraModel, Mount, Rig
 from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
@@ -210,3 +211,11 @@ def test_output_of_a_real_tracker_in_2d(shared):
         assert sum(len(truth.boxes2d) for truth in truths) == len(rows)
         edges = np.concatenate([truth.boxes2d.xyxy_px for truth in truths])
         np.testing.assert_allclose(edges.sum(axis=0), np.array([row[6:10] for row in rows], float).sum(axis=0))
+
+
+@pytest.mark.parametrize("place", ["1e999 1.6 20 0.5", "3 -1e999 nan 0.5", "1e308 1e308 1e308 1", "3 1.6 20 1e999"])
+def test_numbers_that_cannot_be_warn_nobody(tmp_path, place):
+    """Such boxes are left out, and counted, where they meet their frame."""
+    (tmp_path / "000000.txt").write_text(f"{CAR}\n{CAR.replace('3 1.6 20 0.5', place)}\n")
+    [truth] = read(tmp_path)
+    assert finite(truth.boxes3d)[0].tolist() == [True, False]

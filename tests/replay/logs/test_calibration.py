@@ -24,9 +24,9 @@ def with_camera(**changes):
 @pytest.mark.parametrize(
     ("rig", "message"),
     [
-        (with_mount("top", rotation_xyzw=np.zeros(4)), "sensor 'top' has no valid pose"),
-        (with_mount("top", rotation_xyzw=np.full(4, np.nan)), "sensor 'top' has no valid pose"),
-        (with_mount("front", translation_m=np.array([0, np.nan, 0])), "sensor 'front' has no valid pose"),
+        (with_mount("top", rotation_xyzw=np.zeros(4)), "sensor 'top': transform of 'top' has no valid rotation"),
+        (with_mount("top", rotation_xyzw=np.full(4, np.nan)), "sensor 'top': transform of 'top' has no valid rot"),
+        (with_mount("front", translation_m=np.array([0, np.nan, 0])), "transform of 'front' isn't finite; repair"),
         (with_camera(K=np.full((3, 3), np.nan)), "camera 'cam'"),
         (with_camera(K=np.diag([0.0, 1, 1])), "camera 'cam'"),
         (with_camera(distortion=np.array([np.inf])), "camera 'cam'"),

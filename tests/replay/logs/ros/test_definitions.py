@@ -5,12 +5,15 @@ import sys
 
 import numpy as np
 import pytest
+from tests.replay.cli.test_recorded import boxes, drive, write
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, Ros, cloud, structured
 from tests.replay.logs.ros.test_boxes import ARRAY3
 from tests.replay.logs.ros.test_calibration import INFO, TF2
 
 from fbench.replay.errors import DecodeError
+from fbench.replay.faults import FaultLog
 from fbench.replay.logs.container import Channel, Schema
+from fbench.replay.logs.open import open_log
 from fbench.replay.logs.ros.codec import ros_codec
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -175,3 +178,13 @@ def test_rosbags_is_imported_when_a_log_has_ros_messages():
         "assert not [m for m in sys.modules if m.startswith('rosbags')]"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_topics_of_one_type_share_what_its_definition_took(tmp_path):
+    """Thousands of topics would else take minutes and gigabytes."""
+    tracks = [(1, f"/tracks/{i}", ARRAY3, boxes(0, (1, 10, 0))) for i in range(20)]
+    found = open_log(write(tmp_path / "log.mcap", *drive(*tracks)), FaultLog()).roles.values()
+    codecs = [role.codec for role in found if role.topic.startswith("/tracks/")]
+    assert len(codecs) == 20
+    assert all(codec is codecs[0] for codec in codecs)
+    assert next(role.codec for role in found if role.topic == "/lidar") is not codecs[0]
