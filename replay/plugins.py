@@ -14,7 +14,7 @@ from typing import Any, Literal
 from fbench.replay.errors import ConfigError, FbenchError, RunError, one_line
 from fbench.replay.names import did_you_mean
 from fbench.replay.pipeline_name import parse_name
-from fbench.replay.protocols import BoxReader, Closes, Pipeline, TakesArgument, UsesLog
+from fbench.replay.protocols import BoxReader, Closes, Importer, Pipeline, TakesArgument, UsesLog
 from fbench.replay.settings import apply_settings, describe
 
 Group = Literal["datasets", "pipelines", "metrics", "reports"]
@@ -140,20 +140,35 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
         if not isinstance(cls, TakesArgument):
             raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
         settings = [f"{cls.argument}={parsed.argument}", *settings]
-    absent = [method for method in ("start", "reset", "step") if not callable(getattr(cls, method, None))]
+    pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), settings)
+    return pipeline, describe(params)
+
+
+def make_importer(name: str, settings: list[str]) -> Importer:
+    """Build the importer of a dataset.
+
+    Raises:
+        ConfigError: for an unknown name or setting, or a class that isn't an importer.
+    """
+    importer, _ = _made("dataset", name, load("datasets", name), ("names", "recordings"), settings)
+    return importer  # type: ignore[no-any-return]
+
+
+def _made(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
+    """Build a plug-in, and return it with its parameters."""
+    absent = [method for method in methods if not callable(getattr(cls, method, None))]
     if absent:
-        raise ConfigError(f"pipeline '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")
+        raise ConfigError(f"{what} '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")
     try:
         params = default_params(cls)
         if params is None and settings:
-            raise ConfigError(f"pipeline '{name}' takes no parameters, so --set {settings[0]} can't be applied")
+            raise ConfigError(f"{what} '{name}' takes no parameters, so --set {settings[0]} can't be applied")
         params = apply_settings(params, settings)
-        pipeline: Pipeline = cls() if params is None else cls(params)
+        return (cls() if params is None else cls(params)), params
     except FbenchError:
         raise
     except (Exception, SystemExit) as error:  # a plug-in may raise anything
-        raise ConfigError(f"pipeline '{name}' can't be made: {type(error).__name__}: {error}") from error
-    return pipeline, describe(params)
+        raise ConfigError(f"{what} '{name}' can't be made: {type(error).__name__}: {error}") from error
 
 
 def default_params(cls: type) -> Any:

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
 from fbench.replay.data import Frame, LogInfo, Message, Output, Pose, Rig, RigChange, Truth
+from fbench.replay.imports.imported import Imported
+from fbench.replay.imports.wish import ImportWish
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 
@@ -44,11 +46,66 @@ class Reader(Protocol):
         ...
 
 
-class Importer(Protocol):
-    """Turns one public dataset into an fbench log. Made without arguments."""
+class Recording(Protocol):
+    """One sequence of a dataset, which becomes one log."""
 
-    def convert(self, source: Path, out: Path) -> Sequence[str]:
-        """Write the log `out` from the folder `source`; returns lines that say what was found and what was odd.
+    @property
+    def name(self) -> str:
+        """As the dataset calls it; also the name of its log in a folder of logs."""
+        ...
+
+    @property
+    def info(self) -> LogInfo:
+        """The log's name, its id, which tells files and parameters apart (`imports.identity`), and the dataset's facts.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+    @property
+    def num_items(self) -> int:
+        """About how many items there are, for the progress bar."""
+        ...
+
+    def items(self) -> Iterator[Imported]:
+        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once.
+
+        Raises:
+            LogError: naming the file that can't be used, unless such are skipped.
+        """
+        ...
+
+    def summary(self) -> Sequence[str]:
+        """Lines that say what was found and what was odd; asked when all items were read."""
+        ...
+
+
+class Importer(Protocol):
+    """Turns one public dataset into fbench logs.
+
+    Made without arguments, or with `params` as a pipeline is: their fields are what `--set` changes.
+    """
+
+    def names(self, source: Path) -> Sequence[str]:
+        """Names of the sequences in the folder `source`, found without reading them.
+
+        Raises:
+            LogError: where it isn't a folder of the dataset, or lacks what all sequences need.
+        """
+        ...
+
+    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+        """Open the sequences that are asked for, one after the other; each is done with when the next one comes.
 
         Raises:
             LogError: naming the file that is missing or wrong.

@@ -12,8 +12,9 @@ from fbench.replay.cli.progress import message_progress
 from fbench.replay.cli.show import console, print_json
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
-from fbench.replay.logs.convert.run import Converted, Wish, convert
+from fbench.replay.logs.convert.run import Wish, convert
 from fbench.replay.logs.convert.target import Target
+from fbench.replay.logs.convert.write import Converted
 from fbench.replay.logs.open import open_container
 
 _NO_USE = "LOG012"

@@ -1,11 +1,10 @@
 """`fbench log ...`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import examples, log_convert, log_preview
+from fbench.replay.cli import examples, log_convert, log_import, log_preview
 from fbench.replay.cli.log_options import Config, RigFiles, TruthFile, TruthFormat, TruthFrame
 from fbench.replay.cli.options import (
     Json,
@@ -85,20 +84,4 @@ app.command("preview", epilog=examples.LOG_PREVIEW)(log_preview.preview)
 app.command("convert", epilog=examples.LOG_CONVERT)(log_convert.convert)
 
 
-@app.command("import", epilog=examples.LOG_IMPORT)
-def import_(
-    dataset: Annotated[str, typer.Argument(help="Which importer, such as astyx.")],
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="The dataset's folder.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The log to write: FILE.mcap, or FOLDER.parquet.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
-) -> None:
-    """Turn a public dataset into an fbench log."""
-    from fbench.replay.cli.import_job import import_log
-    from fbench.replay.cli.show import console
-    from fbench.replay.plugins import load
-
-    importer = load("datasets", dataset)()
-    printer = console()
-    for line in import_log(importer, source, out, overwrite):
-        printer.print(line, markup=False, soft_wrap=True)
-    printer.print(f"log: {out}", markup=False, soft_wrap=True)
+app.command("import", epilog=examples.LOG_IMPORT)(log_import.import_)

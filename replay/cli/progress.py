@@ -27,6 +27,33 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
+class ImportProgress:
+    """Shows the sequence that is being imported, and how many are done."""
+
+    def __init__(self, progress: Progress, num_sequences: int) -> None:
+        self._progress = progress
+        self._all = progress.add_task("sequences", total=num_sequences, visible=num_sequences > 1)
+        self._one = progress.add_task("", total=None, visible=False)
+
+    def __call__(self, name: str, done: int, total: int) -> None:
+        """Tell how many items of a sequence are done."""
+        self._progress.update(self._one, description=_shown(name), completed=done, total=total or None, visible=True)
+
+    def finish(self) -> None:
+        """Tell that a sequence is done."""
+        self._progress.update(self._one, visible=False)
+        self._progress.advance(self._all)
+
+
+@contextmanager
+def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
+    """Show the progress of an import on stderr while the `with` block runs."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield ImportProgress(progress, num_sequences)
+
+
 @contextmanager
 def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     """Show a running count of frames on stderr while the `with` block runs."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from fbench.replay.errors import LogError
+from fbench.replay.logs.foxglove.topics import RESULTS2D, RESULTS3D
 from fbench.replay.logs.roles import Role
 from fbench.replay.names import did_you_mean
 
@@ -17,7 +18,9 @@ def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[
     boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in ("detections", "truth")}
     known = sorted({role.topic for role in boxes.values()})
     if not topic:
-        results = sorted({role.topic for role in boxes.values() if role.kind == "detections"})
+        named = {role.topic for role in boxes.values() if role.kind == "detections"}
+        # Of one system's boxes in 3D and in images, which importers keep on two topics, those in 3D are meant.
+        results = sorted(named - ({RESULTS2D} if RESULTS3D in named else set()))
         if len(results) != 1:
             there = ", ".join(results or known) or "none"
             raise LogError(f"{log}: which topic holds the results? there are: {there}", "CFG001")

@@ -38,6 +38,14 @@ class Encoder:
         record = next(message_records(content))
         return self._encoded(record._replace(topic=topic), content.stamp_ns, content.frame_number)
 
+    def result(self, part: TruthPart) -> Encoded:
+        """Encode the boxes that another system found.
+
+        Raises:
+            ValueError: where Protobuf can't hold a value.
+        """
+        return self._encoded(part_record(part, "detections"), part.truth.stamp_ns, part.truth.frame_number)
+
     def rig(self, stamp_ns: int, rig: Rig) -> list[Encoded]:
         """Encode a rig: a transform a sensor and a calibration a camera.
 

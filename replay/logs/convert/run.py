@@ -1,26 +1,18 @@
 """One conversion: open, move item by item, close."""
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.convert.copying import Copying
 from fbench.replay.logs.convert.decoding import Decoding
 from fbench.replay.logs.convert.exact import InexactError, candidates
-from fbench.replay.logs.convert.items import Copied, Item, RigAt
 from fbench.replay.logs.convert.open_sink import open_sink
-from fbench.replay.logs.convert.sinks import Sink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
+from fbench.replay.logs.convert.write import Converted, Progress, write_items
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
-
-_EVERY = 64
-"""Progress is told after so many messages."""
-Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -35,23 +27,6 @@ class Wish:
     """Everything becomes fbench's own messages; what fbench doesn't understand is left out."""
     setup: Setup = field(default_factory=Setup)
     """What the user says about the log, where it is decoded."""
-
-
-@dataclass(frozen=True)
-class Converted:
-    """What was written."""
-
-    path: Path
-    log_id: str
-    num_bytes: int
-    messages: Mapping[str, int]
-    """By topic; a rig that is stored as data isn't among them."""
-    num_rigs: int
-    """How many rigs are stored as data."""
-    parts: tuple[str, ...] = ()
-    """Names of the files of a log in parts."""
-    left_out: Mapping[str, int] = field(default_factory=dict)
-    """Messages that fbench doesn't understand, by topic; only where they were decoded."""
 
 
 def convert(
@@ -76,7 +51,7 @@ def _copied(container: Container, target: Target, wish: Wish, progress: Progress
         copying = Copying(source, as_columns)
         about = source.about if target.form == "mcap" or not copying.rigs else replace(source.about, kinds={})
         try:
-            return _written(copying.items(), open_sink(target, about), target, progress, about.log_id)
+            return write_items(copying.items(), open_sink(target, about), target, progress, about.log_id)
         except InexactError as error:
             as_columns -= {error.channel}
 
@@ -85,30 +60,5 @@ def _decoded(container: Container, target: Target, wish: Wish, progress: Progres
     reader = LogReader(container, wish.topics, wish.setup)
     decoding = Decoding(reader, Source(container, (), wish.excerpt).window)
     sink = open_sink(target, decoding.about)
-    written = _written(decoding.items(), sink, target, progress, decoding.about.log_id)
+    written = write_items(decoding.items(), sink, target, progress, decoding.about.log_id)
     return replace(written, left_out=dict(sorted(decoding.left_out.items())))
-
-
-def _written(items: Iterable[Item], sink: Sink, target: Target, progress: Progress, log_id: str) -> Converted:
-    """Move all items; nothing stays behind where that fails."""
-    counts: Counter[str] = Counter()
-    num_rigs = 0
-    try:
-        for num, item in enumerate(items):
-            sink.put(item)
-            if isinstance(item, RigAt):
-                num_rigs += 1
-            else:
-                counts[item.entry.topic if isinstance(item, Copied) else item.topic] += 1
-            if num % _EVERY == 0:
-                progress(num)
-        sink.close()
-    finally:
-        sink.discard()
-    messages = dict(sorted(counts.items()))
-    return Converted(target.path, log_id, _size(target.path), messages, num_rigs, sink.parts)
-
-
-def _size(path: Path) -> int:
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    return sum(file.stat().st_size for file in files)

@@ -23,7 +23,7 @@ from fbench.replay.logs.foxglove.messages import (
 from fbench.replay.logs.foxglove.proto import nanoseconds, parse
 from fbench.replay.logs.foxglove.rig import read_calibration, read_transform
 from fbench.replay.logs.foxglove.scene import read_scene
-from fbench.replay.logs.foxglove.topics import BOXES2D, HAS_BOXES2D, KIND
+from fbench.replay.logs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND
 from fbench.replay.logs.foxglove.truth import read_boxes
 from fbench.replay.logs.foxglove.wire import split
 from fbench.replay.logs.point_fields import is_radar
@@ -39,7 +39,7 @@ _KINDS: Mapping[str, tuple[str, ...]] = {
     "foxglove.CameraCalibration": ("calibration",),
     "foxglove.FrameTransform": ("transform",),
     "foxglove.FrameTransforms": ("transform",),
-    "foxglove.SceneUpdate": ("truth",),
+    "foxglove.SceneUpdate": ("truth", "detections"),
 }
 _SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
     "foxglove.CompressedImage": CompressedImage,
@@ -119,7 +119,7 @@ class FoxgloveCodec:
         if not self.is_own:
             return read_scene(data, origin)
         stamp_ns, log_ns, number = origin.publish_ns, origin.log_ns, origin.frame_number
-        if self.topic == BOXES2D:
+        if self.topic.endswith(FLAT_SUFFIX):
             boxes2d, _ = read_boxes(data, Boxes2D)
             return TruthPart(Truth(stamp_ns, log_ns, None, boxes2d, number), is_2d=True)
         boxes3d, more = read_boxes(data, Boxes3D)

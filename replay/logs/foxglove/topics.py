@@ -17,7 +17,11 @@ SEQUENCE = "sequence"
 """Value of `FRAME_NUMBER`: the container's sequence number holds the frame number."""
 HAS_BOXES2D = "boxes_2d"
 """Key in the metadata of 3D truth: whether 2D truth of the same stamp follows."""
+FLAT_SUFFIX = "_2d"
+"""Ends the topics of fbench's own messages with boxes in images."""
 BOXES3D, BOXES2D = "/truth/boxes", "/truth/boxes_2d"
+RESULTS3D, RESULTS2D = "/results/boxes", "/results/boxes_2d"
+"""Of another system."""
 
 
 class Record(NamedTuple):
@@ -42,28 +46,36 @@ def message_records(message: Message | Truth) -> Iterator[Record]:
         if has_2d:
             yield part_record(TruthPart(message, is_2d=True))
         return
-    kind, topic, proto = _payload(message)
+    kind, proto = _payload(message)
     metadata = {KIND: kind, SENSOR: message.sensor, **numbered}
     if isinstance(message, Image):
         width, height = message.size_wh
         metadata[SIZE] = f"{width}x{height}"
-    yield Record(topic, metadata, proto)
+    yield Record(message_topic(message), metadata, proto)
 
 
-def _payload(message: Message) -> tuple[str, str, Proto]:
+def _payload(message: Message) -> tuple[str, Proto]:
     match message:
         case Image():
-            return "camera", f"/{message.sensor}/image", image_proto(message)
+            return "camera", image_proto(message)
         case PointCloud():
-            return "lidar", f"/{message.sensor}/points", cloud_proto(message)
+            return "lidar", cloud_proto(message)
         case RadarScan():
-            return "radar", f"/{message.sensor}/points", radar_proto(message)
+            return "radar", radar_proto(message)
         case Pose():
-            return "pose", "/pose", pose_proto(message)
+            return "pose", pose_proto(message)
 
 
-def part_record(part: TruthPart) -> Record:
-    """Encode the 3D or the 2D boxes of one instant.
+def message_topic(message: Message) -> str:
+    """Topic of a measurement or pose in fbench's own logs."""
+    return "/pose" if isinstance(message, Pose) else f"/{message.sensor}/{_LAST[type(message)]}"
+
+
+_LAST: Mapping[type[Message], str] = {Image: "image", PointCloud: "points", RadarScan: "points"}
+
+
+def part_record(part: TruthPart, kind: str = "truth") -> Record:
+    """Encode the 3D or the 2D boxes of one instant; `kind` is `truth`, or `detections` for those of another system.
 
     Raises:
         ValueError: as for messages, or where the boxes aren't in body coordinates.
@@ -72,11 +84,12 @@ def part_record(part: TruthPart) -> Record:
     if part.frame_id:
         raise ValueError(f"boxes in coordinate frame '{part.frame_id}'")
     numbered = {} if truth.frame_number is None else {FRAME_NUMBER: SEQUENCE}
-    metadata = {KIND: "truth", **numbered}
+    metadata = {KIND: kind, **numbered}
+    topic3d, topic2d = (BOXES3D, BOXES2D) if kind == "truth" else (RESULTS3D, RESULTS2D)
     if part.is_2d:
-        return Record(BOXES2D, metadata, boxes_proto(truth.stamp_ns, truth.boxes2d))
+        return Record(topic2d, metadata, boxes_proto(truth.stamp_ns, truth.boxes2d))
     has_2d = {HAS_BOXES2D: "yes" if part.expects_2d else "no"}
-    return Record(BOXES3D, metadata, boxes_proto(truth.stamp_ns, truth.boxes3d, has_2d))
+    return Record(topic3d, metadata, boxes_proto(truth.stamp_ns, truth.boxes3d, has_2d))
 
 
 def rig_records(stamp_ns: int, rig: Rig) -> Iterator[Record]:

@@ -16,16 +16,23 @@ def test_import_into_parquet_is_the_same_log(fbench, shared):
     assert runs[0]["digest"] == runs[1]["digest"]
 
 
-@pytest.mark.parametrize(
-    ("out", "message"),
-    [
-        ("there.parquet", "there.parquet: exists already; choose another with --out, or --overwrite it"),
-        ("a.bag", "a.bag: expected a name that ends in .mcap or .parquet"),
-        ("no/a.parquet", "no/a.parquet: can't be written (no folder "),
-    ],
-)
-def test_logs_that_cannot_be_written(fbench, out, message):
+def test_a_log_that_is_there_is_not_replaced(fbench, shared):
     Path("there.parquet").mkdir()
-    result = fbench("log", "import", "astyx", ".", "-o", out)
+    result = fbench("log", "import", "astyx", shared / "data" / "astyx", "-o", "there.parquet")
     assert result.code == 2
-    assert result.err.startswith(f"fbench: {message}")
+    assert result.err.startswith("fbench: there.parquet: exists already; choose another with --out, or --overwrite it")
+
+
+def test_a_folder_that_is_not_there(fbench):
+    result = fbench("log", "import", "astyx", ".", "-o", "no/a.parquet")
+    assert result.code == 2
+    assert result.err.startswith("fbench: no/a.parquet: can't be written (no folder ")
+
+
+def test_logs_do_not_go_into_a_file(fbench):
+    Path("a.bag").touch()
+    result = fbench("log", "import", "astyx", ".", "-o", "a.bag")
+    assert result.code == 2
+    assert result.err.startswith(
+        "fbench: a.bag: is a file; expected a name that ends in .mcap or .parquet, or a folder"
+    )

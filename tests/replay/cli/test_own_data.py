@@ -9,6 +9,7 @@ import pytest
 
 from fbench.datasets.astyx import Astyx
 from fbench.datasets.boxes import write_boxes_log
+from fbench.replay.imports.run import import_one
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_log.py"
 
@@ -56,7 +57,7 @@ def test_a_rewritten_log_gives_the_numbers_of_the_original(fbench, tmp_path):
 @pytest.mark.slow
 def test_astyx_rewritten_as_ros_2(fbench, tmp_path, shared):
     own = tmp_path / "astyx.mcap"
-    Astyx().convert(shared / "data" / "astyx", own)
+    import_one(Astyx(), shared / "data" / "astyx", own)
     log = rewritten(own, tmp_path / "ros" / "drive.mcap")
     assert fbench("replay", own, "-p", "lidar3d", "-o", "base").code == 0
     run = quarter_of_an_hour(fbench, log, "lidar3d", ("--num", 2))

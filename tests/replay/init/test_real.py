@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from fbench.datasets.astyx import Astyx
 from fbench.replay.faults import FaultLog
+from fbench.replay.imports.run import import_one
 from fbench.replay.init.guess_boxes import classes_table
 from fbench.replay.init.guess_sensors import choose
 from fbench.replay.init.look import look_at
@@ -26,7 +27,7 @@ def test_kitti_in_ros2(guess, shared):
 
 
 def test_astyx_keeps_its_names_and_the_meaning_of_own_logs(guess, shared, tmp_path):
-    Astyx().convert(shared / "data/astyx", tmp_path / "astyx.mcap")
+    import_one(Astyx(), shared / "data/astyx", tmp_path / "astyx.mcap")
     config, text = guess(tmp_path / "astyx.mcap")
     assert sorted(config.sensors) == ["camera_front", "lidar_vlp16", "radar_6455"]
     radar = config.sensors["radar_6455"]

@@ -7,8 +7,9 @@ from fbench.replay.digest import Digest
 from fbench.replay.excerpt import make_excerpt
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.convert.parts import make_split
-from fbench.replay.logs.convert.run import Converted, Wish, convert
+from fbench.replay.logs.convert.run import Wish, convert
 from fbench.replay.logs.convert.target import Target
+from fbench.replay.logs.convert.write import Converted
 from fbench.replay.logs.open import open_container
 
 from .. import builders as b

@@ -6,6 +6,7 @@ import pytest
 from fbench.datasets.astyx import Astyx
 from fbench.replay.data import Boxes3D, Image, Message, PointCloud, RadarScan, Truth
 from fbench.replay.faults import FaultLog
+from fbench.replay.imports.run import import_one
 from fbench.replay.logs.open import open_log
 from fbench.replay.protocols import Reader
 
@@ -14,7 +15,7 @@ HOUR_NS = 3_600_000_000_000
 
 def converted(folder: Path) -> Reader:
     out = folder.parent / "tiny.mcap"
-    Astyx().convert(folder, out)
+    import_one(Astyx(), folder, out)
     return open_log(out, FaultLog())
 
 
@@ -119,7 +120,7 @@ def test_metadata_say_what_the_numbers_mean(astyx_folder: Path) -> None:
 
 def test_summary_says_what_was_found(astyx_folder: Path) -> None:
     (astyx_folder / "camera_front/000012.jpg").write_bytes(b"")
-    assert list(Astyx().convert(astyx_folder, astyx_folder.parent / "x.mcap")) == [
+    assert list(import_one(Astyx(), astyx_folder, astyx_folder.parent / "x.mcap").lines) == [
         "frames: 3 in 1 stretch (parted by gaps of over 2 s), spaced by 0.10 to 0.10 s",
         "stretch: frames 7 to 10 (3), 0.2 s",
         "missing files: camera_front 1, radar_6455 1, groundtruth_obj3d 1",
@@ -137,7 +138,7 @@ def test_summary_says_what_was_found(astyx_folder: Path) -> None:
 def test_a_gap_of_over_two_seconds_parts_stretches(astyx_folder: Path) -> None:
     path = astyx_folder / "lidar_vlp16/000010.txt"
     path.write_text(path.read_text().replace(" 150000", " 2050001"))
-    lines = Astyx().convert(astyx_folder, astyx_folder.parent / "x.mcap")
+    lines = import_one(Astyx(), astyx_folder, astyx_folder.parent / "x.mcap").lines
     assert lines[:3] == [
         "frames: 3 in 2 stretches (parted by gaps of over 2 s), spaced by 0.10 to 0.10 s",
         "stretch: frames 7 to 8 (2), 0.1 s",
@@ -176,5 +177,5 @@ def test_the_same_folder_gives_the_same_bytes(astyx_folder: Path) -> None:
     outs = [astyx_folder.parent / name / "log.mcap" for name in ("a", "b")]
     for out in outs:
         out.parent.mkdir()
-        Astyx().convert(astyx_folder, out)
+        import_one(Astyx(), astyx_folder, out)
     assert outs[0].read_bytes() == outs[1].read_bytes()

@@ -9,10 +9,12 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.astyx import VELOCITY_PERIOD_MPS, Astyx
+from fbench.datasets.astyx import Astyx
+from fbench.datasets.astyx.importer import VELOCITY_PERIOD_MPS
 from fbench.replay.arrays import Array
 from fbench.replay.data import Boxes3D, Message, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.faults import FaultLog
+from fbench.replay.imports.run import import_one
 from fbench.replay.logs.open import open_log
 
 Frames = Mapping[int, Message]
@@ -39,7 +41,7 @@ def recording(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Recordi
     if not source.is_dir():
         pytest.skip(f"real recordings are not at {source}")
     out = tmp_path_factory.mktemp("astyx") / "astyx.mcap"
-    summary = list(Astyx().convert(source, out))
+    summary = list(import_one(Astyx(), source, out).lines)
     faults = FaultLog()
     reader = open_log(out, faults)
     messages = list(reader.messages())

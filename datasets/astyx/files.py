@@ -13,6 +13,8 @@ from fbench.replay.data import Boxes3D, CameraModel, Float64, Int64, Kind, Mount
 from fbench.replay.errors import DecodeError, LogError
 from fbench.replay.geometry.transforms import quaternion, yaw_pitch_roll
 from fbench.replay.images import encoded_size
+from fbench.replay.imports.files import require_folder
+from fbench.replay.imports.wish import FrameRange
 
 CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
 CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
@@ -84,27 +86,26 @@ Files = Mapping[str, Mapping[int, Path]]
 _M = TypeVar("_M", bound=BaseModel)
 
 
-def scan(source: Path) -> Files:
-    """Find the files of each folder by frame number; other files and folders are left alone.
+def scan(source: Path, frames: FrameRange) -> Files:
+    """Find the files of chosen frames, by folder and frame number; other files and folders are left alone.
 
     Raises:
         LogError: where `source` isn't an Astyx folder, or has no LiDAR frames.
     """
-    if not source.is_dir():
-        raise LogError(f"{source}: {'not a folder' if source.exists() else 'no such folder'}")
+    require_folder(source)
     for folder in (LIDAR, CALIBRATION):
         if not (source / folder).is_dir():
             raise LogError(f"{source}: not an Astyx folder, no {folder}/")
-    files = {folder: _numbered(source / folder, suffix) for folder, suffix in _SUFFIXES.items()}
+    files = {folder: _numbered(source / folder, suffix, frames) for folder, suffix in _SUFFIXES.items()}
     for folder in (LIDAR, CALIBRATION):
         if not files[folder]:
             raise LogError(f"{source / folder}: no frames, expected files like 000001{_SUFFIXES[folder]}")
     return files
 
 
-def _numbered(folder: Path, suffix: str) -> dict[int, Path]:
+def _numbered(folder: Path, suffix: str, frames: FrameRange) -> dict[int, Path]:
     paths = (path for path in folder.glob(f"*{suffix}") if path.stem.isdecimal())
-    return {int(path.stem): path for path in sorted(paths)}
+    return {int(path.stem): path for path in sorted(paths) if int(path.stem) in frames}
 
 
 def read_rig(files: Files) -> Rig:

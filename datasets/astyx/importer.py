@@ -6,13 +6,13 @@ M. Meyer and G. Kuschk, "Automotive Radar Dataset for Deep Learning Based 3D Obj
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from hashlib import blake2b
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.astyx_files import (
+from fbench.datasets.astyx.files import (
     CALIBRATION,
     CAMERA,
     HOUR_US,
@@ -30,9 +30,11 @@ from fbench.datasets.astyx_files import (
     read_rig,
     scan,
 )  # fmt: skip
-from fbench.replay.data import Float32, Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
+from fbench.replay.data import Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.errors import LogError
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.imports.files import require_folder
+from fbench.replay.imports.identity import log_id
+from fbench.replay.imports.wish import BadInput, ImportWish
 
 VELOCITY_PERIOD_MPS = 10.3936
 """The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""
@@ -52,55 +54,104 @@ class _Findings:
     boxes: Counter[str] = field(default_factory=Counter)
     unlabelled: int = 0
 
+    def add(self, message: Message | Truth) -> None:
+        """Count the boxes of truth."""
+        boxes = message.boxes3d if isinstance(message, Truth) else None
+        if boxes is not None and boxes.source_label is not None:
+            self.boxes.update(boxes.source_label.tolist())
+
 
 class Astyx:
     """Reads `camera_front/ lidar_vlp16/ radar_6455/ calibration/ groundtruth_obj3d/`, files named by frame number.
+
+    The folder is one sequence.
+    """
+
+    def names(self, source: Path) -> Sequence[str]:
+        """Name of the folder; see `Importer`."""
+        require_folder(source)
+        return [source.resolve().name]
+
+    def recordings(self, source: Path, wish: ImportWish) -> Iterator["AstyxRecording"]:
+        """Open the folder; see `Importer`."""
+        for name in wish.names:
+            yield AstyxRecording(name, source, wish)
+
+
+class AstyxRecording:
+    """One folder; see `Recording`.
 
     Time exists in the LiDAR's files only: the first point's time is the stamp of all messages of the frame. It
     counts within the hour; where it runs backwards from one frame to the next, whole hours are added.
     """
 
-    def convert(self, source: Path, out: Path) -> Sequence[str]:
-        """Write the log `out` from the folder `source`; see `Importer`."""
-        files = scan(source)
-        rig = read_rig(files)
-        findings = _Findings()
-        with McapWriter(out, _info(out, files), rig) as writer:
-            for message in _messages(files, rig, findings):
-                writer.write(message)
-            if not findings.frames:
-                raise LogError(f"{source / LIDAR}: no frame has a LiDAR point, and so none has a time")
-        return _summary(files, findings)
+    def __init__(self, name: str, source: Path, wish: ImportWish) -> None:
+        self.name, self._source, self._wish = name, source, wish
+        self._findings = _Findings()
+
+    @cached_property
+    def _files(self) -> Files:
+        return scan(self._source, self._wish.frames)
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Sensors and calibration; body coordinates are the set's reference frame, that of the radar."""
+        return read_rig(self._files)
+
+    @cached_property
+    def info(self) -> LogInfo:
+        """Facts of the set."""
+        files = self._files
+        facts = [f"{name}/{number} {path.stat().st_size}" for name in files for number, path in files[name].items()]
+        metadata = {
+            "dataset": "Astyx HiRes2019",
+            "licence": "CC BY-NC-SA 4.0",
+            "frames": str(len(files[LIDAR])),
+            "stamps": "time of the frame's first LiDAR point within the hour, for all sensors: no other is recorded",
+            "reference": LIDAR,
+            "radar.velocity_period_mps": str(VELOCITY_PERIOD_MPS),
+            "radar.rcs_dbsm": "uncalibrated magnitude [dB]",
+        }
+        return LogInfo(self.name, log_id("astyx", facts, self._wish.frames), metadata)
+
+    @property
+    def num_items(self) -> int:
+        """About a message a file."""
+        return sum(len(paths) for paths in self._files.values())
+
+    def items(self) -> Iterator[Message | Truth]:
+        """All frames that have a LiDAR point."""
+        yield from _messages(self._files, self.rig, self._findings, self._wish.bad)
+        if not self._findings.frames:
+            raise LogError(f"{self._source / LIDAR}: no frame has a LiDAR point, and so none has a time")
+
+    def summary(self) -> Sequence[str]:
+        """What was found."""
+        return _summary(self._files, self._findings)
 
 
-def _info(out: Path, files: Files) -> LogInfo:
-    """Describe the log; its id digests folder, frame number and size of every file."""
-    digest = blake2b(digest_size=8)
-    for folder, paths in files.items():
-        for number, path in paths.items():
-            digest.update(f"{folder}/{number} {path.stat().st_size}\n".encode())
-    metadata = {
-        "dataset": "Astyx HiRes2019",
-        "licence": "CC BY-NC-SA 4.0",
-        "frames": str(len(files[LIDAR])),
-        "stamps": "time of the frame's first LiDAR point within the hour, for all sensors: no other is recorded",
-        "reference": LIDAR,
-        "radar.velocity_period_mps": str(VELOCITY_PERIOD_MPS),
-        "radar.rcs_dbsm": "uncalibrated magnitude [dB]",
-    }
-    return LogInfo(out.stem, f"astyx-{digest.hexdigest()}", metadata)
-
-
-def _messages(files: Files, rig: Rig, findings: _Findings) -> Iterator[Message | Truth]:
+def _messages(files: Files, rig: Rig, findings: _Findings, bad: BadInput) -> Iterator[Message | Truth]:
     for number in sorted({number for paths in files.values() for number in paths}):
-        lidar = read_lidar(files[LIDAR][number]) if number in files[LIDAR] else None
+        try:
+            lidar = read_lidar(files[LIDAR][number]) if number in files[LIDAR] else None
+        except LogError as error:
+            bad.met(error)
+            continue
         if lidar is None or not len(lidar.time_us):
             findings.timeless.append(number)
             continue
         stamp_ns = _stamp(int(lidar.time_us[0]), number, findings)
         findings.frames.append((number, stamp_ns))
-        yield from _sensors(files, rig, number, stamp_ns, lidar)
-        yield from _truth(files, number, stamp_ns, findings)
+        for read in (_image, _cloud, _radar, _truth):
+            try:
+                message = read(files, rig, number, stamp_ns, lidar)
+            except LogError as error:
+                bad.met(error)
+                continue
+            if message is not None:
+                yield message
+                findings.add(message)
+        findings.unlabelled += number not in files[TRUTH]
 
 
 def _stamp(time_us: int, number: int, findings: _Findings) -> int:
@@ -112,40 +163,41 @@ def _stamp(time_us: int, number: int, findings: _Findings) -> int:
     return (hours * HOUR_US + time_us) * 1000
 
 
-def _sensors(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Iterator[Message]:
-    if number in files[CAMERA]:
-        data, size_wh = read_jpeg(files[CAMERA][number], rig.cameras[CAMERA].size_wh)
-        yield Image(CAMERA, stamp_ns, stamp_ns, data, "jpeg", size_wh, number)
+def _image(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Image | None:
+    if number not in files[CAMERA]:
+        return None
+    data, size_wh = read_jpeg(files[CAMERA][number], rig.cameras[CAMERA].size_wh)
+    return Image(CAMERA, stamp_ns, stamp_ns, data, "jpeg", size_wh, number)
+
+
+def _cloud(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> PointCloud:
     # The hour can turn within a sweep.
     offset_us = (lidar.time_us - lidar.time_us[0] + HOUR_US // 2) % HOUR_US - HOUR_US // 2
     if np.abs(offset_us).max() * 1000 >= 2**31:
         raise LogError(f"{files[LIDAR][number]}: points more than 2 s apart, expected one sweep")
-    yield PointCloud(
+    return PointCloud(
         LIDAR, stamp_ns, stamp_ns, lidar.xyz.astype(np.float32), lidar.intensity.astype(np.float32),
         lidar.ring.astype(np.uint16), (offset_us * 1000).astype(np.int32), number,
     )  # fmt: skip
-    if number in files[RADAR]:
-        yield _radar(read_radar(files[RADAR][number]).astype(np.float32), number, stamp_ns)
 
 
-def _radar(table: Float32, number: int, stamp_ns: int) -> RadarScan:
+def _radar(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> RadarScan | None:
     """Turn the sign of V_r, which is positive when approaching.
 
     Shown by the recording: static scenery fits V_r = v cos(azimuth) cos(elevation), modulo the period, with the
     forward speed v that LiDAR sweeps 0.1 s apart give.
     """
+    if number not in files[RADAR]:
+        return None
+    table = read_radar(files[RADAR][number]).astype(np.float32)
     receding = np.float32(0) - table[:, 3]
     return RadarScan(RADAR, stamp_ns, stamp_ns, table[:, :3], receding, table[:, 4], frame_number=number)
 
 
-def _truth(files: Files, number: int, stamp_ns: int, findings: _Findings) -> Iterator[Truth]:
+def _truth(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Truth | None:
     if number not in files[TRUTH]:
-        findings.unlabelled += 1
-        return
-    boxes = read_boxes(files[TRUTH][number])
-    if boxes.source_label is not None:
-        findings.boxes.update(boxes.source_label.tolist())
-    yield Truth(stamp_ns, stamp_ns, boxes, frame_number=number)
+        return None
+    return Truth(stamp_ns, stamp_ns, read_boxes(files[TRUTH][number]), frame_number=number)
 
 
 def _summary(files: Files, findings: _Findings) -> list[str]:

@@ -7,6 +7,7 @@ import pytest
 from fbench.datasets.astyx import Astyx
 from fbench.replay.errors import LogError
 from fbench.replay.images import encode_jpeg
+from fbench.replay.imports.run import import_one
 
 SWEEP, OBJECTS = "lidar_vlp16/000008.txt", "groundtruth_obj3d/000008.json"
 HEADER = "X Y Z Reflectivity LaserID Timestamp\n"
@@ -15,7 +16,7 @@ HEADER = "X Y Z Reflectivity LaserID Timestamp\n"
 def refused(folder: Path, message: str) -> None:
     out = folder.parent / "out.mcap"
     with pytest.raises(LogError, match=message) as caught:
-        Astyx().convert(folder, out)
+        import_one(Astyx(), folder, out)
     assert "\n" not in str(caught.value)
     assert not out.exists()
 

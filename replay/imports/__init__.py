@@ -1,0 +1,1 @@
+"""Turning public datasets into logs: what importers of all formats share."""
