@@ -1,0 +1,5 @@
+"""nuScenes."""
+
+from fbench.datasets.nuscenes.importer import NuScenes
+
+__all__ = ["NuScenes"]

@@ -1,0 +1,5 @@
+"""RADIATE."""
+
+from fbench.datasets.radiate.importer import Radiate
+
+__all__ = ["Radiate"]

@@ -1,0 +1,20 @@
+"""Importer of RADIATE."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fbench.replay.errors import LogError
+from fbench.replay.imports.wish import ImportWish
+from fbench.replay.protocols import Recording
+
+
+class Radiate:
+    """See `Importer`."""
+
+    def names(self, source: Path) -> Sequence[str]:
+        """See `Importer`."""
+        raise LogError(f"{source}: not written yet")
+
+    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+        """See `Importer`."""
+        raise LogError(f"{source}: not written yet")
