@@ -147,6 +147,20 @@ Message: TypeAlias = Image | PointCloud | RadarScan | Pose
 
 
 @dataclass(frozen=True, eq=False)
+class Tick:
+    """An instant that only boxes tell of: opens a frame in a log that has no message of any sensor."""
+
+    sensor: str
+    """`BOXES`, in the place of a reference sensor."""
+    stamp_ns: int
+    log_ns: int
+    frame_number: int | None = None
+
+
+BOXES = "boxes"
+
+
+@dataclass(frozen=True, eq=False)
 class Truth:
     """Ground truth at one instant, or in the same form what another system found there; `None` means not labelled,
     empty boxes mean that nothing was there.

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from fbench.replay.clean import clean
 from fbench.replay.clock import Clock
-from fbench.replay.data import Frame, Message, Pose, Rig, RigChange, Truth
+from fbench.replay.data import BOXES, Frame, Message, Pose, Rig, RigChange, Tick, Truth
 from fbench.replay.digest import Digest
 from fbench.replay.errors import LogError
 from fbench.replay.excerpt import Excerpt
@@ -47,6 +47,8 @@ class FrameStream:
         self.rigs: dict[int, Rig] = {0: whole}
         """Rig of the log in the first segment and in those from which on another one holds."""
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
+        self.sync = sync = sync.told_by(reader.info)
+        """How messages are put into frames."""
         self._max_gap_ns = sync.max_gap_ns
         self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
@@ -125,10 +127,12 @@ class FrameStream:
         return (max(stamps) - min(stamps)) / 1e9
 
     def _released(self, reader: Reader) -> Iterator[Frame]:
-        for recorded in reader.messages():
+        for recorded in reader.ticked() if self.reference == BOXES else reader.messages():
             self._digest.add(recorded)
             if isinstance(recorded, RigChange):
                 yield from self._changed(recorded)
+            elif isinstance(recorded, Tick):
+                yield from self._ticked(recorded)
             else:
                 yield from self._taken(recorded, self._stamps.restamped(recorded))
             if self._stop is not None and self._num_released >= self._stop:
@@ -157,6 +161,13 @@ class FrameStream:
         else:
             yield from self._buffer.add(usable)
 
+    def _ticked(self, tick: Tick) -> Iterator[Frame]:
+        self._start_ns = tick.stamp_ns if self._start_ns is None else self._start_ns
+        yield from self._buffer.advance(tick.log_ns)
+        yield from self._opened(tick, tick)
+        if self._waits:
+            self._clock.wait_until(tick.log_ns)
+
     def _changed(self, change: RigChange) -> Iterator[Frame]:
         """End the segment: what comes next was measured by other sensors."""
         yield from self._buffer.break_off(change.reason)
@@ -164,7 +175,7 @@ class FrameStream:
         self.rigs[self._buffer.segment] = change.rig
         self.rig = change.rig.without(self._left_out)
 
-    def _opened(self, recorded: Message, message: Message) -> Iterator[Frame]:
+    def _opened(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
         num_breaks, num_frames = len(self._buffer.breaks), self._buffer.num_frames
         yield from self._buffer.open_frame(message)
         for why in self._buffer.breaks[num_breaks:]:
@@ -172,7 +183,7 @@ class FrameStream:
         if self._buffer.num_frames > num_frames:
             self._note(num_frames, recorded, message.stamp_ns)
 
-    def _note(self, index: int, recorded: Message, stamp_ns: int) -> None:
+    def _note(self, index: int, recorded: Message | Tick, stamp_ns: int) -> None:
         """Decide whether a frame is chosen, and whether it is the first behind the chosen ones."""
         start_ns = stamp_ns if self._start_ns is None else self._start_ns
         chosen = self._excerpt.has(index, stamp_ns, start_ns)

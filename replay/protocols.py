@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Protocol, runtime_checkable
 
-from fbench.replay.data import Frame, LogInfo, Message, Output, Pose, Rig, RigChange, Truth
+from fbench.replay.data import Frame, LogInfo, Message, Output, Pose, Rig, RigChange, Tick, Truth
 from fbench.replay.imports.imported import Imported
 from fbench.replay.imports.wish import ImportWish
 from fbench.replay.scores import Score, ScoreOptions
@@ -26,7 +26,7 @@ class Reader(Protocol):
 
     @property
     def num_messages(self) -> Mapping[str, int]:
-        """Messages of each sensor and stream of poses, by name."""
+        """Messages of each sensor and stream of poses, by name; without any of sensors, those with boxes as `BOXES`."""
         ...
 
     @property
@@ -38,6 +38,12 @@ class Reader(Protocol):
         """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream).
 
         Between them come the changes of the rig.
+        """
+        ...
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes between them, for logs without measurements: those of truth, else those
+        of results.
         """
         ...
 

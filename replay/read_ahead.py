@@ -9,16 +9,17 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
-from typing import NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from fbench.replay.data import LogInfo, Message, Rig, RigChange, Truth
+from fbench.replay.data import LogInfo, Message, Rig, RigChange, Tick, Truth
 from fbench.replay.errors import ConfigError
 from fbench.replay.faults import FaultLog, StagedFaults
 from fbench.replay.protocols import Reader
 
 T = TypeVar("T")
+R = TypeVar("R", bound=Message | RigChange | Tick)
 
 DEFAULT = 4
 """Messages: reading takes a few percent of a replay, and more than these hide no more of it."""
@@ -62,23 +63,23 @@ def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit
         staged.tell(faults)
 
 
-class _Item(NamedTuple):
+class _Item(NamedTuple, Generic[R]):
     """What the thread hands over."""
 
-    content: Message | RigChange | BaseException | None
+    content: R | BaseException | None
     """A message, an error that ended reading, or `None` at the end."""
     faults: StagedFaults
     num_bytes: int
 
 
-class _Queue:
+class _Queue(Generic[R]):
     """Bounded by number and by bytes; closing it from either side wakes the other."""
 
     def __init__(self, limit: int | None) -> None:
-        self._limit, self._items, self._num_bytes, self._closed = limit, deque[_Item](), 0, False
+        self._limit, self._items, self._num_bytes, self._closed = limit, deque[_Item[R]](), 0, False
         self._changed = threading.Condition()
 
-    def put(self, item: _Item) -> bool:
+    def put(self, item: _Item[R]) -> bool:
         """Wait for room and append; `False` where nobody wants it any more."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._has_room(item))
@@ -89,7 +90,7 @@ class _Queue:
             self._changed.notify_all()
             return True
 
-    def get(self) -> _Item:
+    def get(self) -> _Item[R]:
         """Wait for the next item."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._items)
@@ -107,7 +108,7 @@ class _Queue:
             self._items.clear()
             self._changed.notify_all()
 
-    def _has_room(self, item: _Item) -> bool:
+    def _has_room(self, item: _Item[R]) -> bool:
         if not self._items:
             return True
         full = self._limit is not None and len(self._items) >= self._limit
@@ -119,7 +120,7 @@ class AheadReader:
 
     def __init__(self, reader: Reader, staged: StagedFaults, faults: FaultLog, limit: int | None) -> None:
         self._reader, self._staged, self._faults, self._limit = reader, staged, faults, limit
-        self._running: tuple[threading.Thread, _Queue] | None = None
+        self._running: tuple[threading.Thread, _Queue[Any]] | None = None
 
     @property
     def info(self) -> LogInfo:
@@ -143,9 +144,16 @@ class AheadReader:
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages of the log, read by a thread that ends with the iteration."""
+        return self._ahead(self._reader.messages)
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes."""
+        return self._ahead(self._reader.ticked)
+
+    def _ahead(self, messages: Callable[[], Iterator[R]]) -> Iterator[R]:
         self.stop()
-        queue = _Queue(self._limit)
-        thread = threading.Thread(target=self._read, args=(queue,), name="fbench-read-ahead")
+        queue = _Queue[R](self._limit)
+        thread = threading.Thread(target=self._read, args=(queue, messages), name="fbench-read-ahead")
         self._running = (thread, queue)
         thread.start()
         try:
@@ -176,7 +184,7 @@ class AheadReader:
             self._staged.tell(self._faults)
         return value
 
-    def _delivered(self, queue: _Queue) -> Iterator[Message | RigChange]:
+    def _delivered(self, queue: _Queue[R]) -> Iterator[R]:
         while True:
             item = queue.get()
             item.faults.tell(self._faults)
@@ -186,11 +194,11 @@ class AheadReader:
                 return
             yield item.content
 
-    def _read(self, queue: _Queue) -> None:
+    def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
         """Runs in the thread."""
         end: BaseException | None = None
         try:
-            for message in self._reader.messages():
+            for message in messages():
                 if not queue.put(_Item(message, self._staged.taken(), _num_bytes(message))):
                     return
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
@@ -198,6 +206,6 @@ class AheadReader:
         queue.put(_Item(end, self._staged.taken(), 0))
 
 
-def _num_bytes(message: Message | RigChange) -> int:
+def _num_bytes(message: Message | RigChange | Tick) -> int:
     values = (getattr(message, f.name) for f in fields(message))
     return sum(v.nbytes if isinstance(v, np.ndarray) else len(v) if isinstance(v, bytes) else 0 for v in values)

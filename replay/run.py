@@ -233,7 +233,7 @@ class _Loop:
     def manifest(self) -> Manifest:
         """Say what ran."""
         first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
-        info, sync = self._info, self._plan.sync
+        info, sync = self._info, self.stream.sync
         manifest = Manifest(
             complete=not self._plan.budget.exceeded(self._faults),
             log=LogEntry(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.replay.arrays import Int64
-from fbench.replay.data import LogInfo, Mount, Rig
+from fbench.replay.data import BOXES, LogInfo, Mount, Rig
 from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.logs.codec import MESSAGES
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
@@ -61,9 +61,14 @@ class Survey:
     breaks: tuple[str, ...] | None
     """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
 
+    num_ticks: int = 0
+    """Instants of boxes, where these are the reference."""
+
     @property
     def num_frames(self) -> int:
         """Messages of the reference sensor."""
+        if self.reference == BOXES:
+            return self.num_ticks
         return next((s.num_messages for s in self.streams if s.sensor == self.reference), 0)
 
 
@@ -84,7 +89,7 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
     return Survey(
         reader.info, form, known, reference, _streams(reader, known, times, span), topics_of(reader),
         sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
-        _breaks(times, reference, params.max_gap_ns),
+        _breaks(times, reference, params.max_gap_ns), reader.num_messages.get(BOXES, 0),
     )  # fmt: skip
 
 

@@ -7,10 +7,10 @@ or partial when the time-out, counted in log time from its first arrival, has pa
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from fbench.replay.data import Frame, Kind, LogInfo, Message, Rig
+from fbench.replay.data import BOXES, Frame, Kind, LogInfo, Message, Rig, Tick
 from fbench.replay.errors import ConfigError, LogError
 
 NOT_THERE = "not there within"
@@ -33,19 +33,31 @@ class SyncParams:
     """A longer pause between two instants begins a new segment [ns]."""
     max_jump_ns: int = 1_000_000_000
     """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
+    is_default_timeout: bool = False
+    """Whether nobody asked for `timeout_ns`, so that what the log says counts."""
+
+    def told_by(self, info: LogInfo) -> "SyncParams":
+        """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""
+        text = info.metadata.get("timeout_ms", "")
+        if not (self.is_default_timeout and text.isascii() and text.isdecimal() and len(text) < 10):
+            return self
+        return replace(self, timeout_ns=int(text) * 1_000_000)
 
 
-def make_sync_params(reference: str | None, timeout_ms: float, tolerance_ms: float, max_gap_s: float) -> SyncParams:
-    """Read `--reference`, `--timeout-ms`, `--tolerance-ms` and `--max-gap-s`.
+def make_sync_params(
+    reference: str | None, timeout_ms: float | None, tolerance_ms: float, max_gap_s: float
+) -> SyncParams:
+    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`.
 
     Raises:
         ConfigError: where a duration isn't a number, or negative.
     """
     return SyncParams(
         reference,
-        timeout_ns=_to_ns("--timeout-ms", timeout_ms, 1e6),
+        timeout_ns=SyncParams.timeout_ns if timeout_ms is None else _to_ns("--timeout-ms", timeout_ms, 1e6),
         tolerance_ns=_to_ns("--tolerance-ms", tolerance_ms, 1e6),
         max_gap_ns=_to_ns("--max-gap-s", max_gap_s, 1e9),
+        is_default_timeout=timeout_ms is None,
     )
 
 
@@ -60,7 +72,8 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
     """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
 
     The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
-    get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide.
+    get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide. Where no sensor has
+    messages, boxes give the instants: `BOXES`.
 
     Raises:
         ConfigError: where the sensor that was asked for isn't in the log.
@@ -73,6 +86,8 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
             raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
         return wanted
     heard = {name: num for name in rig.sensors(*_PREFERENCE) if (num := num_messages.get(name, 0))}
+    if not heard and num_messages.get(BOXES):
+        return BOXES
     if not heard:
         raise LogError(f"log '{info.name}' has no messages of a sensor with calibration, so there are no frames")
     slow = [name for name, num in heard.items() if num <= 1.1 * min(heard.values())]
@@ -157,6 +172,8 @@ class FrameBuffer:
         self._late_ms: dict[tuple[int, str], float] = {}
         self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
         self._disordered = 0
+        self._is_numbered = False
+        """Whether frames have numbers, all of them or some."""
         self.breaks: list[str] = []
 
     def advance(self, now_ns: int) -> Iterator[Frame]:
@@ -164,7 +181,7 @@ class FrameBuffer:
         while self._open and (self._complete(self._open[0]) or now_ns > self._deadline_ns(self._open[0])):
             yield self._release(self._open.pop(0))
 
-    def open_frame(self, message: Message) -> Iterator[Frame]:
+    def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
         """Open the frame at the instant of a message of the reference sensor, as recorded.
 
         Yields the frames of the segment that ends where a gap or a jump of the clock is. A message that is merely out
@@ -179,6 +196,7 @@ class FrameBuffer:
             return
         self._last_stamp_ns = stamp
         self._periods.note(self._reference, stamp)
+        self._is_numbered = self._is_numbered or message.frame_number is not None
         frame = _Open(self._num_frames, stamp, self._segment, message.frame_number, message.log_ns)
         self._num_frames += 1
         self._open.append(frame)
@@ -250,8 +268,11 @@ class FrameBuffer:
         return self._periods.limit_ns(sensor, limit)
 
     def _distance_ns(self, message: Message, stamp_ns: int, number: int | None) -> int | None:
-        """How far a message is from an instant, or `None` where it doesn't belong there."""
-        if message.frame_number is not None and number is not None:
+        """How far a message is from an instant, or `None` where it doesn't belong there.
+
+        Of frames of which only some have numbers, as keyframes do, a message with a number belongs to no other.
+        """
+        if message.frame_number is not None and (number is not None or self._is_numbered):
             return 0 if message.frame_number == number else None
         distance = abs(message.stamp_ns - stamp_ns)
         return distance if distance <= self._tolerance_ns(message.sensor) else None
@@ -285,7 +306,7 @@ class FrameBuffer:
         for message in waiting:
             if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
                 self._join(frame, message)
-            elif message.stamp_ns > frame.stamp_ns:
+            elif message.stamp_ns > frame.stamp_ns or (message.frame_number is not None and frame.number is None):
                 self._pending.append(message)
             else:
                 self._unused[message.sensor] += 1

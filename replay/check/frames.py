@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.replay.arrays import Int64
 from fbench.replay.check.stats import quantile
-from fbench.replay.data import Frame, Message, RigChange
+from fbench.replay.data import Frame, Message, RigChange, Tick
 from fbench.replay.skipped import Skipped
 from fbench.replay.sync import FrameBuffer, SyncParams
 
@@ -67,6 +67,11 @@ class FrameCheck:
         else:
             yield from self._counted(self._buffer.add(usable))
 
+    def tick(self, tick: Tick) -> Iterator[Frame]:
+        """Add an instant that boxes give."""
+        yield from self._counted(self._buffer.advance(tick.log_ns))
+        yield from self._opened(tick, tick)
+
     def flush(self) -> Iterator[Frame]:
         """Release all frames: the log ends."""
         yield from self._counted(self._buffer.flush())
@@ -92,7 +97,7 @@ class FrameCheck:
         )  # fmt: skip
         return FrameStats(len(self._stamps), self._num_complete, rows, tuple(self._buffer.breaks))
 
-    def _opened(self, recorded: Message, message: Message) -> Iterator[Frame]:
+    def _opened(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
         num = self._buffer.num_frames
         yield from self._counted(self._buffer.open_frame(message))
         if self._buffer.num_frames > num:

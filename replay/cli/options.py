@@ -27,7 +27,12 @@ Reference = Annotated[
 ]
 TimeoutMs = Annotated[
     float | None,
-    typer.Option("--timeout-ms", metavar="MS", min=0, help="How long a frame waits for its sensors, in ms; else 30."),
+    typer.Option(
+        "--timeout-ms",
+        metavar="MS",
+        min=0,
+        help="How long a frame waits for its sensors, in ms; else 30, or as the log says.",
+    ),
 ]
 ToleranceMs = Annotated[
     float | None,

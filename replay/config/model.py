@@ -24,7 +24,7 @@ class FramesTable(_Strict):
     """`[frames]`: how messages become frames."""
 
     reference: Name | None = None
-    timeout_ms: Duration = 30.0
+    timeout_ms: Duration | None = None
     tolerance_ms: Duration = 50.0
     max_gap_s: Duration = 2.0
     stamps: Literal["header", "log"] = "header"

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from fbench.replay.classes import ClassMap
-from fbench.replay.data import KINDS, LogInfo, Message, Pose, Rig, RigChange, Truth
+from fbench.replay.data import BOXES, KINDS, LogInfo, Message, Pose, Rig, RigChange, Tick, Truth
 from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.apply_setup import as_set_up, facts, with_names
@@ -127,7 +127,26 @@ class LogReader:
                 counts[role.sensor] += self.container.counts.get(id_, 0)
         for id_ in sorted(self._tf.channels):
             counts[self._tf.name] += self.container.counts.get(id_, 0)
+        if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
+            counts[BOXES] = num
         return counts
+
+    @cached_property
+    def tick_channels(self) -> frozenset[int]:
+        """Channels whose messages give the instants: of a topic with truth, else with results; none where a sensor has
+        a message.
+        """
+        heard = self._channels(*SENSORS)
+        if not heard.isdisjoint(id_ for id_, num in self.container.counts.items() if num):
+            return frozenset()
+        by_kind = [sorted(self.roles[id_].topic for id_ in self._channels(kind)) for kind in ("truth", "detections")]
+        topic = next((topics[0] for topics in by_kind if topics), None)
+        return frozenset(id_ for id_, role in self.roles.items() if role.topic == topic)
+
+    def tick(self, entry: Entry) -> Tick | None:
+        """The instant of a message of these channels; `None` where it can't be read."""
+        part = next(self.truth_parts(entry), None)
+        return None if part is None else Tick(BOXES, part.truth.stamp_ns, entry.log_ns, part.truth.frame_number)
 
     @cached_property
     def poses(self) -> tuple[str, ...]:
@@ -148,13 +167,20 @@ class LogReader:
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
+        return (message for message in self._read(frozenset()) if not isinstance(message, Tick))
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes, in a log without measurements."""
+        return self._read(self.tick_channels)
+
+    def _read(self, ticks: frozenset[int]) -> Iterator[Message | RigChange | Tick]:
         changes, moving = self._changes(), self._tf.poses() if self._tf.channels else None
-        channels = self._channels(*MESSAGES) | changes.channels | self._tf.channels
+        channels = self._channels(*MESSAGES) | changes.channels | self._tf.channels | ticks
         for entry in changes.followed(self.container.entries(channels)):
             if entry.channel in changes.channels:
                 continue
             yield from changes.until(entry.log_ns)
-            message = self._decoded(entry, moving)
+            message = self.tick(entry) if entry.channel in ticks else self._decoded(entry, moving)
             if message is not None:
                 yield message
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Truth
+from fbench.replay.data import Frame, LogInfo, Message, Output, Rig, RigChange, Tick, Truth
 from fbench.replay.digest import START, digest, link
 from fbench.replay.protocols import Pipeline, Reader
 
@@ -38,6 +38,12 @@ class WatchedReader:
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages."""
         for message in self._reader.messages():
+            self.chain = link(self.chain, digest(message))
+            yield message
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """All messages, and the instants of boxes."""
+        for message in self._reader.ticked():
             self.chain = link(self.chain, digest(message))
             yield message
 

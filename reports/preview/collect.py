@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.replay.arrays import Float64
 from fbench.replay.clock import VirtualClock
-from fbench.replay.data import Frame, Kind, LogInfo, Message, Mount, Pose, Rig, RigChange, Truth
+from fbench.replay.data import Frame, Kind, LogInfo, Message, Mount, Pose, Rig, RigChange, Tick, Truth
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.faults import FaultLog
 from fbench.replay.frames import FrameStream
@@ -93,6 +93,9 @@ class _Observed:
                 arrivals.offer(Arrival(stamp_ns, message.log_ns))
                 self.counts[message.sensor] += 1
             yield message
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        return self._reader.ticked()
 
     def truths(self) -> Iterator[Truth]:
         return self._reader.truths()

@@ -100,10 +100,10 @@ def test_sensor_without_transform_is_told_and_its_camera_shown(tmp_path):
     assert result.known.rig.cameras["cam"].size_wh == (640, 400)
 
 
-def test_log_of_truth_alone_has_no_reference(tmp_path):
+def test_in_a_log_of_truth_alone_boxes_are_the_reference(tmp_path):
     items = [Truth(i, i) for i in range(3)]
     result, _ = surveyed(write(tmp_path / "log.mcap", items))
-    assert (result.reference, result.num_frames, result.num_truths, result.streams) == (None, 0, 3, ())
+    assert (result.reference, result.num_frames, result.num_truths, result.streams) == ("boxes", 3, 3, ())
 
 
 def test_empty_log(tmp_path):

@@ -201,6 +201,27 @@ def test_jitter_doesnt_leave_a_frame_that_lies_half_way_between_two_messages_wit
     assert sum(bool(f.missing) for f in frames) <= 4  # the mean period isn't known well at first
 
 
+def test_messages_with_numbers_wait_for_the_frame_of_their_number():
+    """Keyframes among sweeps: the image of a keyframe was taken up to a sweep before it."""
+    lidar = [message("lidar", 50 * i, number=i // 10 if i % 10 == 0 else None) for i in range(21)]
+    camera = [message("camera", s, number=n) for s, n in [(0, 0), (83, None), (445, 1), (528, None), (993, 2)]]
+    frames, buffer = play([*lidar, *camera], ("camera", "lidar"), "lidar")
+    images = {f.stamp_ns // MS: f.messages["camera"].stamp_ns // MS for f in frames if "camera" in f.messages}
+    assert images == {0: 0, 100: 83, 500: 445, 550: 528, 1000: 993}
+    assert [f.frame_number for f in frames if f.stamp_ns // MS % 500 == 0] == [0, 1, 2]
+    assert buffer.counts.unused == {"camera": 0, "lidar": 0}
+
+
+def test_the_time_out_of_the_log_counts_unless_one_is_asked_for():
+    log = LogInfo("log", "id", {"timeout_ms": "100"})
+    assert make_sync_params(None, None, 50, 2).told_by(log).timeout_ns == 100 * MS
+    assert make_sync_params(None, 40, 50, 2).told_by(log).timeout_ns == 40 * MS
+    assert make_sync_params(None, None, 50, 2).told_by(LogInfo("log", "id")).timeout_ns == 30 * MS
+    for text in ("", "-1", "1e3", "nan", "1" * 10, "²"):
+        told = make_sync_params(None, None, 50, 2).told_by(LogInfo("log", "id", {"timeout_ms": text}))
+        assert told.timeout_ns == 30 * MS
+
+
 arrivals = st.lists(st.tuples(st.sampled_from(SENSORS), st.integers(0, 60), st.integers(0, 200)), max_size=60)
 
 
@@ -224,6 +245,13 @@ def rig(**kinds):
 
 def choose(sensors, num_messages, wanted=None, **metadata):
     return choose_reference(sensors, LogInfo("log", "id", metadata), num_messages, SyncParams(reference=wanted))
+
+
+def test_boxes_give_the_instants_where_no_sensor_has_messages():
+    full = rig(cam="camera", top="lidar")
+    assert choose(full, {"boxes": 7}) == "boxes"
+    assert choose(full, {"boxes": 7, "cam": 1}) == "cam"
+    assert choose(full, {"boxes": 7}, "top") == "top"
 
 
 def test_reference_is_chosen_by_option_then_by_the_log():

@@ -58,6 +58,14 @@ class Target:
         old, new = source.resolve(), self.path.resolve()
         if new == old or new in old.parents or old in new.parents:
             raise ConfigError(f"{self.path}: is the log that is converted, or lies in it; choose another name")
+        self.require_free()
+
+    def require_free(self) -> None:
+        """See that nothing is there, or a log that is to be replaced.
+
+        Raises:
+            ConfigError: where something else is there.
+        """
         if not (self.path.exists() or self.path.is_symlink()):
             return
         if not self.overwrite:

@@ -6,9 +6,9 @@ import pytest
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (("replay",), ["else runs/LOG-PIPELINE", "in ms; else 30.", "(by default)"]),
+        (("replay",), ["else runs/LOG-PIPELINE", "in ms; else 30,", "(by default)"]),
         (("report",), ["else report.html in the first RUN"]),
-        (("verify",), ["in ms; else 30.", "in ms; else 50."]),
+        (("verify",), ["in ms; else 30,", "in ms; else 50."]),
         (("log", "convert"), ["[default: zstd]", "else 1 MiB", "else as many as make 8 MiB"]),
     ],
 )
