@@ -1,5 +1,5 @@
 """nuScenes."""
 
-from fbench.datasets.nuscenes.importer import NuScenes
+from fbench.datasets.nuscenes.importer import NuScenes, NuScenesParams
 
-__all__ = ["NuScenes"]
+__all__ = ["NuScenes", "NuScenesParams"]

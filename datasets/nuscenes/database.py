@@ -1,0 +1,137 @@
+"""The rows of the large tables that an import needs, in a temporary file: one pass over each table for all scenes."""
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Any, NamedTuple
+
+from fbench.replay.errors import LogError
+
+_TABLES = """
+CREATE TABLE data (scene INTEGER, stamp_us INTEGER, channel TEXT, sample INTEGER, is_key INTEGER, calibration TEXT,
+    filename TEXT, width INTEGER, height INTEGER, token TEXT, pose TEXT);
+CREATE TABLE pose (token TEXT, stamp_us INTEGER, x REAL, y REAL, z REAL, qw REAL, qx REAL, qy REAL, qz REAL);
+CREATE TABLE annotation (scene INTEGER, sample INTEGER, token TEXT, instance TEXT, attributes TEXT, visibility TEXT,
+    x REAL, y REAL, z REAL, width REAL, length REAL, height REAL, qw REAL, qx REAL, qy REAL, qz REAL,
+    num_lidar_pts INTEGER, num_radar_pts INTEGER, prev TEXT, next TEXT);
+"""
+_INSERTS = {
+    "data": "INSERT INTO data VALUES (?,?,?,?,?,?,?,?,?,?,?)",
+    "pose": "INSERT INTO pose VALUES (?,?,?,?,?,?,?,?,?)",
+    "annotation": "INSERT INTO annotation VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+}
+_INDICES = {
+    "data": "CREATE INDEX data_scene ON data(scene)",
+    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
+    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
+}
+_BATCH = 10_000
+
+
+class PoseRow(NamedTuple):
+    """A row of `ego_pose`; the quaternion is w, x, y, z."""
+
+    token: str
+    stamp_us: int
+    x: float
+    y: float
+    z: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+
+
+class DataRow(NamedTuple):
+    """A row of `sample_data`; `sample` counts within the scene."""
+
+    scene: int
+    stamp_us: int
+    channel: str
+    sample: int
+    is_key: bool
+    calibration: str
+    filename: str
+    width: int | None
+    height: int | None
+    token: str
+    pose: str
+
+
+class AnnotationRow(NamedTuple):
+    """A row of `sample_annotation`; `sample` counts within the scene, attributes are parted by spaces."""
+
+    scene: int
+    sample: int
+    token: str
+    instance: str
+    attributes: str
+    visibility: str
+    x: float
+    y: float
+    z: float
+    width: float
+    length: float
+    height: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+    num_lidar_pts: int
+    num_radar_pts: int
+    prev: str
+    next: str
+
+
+class Database:
+    """Rows by scene; gone when it is closed."""
+
+    def __init__(self) -> None:
+        # SQLite removes an unnamed database itself, also where the process is killed.
+        self._sqlite = sqlite3.connect("", isolation_level=None, check_same_thread=False)
+        for pragma in ("journal_mode=OFF", "synchronous=OFF", "cache_size=-65536"):
+            self._sqlite.execute(f"PRAGMA {pragma}")
+        self._sqlite.executescript(_TABLES)
+
+    def close(self) -> None:
+        """Remove all rows."""
+        self._sqlite.close()
+
+    def fill(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
+        """Add all rows of a table, whose tokens must differ where it is `pose`.
+
+        Raises:
+            LogError: where two poses have the same token, or the disk is full.
+        """
+        try:
+            rest = iter(rows)
+            while batch := list(islice(rest, _BATCH)):
+                self._sqlite.execute("BEGIN")
+                self._sqlite.executemany(_INSERTS[table], batch)
+                self._sqlite.execute("COMMIT")
+            self._sqlite.execute(_INDICES[table])
+        except sqlite3.IntegrityError as error:
+            query = "SELECT token FROM pose GROUP BY token HAVING count(*) > 1 ORDER BY token LIMIT 1"
+            token = self._sqlite.execute(query).fetchone()[0]
+            raise LogError(f"ego_pose.json: two rows have the token '{token}'") from error
+        except sqlite3.Error as error:
+            raise LogError(f"the temporary file for the tables can't be written ({error}); see TMPDIR") from error
+
+    def count(self, scene: int) -> int:
+        """Number of rows of `sample_data`."""
+        return int(self._sqlite.execute("SELECT count(*) FROM data WHERE scene = ?", (scene,)).fetchone()[0])
+
+    def data(self, scene: int) -> Iterator[tuple[DataRow, PoseRow | None]]:
+        """Yield what sensors measured, with the pose, in the order of stamps, then names."""
+        query = (
+            "SELECT data.*, pose.* FROM data LEFT JOIN pose ON pose.token = data.pose WHERE scene = ? "
+            "ORDER BY data.stamp_us, channel, data.token"
+        )
+        num = len(DataRow._fields)
+        for row in self._sqlite.execute(query, (scene,)):
+            yield DataRow._make(row[:num]), None if row[num] is None else PoseRow._make(row[num:])
+
+    def annotations(self, scene: int) -> Iterator[AnnotationRow]:
+        """Yield the boxes in the order of samples, then of the table."""
+        query = "SELECT * FROM annotation WHERE scene = ? ORDER BY sample, rowid"
+        return (AnnotationRow._make(row) for row in self._sqlite.execute(query, (scene,)))

@@ -1,0 +1,188 @@
+"""What rows of the tables hold, as far as an import needs it; names and units are the set's.
+
+Schema: https://github.com/nutonomy/nuscenes-devkit, `docs/schema_nuscenes.md`.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, ValidationError
+
+from fbench.datasets.nuscenes.json_rows import json_rows
+from fbench.replay.data import Kind
+from fbench.replay.errors import LogError
+
+_TOLERANCE = 1e-3
+_MAX_US = (2**63 - 1) // 1000
+
+
+def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if abs(sum(value * value for value in wxyz) - 1) > _TOLERANCE:
+        raise ValueError("isn't a unit quaternion")
+    return wxyz
+
+
+Token = Annotated[str, Field(pattern=r"^[!-~]{1,64}$")]
+"""Printable ASCII without spaces, so that tokens can stand in a list."""
+Link = Annotated[str, Field(pattern=r"^[!-~]{0,64}$")]
+"""A token; empty where there is none."""
+Words = Annotated[str, Field(max_length=4000)]
+"""Any text; the limit makes pydantic refuse what isn't Unicode, too."""
+Microseconds = Annotated[int, Field(ge=0, le=_MAX_US)]
+Three = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Quaternion = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_unit)]
+"""w, x, y, z."""
+Length = Annotated[FiniteFloat, Field(gt=0)]
+Count = Annotated[int, Field(ge=0, lt=2**31)]
+Pixels = Annotated[Count | None, BeforeValidator(lambda value: value or None)]
+"""Absent, 0 or empty where there is no image."""
+
+
+class Row(BaseModel):
+    """A row of any table."""
+
+    model_config = ConfigDict(frozen=True)
+    token: Token
+
+
+class Scene(Row):
+    """`scene`."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    description: Words = ""
+    log_token: Token
+    nbr_samples: Count
+    first_sample_token: Token
+    last_sample_token: Token
+
+
+class Sample(Row):
+    """`sample`."""
+
+    scene_token: Token
+    timestamp: Microseconds
+    prev: Link
+    next: Link
+
+
+class SampleData(Row):
+    """`sample_data`."""
+
+    sample_token: Token
+    ego_pose_token: Token
+    calibrated_sensor_token: Token
+    timestamp: Microseconds
+    is_key_frame: bool
+    filename: Words
+    width: Pixels = None
+    height: Pixels = None
+
+
+class EgoPose(Row):
+    """`ego_pose`: the body's pose in the world."""
+
+    timestamp: Microseconds
+    translation: Three
+    rotation: Quaternion
+
+
+class CalibratedSensor(Row):
+    """`calibrated_sensor`: the sensor's pose on the body."""
+
+    sensor_token: Token
+    translation: Three
+    rotation: Quaternion
+    camera_intrinsic: list[Three] = []
+
+
+class Sensor(Row):
+    """`sensor`."""
+
+    channel: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.+-]{1,100}$")]
+    modality: Kind
+
+
+class Annotation(Row):
+    """`sample_annotation`: a box in the world; `size` is width, length, height."""
+
+    sample_token: Token
+    instance_token: Token
+    attribute_tokens: tuple[Token, ...] = ()
+    visibility_token: Link = ""
+    translation: Three
+    size: tuple[Length, Length, Length]
+    rotation: Quaternion
+    num_lidar_pts: Count
+    num_radar_pts: Count
+    prev: Link
+    next: Link
+
+
+class Instance(Row):
+    """`instance`."""
+
+    category_token: Token
+
+
+class Named(Row):
+    """`category` and `attribute`."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class Visibility(Row):
+    """`visibility`."""
+
+    level: Words
+
+
+class Log(Row):
+    """`log`."""
+
+    logfile: Words = ""
+    vehicle: Words = ""
+    date_captured: Words = ""
+    location: Words = ""
+
+
+R = TypeVar("R", bound=Row)
+
+
+def parsed(model: type[R], row: Mapping[str, Any], path: Path) -> R:
+    """Check a row.
+
+    Raises:
+        LogError: naming its token and the first field that is wrong.
+    """
+    try:
+        return model.model_validate(row)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise LogError(
+            f"{path}: row with token '{str(row.get('token'))[:64]}': {where} is wrong ({first['msg']})"
+        ) from error
+
+
+def parsed_rows(model: type[R], path: Path) -> Iterator[R]:
+    """Yield all rows of a table.
+
+    Raises:
+        LogError: for the first one that is wrong.
+    """
+    return (parsed(model, row, path) for row in json_rows(path))
+
+
+def by_token(model: type[R], path: Path) -> dict[str, R]:
+    """Return all rows of a small table.
+
+    Raises:
+        LogError: for the first one that is wrong, or where two have the same token.
+    """
+    rows: dict[str, R] = {}
+    for row in parsed_rows(model, path):
+        if row.token in rows:
+            raise LogError(f"{path}: two rows have the token '{row.token}'")
+        rows[row.token] = row
+    return rows

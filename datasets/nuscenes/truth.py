@@ -1,0 +1,171 @@
+"""Boxes of a nuScenes scene: velocities, classes and visibility.
+
+Rules: https://github.com/nutonomy/nuscenes-devkit, `NuScenes.box_velocity`, and `docs/schema_nuscenes.md`.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fbench.datasets.nuscenes.database import AnnotationRow
+from fbench.datasets.nuscenes.scenes import Instant
+from fbench.datasets.nuscenes.tables import Tables
+from fbench.replay.arrays import Float64, text_array
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.errors import LogError
+from fbench.replay.geometry.boxes import moved
+from fbench.replay.geometry.transforms import inverse
+from fbench.replay.imports.wish import BadInput
+
+LABELS = {
+    "animal": "other",
+    "human.pedestrian.adult": "pedestrian",
+    "human.pedestrian.child": "pedestrian",
+    "human.pedestrian.construction_worker": "pedestrian",
+    "human.pedestrian.personal_mobility": "pedestrian",
+    "human.pedestrian.police_officer": "pedestrian",
+    "human.pedestrian.stroller": "other",
+    "human.pedestrian.wheelchair": "pedestrian",
+    "movable_object.barrier": "other",
+    "movable_object.debris": "other",
+    "movable_object.pushable_pullable": "other",
+    "movable_object.trafficcone": "other",
+    "static_object.bicycle_rack": "other",
+    "vehicle.bicycle": "bicycle",
+    "vehicle.bus.bendy": "bus",
+    "vehicle.bus.rigid": "bus",
+    "vehicle.car": "car",
+    "vehicle.construction": "truck",
+    "vehicle.emergency.ambulance": "van",
+    "vehicle.emergency.police": "car",
+    "vehicle.motorcycle": "motorcycle",
+    "vehicle.trailer": "trailer",
+    "vehicle.truck": "truck",
+}
+"""All categories of the set; any other becomes `other` too. Boxes of those on small vehicles and in wheelchairs hold
+person and vehicle; a stroller is labelled beside whoever pushes it.
+"""
+IGNORED = frozenset({"static_object.bicycle_rack"})
+"""Neither hit nor miss: the bicycles in a rack aren't labelled (the set's instructions for annotators)."""
+MAX_STEP_US = 1_500_000
+"""Positions farther apart in time give no velocity; twice this from the one before to the one after."""
+_NAN = (np.nan, np.nan, np.nan)
+
+
+class _Told(NamedTuple):
+    """What other rows say about a box."""
+
+    velocity_mps: tuple[float, float, float]
+    """In the world."""
+    category: str
+    attributes: str
+    visibility: float
+
+
+class SceneTruth:
+    """The boxes of one scene."""
+
+    def __init__(self, rows: Iterable[AnnotationRow], chain: Sequence[Instant], tables: Tables, bad: BadInput) -> None:
+        """Begin with all boxes of a scene, in the order of samples; those that can't be used go to `bad`."""
+        self._chain, self._tables, self._bad = chain, tables, bad
+        self._by_token: dict[str, AnnotationRow] = {}
+        self._by_sample: dict[int, list[AnnotationRow]] = {}
+        self._tracks: dict[str, int] = {}
+        for row in rows:
+            if row.token in self._by_token:
+                bad.met(LogError(f"{self._path}: two rows have the token '{row.token}'"))
+                continue
+            self._by_token[row.token] = row
+            self._by_sample.setdefault(row.sample, []).append(row)
+            self._tracks.setdefault(row.instance, len(self._tracks) + 1)
+
+    def boxes(self, sample: int, world_T_body: Float64) -> Boxes3D:
+        """Return the boxes of a sample in body coordinates, in the order of the table.
+
+        `track_id` counts the scene's instances from 1 in the order in which they appear. `visibility` is the middle
+        of the set's bin, 0.2, 0.5, 0.7 or 0.9, NaN where there is none. `velocity_mps` is over ground, NaN where the
+        set tells none. Several attributes are parted by commas.
+        """
+        rows, told = [], []
+        for row in self._by_sample.get(sample, []):
+            try:
+                told.append(self._told(row))
+                rows.append(row)
+            except LogError as error:
+                self._bad.met(error)
+        return moved(self._in_world(rows, told), inverse(world_T_body))
+
+    @property
+    def _path(self) -> Path:
+        return self._tables.folder.table("sample_annotation")
+
+    def _in_world(self, rows: Sequence[AnnotationRow], told: Sequence[_Told]) -> Boxes3D:
+        angles = _angles(rows)
+        categories = [own.category for own in told]
+        return Boxes3D(
+            center_m=np.array([(r.x, r.y, r.z) for r in rows]).reshape(-1, 3),
+            size_lwh_m=np.array([(r.length, r.width, r.height) for r in rows]).reshape(-1, 3),
+            yaw_rad=angles[:, 0],
+            pitch_rad=angles[:, 1],
+            roll_rad=angles[:, 2],
+            velocity_mps=np.array([own.velocity_mps for own in told]).reshape(-1, 3),
+            label=text_array([LABELS.get(name, "other") for name in categories]),
+            track_id=np.array([self._tracks[row.instance] for row in rows], np.int64),
+            visibility=np.array([own.visibility for own in told]),
+            attribute=text_array([own.attributes for own in told]),
+            num_lidar_pts=np.array([row.num_lidar_pts for row in rows], np.int64),
+            num_radar_pts=np.array([row.num_radar_pts for row in rows], np.int64),
+            ignore=np.array([name in IGNORED for name in categories], bool),
+            source_label=text_array(categories),
+        )
+
+    def _told(self, row: AnnotationRow) -> _Told:
+        category = self._tables.category(row.instance)
+        attributes = ",".join(self._tables.attribute(token) for token in row.attributes.split())
+        return _Told(self._velocity(row), category, attributes, self._visibility(row))
+
+    def _visibility(self, row: AnnotationRow) -> float:
+        if not row.visibility:
+            return np.nan
+        level = self._tables.visibility(row.visibility)
+        found = re.fullmatch(r"v([0-9]{1,3})-([0-9]{1,3})", level)
+        if found is None or int(found[2]) > 100:
+            raise LogError(f"{self._tables.folder.table('visibility')}: level '{level[:40]}' isn't such as v40-60")
+        return (int(found[1]) + int(found[2])) / 200
+
+    def _velocity(self, row: AnnotationRow) -> tuple[float, float, float]:
+        """Central difference, or one to the only neighbour; NaN where there is none, or it is too far away in time."""
+        before, after = self._neighbour(row, row.prev, is_next=False), self._neighbour(row, row.next, is_next=True)
+        first, last = before or row, after or row
+        step_us = self._chain[last.sample].stamp_us - self._chain[first.sample].stamp_us
+        num_steps = (before is not None) + (after is not None)
+        if num_steps == 0 or step_us > num_steps * MAX_STEP_US:
+            return _NAN
+        seconds = step_us / 1e6
+        return (last.x - first.x) / seconds, (last.y - first.y) / seconds, (last.z - first.z) / seconds
+
+    def _neighbour(self, row: AnnotationRow, token: str, is_next: bool) -> AnnotationRow | None:
+        if not token:
+            return None
+        other = self._by_token.get(token)
+        way = "next" if is_next else "prev"
+        link = f"{self._path}: row with token '{row.token}': {way} is '{token}'"
+        if other is None:
+            raise LogError(f"{link}, which isn't in the scene")
+        if other.instance != row.instance or (other.prev if is_next else other.next) != row.token:
+            raise LogError(f"{link}, which doesn't link back, or is of another instance")
+        if (other.sample > row.sample) != is_next or other.sample == row.sample:
+            raise LogError(f"{link}, which isn't {'later' if is_next else 'earlier'}")
+        return other
+
+
+def _angles(rows: Sequence[AnnotationRow]) -> Float64:
+    """Yaw, pitch, roll (N, 3) [rad] in the world."""
+    if not rows:
+        return np.zeros((0, 3))
+    xyzw = np.array([(r.qx, r.qy, r.qz, r.qw) for r in rows])
+    return np.asarray(Rotation.from_quat(xyzw).as_euler("ZYX", suppress_warnings=True), np.float64)
