@@ -19,7 +19,7 @@ from fbench.replay.faults import FAULTS, FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.frame_poses import pose_of
 from fbench.replay.labelling import Instant, Labelling, stray
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.coordinates import CAMERA0, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.manifest import Manifest, save_manifest
@@ -56,7 +56,9 @@ def relabel(run: Run, source: BoxSource, classes: Mapping[str, str] | None = Non
         MetricError: where none of its instants belongs to a frame of the run.
     """
     rig, faults, span = run.manifest.rig, FaultLog(), _Span()
-    file = open_boxes(source, CoordinateFrames(rig, tree_of(rig), BODY), faults)
+    is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
+    coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
+    file = open_boxes(source, coordinates, faults)
     map_ = ClassMap(classes or {})
     truths = (_classed(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
     with _Tables(run) as tables:

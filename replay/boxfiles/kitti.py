@@ -1,10 +1,12 @@
-"""KITTI's object benchmark (a file a frame) and tracking benchmark (a file a sequence)."""
+"""KITTI's object benchmark (a file a frame) and tracking benchmark (a file a sequence), and AB3DMOT's detections."""
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
-from fbench.replay.boxfiles.kitti_rows import CAMERA_T_LEVEL, labelled, track_id
+import numpy as np
+
+from fbench.replay.boxfiles.kitti_rows import CAMERA_T_LEVEL, ab3dmot, labelled, track_id
 from fbench.replay.boxfiles.placing import body_T, camera_of
 from fbench.replay.boxfiles.rows import Labelled, flats, solids
 from fbench.replay.boxfiles.text import Line, frame_number, lines
@@ -45,11 +47,24 @@ def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults
         ConfigError: where the camera isn't known, or the folder has several sequences.
         LogError: where a row can't be read.
     """
-    camera = _camera(source, coordinates)
-    files = text_files(source.path, "label_02")
-    if len(files) > 1:
-        raise ConfigError(f"{source.path}: {len(files)} sequences, {files[0].name} to {files[-1].name}; name one file")
-    return _truths(lambda: filled(_sequence(files[0], camera)), source, coordinates)
+    camera, path = _camera(source, coordinates), _only_file(source.path)
+    return _truths(lambda: filled(_sequence(path, camera)), source, coordinates)
+
+
+def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read detections of one sequence as AB3DMOT takes them: comma-separated, a row a box, coordinates those of KITTI.
+
+    Raises:
+        ConfigError: where the camera isn't known, or the folder has several sequences.
+        LogError: where a row can't be read.
+    """
+    camera, path = _camera(source, coordinates), _only_file(source.path)
+
+    def rows() -> Iterator[tuple[int, Labelled]]:
+        for line in lines(path, ","):
+            yield frame_number(line.fields[0], line.where), ab3dmot(line, camera)
+
+    return _truths(lambda: filled(in_order(rows())), source, coordinates)
 
 
 def filled(frames: _Frames, first: int = 0, num: int = 0) -> _Frames:
@@ -91,16 +106,28 @@ def text_files(path: Path, inner: str) -> list[Path]:
     return found
 
 
+def _only_file(path: Path) -> Path:
+    files = text_files(path, "label_02")
+    if len(files) > 1:
+        raise ConfigError(f"{path}: {len(files)} sequences, {files[0].name} to {files[-1].name}; name one file")
+    return files[0]
+
+
 def _camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
     """Whose image 2D boxes are in; 3D boxes are in its coordinates too, unless `frame` names others."""
     return camera_of(source.camera or source.frame, coordinates, str(source.path))
 
 
 def _sequence(path: Path, camera: str) -> _Frames:
-    return in_order((frame_number(line.fields[0], line.where), _tracked(line, camera)) for line in lines(path))
+    return in_order((frame_number(line.fields[0], line.where), tracked(line, camera)) for line in lines(path))
 
 
-def _tracked(line: Line, camera: str) -> Labelled:
+def tracked(line: Line, camera: str) -> Labelled:
+    """Return the object of a row of the tracking benchmark: frame, id, class and numbers.
+
+    Raises:
+        LogError: where a column is missing or isn't a number.
+    """
     if len(line.fields) < 17:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
     # Some trackers write more behind the score, which the benchmark's own evaluation doesn't read.
@@ -112,6 +139,8 @@ def _truths(frames: Callable[[], _Frames], source: BoxSource, coordinates: Coord
     # Of camera 0, whose coordinates KITTI's 3D boxes are in, many logs have no images.
     owner = coordinates.camera(source.frame) or source.frame or camera_of(source.camera, coordinates, where)
     body_T_level = body_T(owner, coordinates, where) @ CAMERA_T_LEVEL
+    if coordinates.camera0_is_body and not source.frame:
+        body_T_level = np.eye(4)
     is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():
         yield Truth(

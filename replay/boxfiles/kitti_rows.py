@@ -1,6 +1,10 @@
-"""Rows of KITTI's labels and results: https://www.cvlibs.net/datasets/kitti, devkits `object` and `tracking`."""
+"""Rows of KITTI's labels and results: https://www.cvlibs.net/datasets/kitti, devkits `object` and `tracking`.
 
-from collections.abc import Sequence
+And the same numbers in another order, comma-separated: detections as AB3DMOT takes them,
+https://github.com/xinshuoweng/AB3DMOT.
+"""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,6 +22,12 @@ _NAMES = (
     "truncated", "occluded", "alpha", "left", "top", "right", "bottom", "height", "width", "length", "x", "y", "z",
     "rotation_y", "score",
 )  # fmt: skip
+_AB3DMOT_NAMES = (
+    "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
+)  # fmt: skip
+AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)
+"""Frame, number of the class, then these."""
+_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
 def labelled(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
@@ -39,17 +49,35 @@ def labelled(line: Line, fields: Sequence[str], camera: str, track_id: int | Non
     if len(numbers) not in (14, 15):
         raise LogError(f"{line.where}: {len(numbers)} numbers after the class, expected 14, or 15 with a score")
     v = {name: number(text, line.where, name) for name, text in zip(_NAMES, numbers, strict=False)}
-    dont_care = fields[0] == DONT_CARE
+    return _object(fields[0], v, camera, track_id)
+
+
+def ab3dmot(line: Line, camera: str) -> Labelled:
+    """Return the detection of a row of AB3DMOT's, its 3D box as in `labelled`; it has no id.
+
+    Raises:
+        LogError: where a column is missing or isn't a number.
+    """
+    if len(line.fields) != AB3DMOT_COLUMNS:
+        names = ", ".join(("frame", "class", *_AB3DMOT_NAMES))
+        raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
+    kind = whole(line.fields[1], line.where, "class")
+    v = {n: number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
+    return _object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
+
+
+def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
+    dont_care = name == DONT_CARE
     return Labelled(
-        fields[0],
+        name,
         None if dont_care or not _has_solid(v) else _solid(v),
         Flat(camera, (v["left"], v["top"], v["right"], v["bottom"])) if _has_flat(v) else None,
         label="other" if dont_care else None,
         score=v.get("score"),
         track_id=track_id,
         ignore=True if dont_care else None,
-        occlusion=_known(v["occluded"]),
-        truncation=_known(v["truncated"]),
+        occlusion=_known(v.get("occluded", -1)),
+        truncation=_known(v.get("truncated", -1)),
     )
 
 
@@ -58,17 +86,17 @@ def track_id(text: str, where: str) -> int:
     return max(whole(text, where, "track id"), -1)
 
 
-def _solid(v: dict[str, float]) -> Solid:
+def _solid(v: Mapping[str, float]) -> Solid:
     center = (v["z"], -v["x"], v["height"] / 2 - v["y"])
     return Solid(center, (v["length"], v["width"], v["height"]), (-v["rotation_y"] - np.pi / 2, 0.0, 0.0))
 
 
-def _has_solid(v: dict[str, float]) -> bool:
+def _has_solid(v: Mapping[str, float]) -> bool:
     """Results in 2D alone have -1 as sizes, or -1000 as location."""
     return v["x"] > -1000 and any(v[name] != -1 for name in ("height", "width", "length"))
 
 
-def _has_flat(v: dict[str, float]) -> bool:
+def _has_flat(v: Mapping[str, float]) -> bool:
     return any(v[name] != -1 for name in ("left", "top", "right", "bottom"))
 
 

@@ -24,7 +24,7 @@ _CLASSES = {
     13: ("crowd", "other"),
 }  # fmt: skip
 """Name and label by the number of MOT16 and later."""
-_SHIFT_PX = 1.0
+SHIFT_PX = 1.0
 """Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
 middle is taken."""
 
@@ -84,7 +84,7 @@ def _row(line: Line, camera: str, is_truth: bool) -> tuple[int, Labelled]:
         raise LogError(f"{where}: frame is 0, but MOTChallenge counts frames from 1")
     names = ("left", "top", "width", "height")
     left, top, width, height = (number(text, where, name) for name, text in zip(names, fields[2:6], strict=True))
-    left, top = left - _SHIFT_PX, top - _SHIFT_PX
+    left, top = left - SHIFT_PX, top - SHIFT_PX
     flat = Flat(camera, (left, top, left + width, top + height))
     return frame, _labelled(fields, where, flat, is_truth)
 

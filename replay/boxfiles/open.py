@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.boxfiles.kitti import open_kitti, open_kitti_tracking
+from fbench.replay.boxfiles.kitti import open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.boxfiles.mot import open_mot
 from fbench.replay.boxfiles.nuscenes import open_nuscenes
 from fbench.replay.boxfiles.openlabel import open_openlabel
@@ -24,6 +24,7 @@ FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator
     "table": open_table,
     "kitti": open_kitti,
     "kitti-tracking": open_kitti_tracking,
+    "ab3dmot": open_ab3dmot,
     "mot": open_mot,
     "nuscenes": open_nuscenes,
     "openlabel": open_openlabel,

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fbench.replay.boxfiles.json_file import head_of
+from fbench.replay.boxfiles.kitti_rows import AB3DMOT_COLUMNS
 from fbench.replay.boxfiles.nuscenes import COMPANIONS
 from fbench.replay.boxfiles.table_files import SUFFIXES
 from fbench.replay.errors import LogError
@@ -19,8 +20,8 @@ def recognised(path: Path) -> str:
     form = _of_folder(path) if path.is_dir() else _of_file(path)
     if form is None:
         raise LogError(
-            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI or MOTChallenge .txt, "
-            "nuScenes or OpenLABEL .json)"
+            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge "
+            ".txt, nuScenes or OpenLABEL .json)"
         )
     return form
 
@@ -45,7 +46,7 @@ def _of_file(path: Path) -> str | None:
     if suffix == ".json":
         head = head_of(path)
         return "openlabel" if '"openlabel"' in head else "nuscenes" if '"results"' in head else None
-    if suffix in SUFFIXES and not (suffix == ".csv" and _of_text(path) == "mot"):
+    if suffix in SUFFIXES and not (suffix == ".csv" and _of_text(path) in ("mot", "ab3dmot")):
         return "table"
     return _of_text(path) if suffix in (".txt", ".csv") else None
 
@@ -55,7 +56,9 @@ def _of_text(path: Path) -> str | None:
     first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
     fields, split = first.split(), first.split(",")
     if len(split) > 5:
-        return "mot" if all(map(_is_number, filter(None, (field.strip() for field in split)))) else None
+        if not all(map(_is_number, filter(None, (field.strip() for field in split)))):
+            return None
+        return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
     if len(fields) in (15, 16):
         return "kitti"
     return "kitti-tracking" if 17 <= len(fields) < 20 else None

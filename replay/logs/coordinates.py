@@ -8,6 +8,8 @@ from fbench.replay.data import Rig
 from fbench.replay.geometry.transforms import pose_matrix
 from fbench.replay.logs.tree import BODY, TransformTree
 
+CAMERA0 = "kitti.camera0"
+"""Key of a log's metadata; `body`: the body's coordinates are those of KITTI's camera 0, its axes turned."""
 WORLDS = ("world", "map", "odom", "global", "earth")
 """What coordinate frames are called that stand still while the body moves."""
 
@@ -24,6 +26,8 @@ class CoordinateFrames:
     """Names of sensors by their coordinate frame, and by the topic of their messages."""
     world: str = ""
     """Coordinate frame in which the log's poses are; empty: it isn't told."""
+    camera0_is_body: bool = False
+    """Whether the body's coordinates are those of KITTI's camera 0 with axes turned, as importers of KITTI have it."""
 
     def body_T(self, name: str) -> Float64 | None:
         """Matrix (4, 4) that moves points from a coordinate frame, given by its name or that of a sensor, to the body;

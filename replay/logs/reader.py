@@ -18,7 +18,7 @@ from fbench.replay.logs.arrange import arranged
 from fbench.replay.logs.box_topics import box_channels
 from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.coordinates import CAMERA0, CoordinateFrames
 from fbench.replay.logs.patching import fitted, renamed, require_use
 from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges
@@ -97,9 +97,10 @@ class LogReader:
         """
         heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
         names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
+        world, is_camera0 = self._poses_in.world, self.info.metadata.get(CAMERA0) == BODY
         if self.container.rigs:
-            return CoordinateFrames(self.rig, tree_of(self.rig), BODY, names, self._poses_in.world)
-        return CoordinateFrames(self.rig, self._state.tree, self._state.body(), names, self._poses_in.world)
+            return CoordinateFrames(self.rig, tree_of(self.rig), BODY, names, world, is_camera0)
+        return CoordinateFrames(self.rig, self._state.tree, self._state.body(), names, world, is_camera0)
 
     @cached_property
     def _stored_rigs(self) -> list[tuple[int, Rig]]:

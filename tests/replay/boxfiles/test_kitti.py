@@ -219,3 +219,63 @@ def test_numbers_that_cannot_be_warn_nobody(tmp_path, place):
     (tmp_path / "000000.txt").write_text(f"{CAR}\n{CAR.replace('3 1.6 20 0.5', place)}\n")
     [truth] = read(tmp_path)
     assert finite(truth.boxes3d)[0].tolist() == [True, False]
+
+
+AB3DMOT = "3,2,10,20,30,40,9.5,1.5,2.0,4.0,3,1.6,20,0.5,-1.5"
+
+
+def test_detections_of_ab3dmot_by_hand(tmp_path):
+    """The same car as in KITTI's own rows; 3 is the frame, 2 a car."""
+    path = tmp_path / "0000.txt"
+    path.write_text(f"{AB3DMOT}\n1{AB3DMOT[1:].replace(',2,', ',1,', 1)}\n")
+    assert form(path) == form(tmp_path) == "ab3dmot"
+    truths = read(path)
+    assert [(t.frame_index, len(t.boxes3d), len(t.boxes2d)) for t in truths] == [
+        (0, 0, 0),
+        (1, 1, 1),
+        (2, 0, 0),
+        (3, 1, 1),
+    ]
+    truth = truths[3]
+    np.testing.assert_allclose(truth.boxes3d.center_m, [[20, -3, -1.6 + 0.75]], atol=1e-12)
+    assert truth.boxes3d.size_lwh_m.tolist() == [[4, 2, 1.5]]
+    np.testing.assert_allclose(truth.boxes3d.yaw_rad, [-np.pi / 2 - 0.5], atol=1e-12)
+    assert truth.boxes3d.score.tolist() == truth.boxes2d.score.tolist() == [9.5]
+    assert truth.boxes2d.xyxy_px.tolist() == [[10, 20, 30, 40]]
+    assert (truth.boxes3d.track_id, truth.boxes3d.occlusion) == (None, None)
+    assert truth.boxes3d.source_label.tolist() == ["Car"]
+    assert truths[1].boxes3d.label.tolist() == ["pedestrian"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (f"{AB3DMOT}\n{AB3DMOT},1\n", r"0000.txt line 2: 16 columns, expected 15: frame, class, left, top"),
+        (f"{AB3DMOT}\n{AB3DMOT.replace('9.5', 'x')}\n", r"0000.txt line 2: score is 'x', expected a number"),
+        (f"{AB3DMOT}\n{AB3DMOT.replace(',2,', ',2.5,', 1)}\n", r"0000.txt line 2: class is '2.5', expected a whole"),
+        (f"{AB3DMOT}\n-{AB3DMOT}\n", r"0000.txt line 2: frame is -3"),
+    ],
+)
+def test_broken_detections_of_ab3dmot(tmp_path, text, message):
+    (tmp_path / "0000.txt").write_text(text)
+    with pytest.raises(FbenchError, match=message):
+        read(tmp_path / "0000.txt")
+
+
+def test_several_sequences_of_ab3dmot(tmp_path):
+    for name in ("0000.txt", "0001.txt"):
+        (tmp_path / name).write_text(AB3DMOT)
+    with pytest.raises(ConfigError, match=r"2 sequences, 0000.txt to 0001.txt; name one file"):
+        read(tmp_path)
+
+
+def test_real_detections_of_ab3dmot(shared):
+    path = shared / "data/kitti_tracking/pointrcnn_car_val/0012.txt"
+    rows = np.loadtxt(path, delimiter=",")
+    truths = read(path)
+    assert sum(len(t.boxes3d) for t in truths) == len(rows)
+    assert {name for t in truths if len(t.boxes3d) for name in t.boxes3d.label.tolist()} == {"car"}
+    np.testing.assert_array_equal(
+        np.concatenate([t.boxes3d.score for t in truths if len(t.boxes3d)]),
+        rows[np.argsort(rows[:, 0], kind="stable"), 6],
+    )

@@ -1,0 +1,161 @@
+"""Calibration of a raw drive of KITTI: `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`.
+
+Lines `NAME: numbers`, for camera X: S_0X, K_0X, D_0X, R_0X, T_0X as recorded, and S_rect_0X, R_rect_0X, P_rect_0X after
+rectification; see the paper that `rig` names, section IV, and the readme of the raw data.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fbench.datasets.kitti.raw.files import Drive
+from fbench.datasets.kitti.rig import BODY_T_CAMERA0, LIDAR, Calibration, camera_name, rig_of
+from fbench.replay.boxfiles.parse import number
+from fbench.replay.data import CameraModel, Float64, Mount, Rig
+from fbench.replay.errors import LogError
+from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
+from fbench.replay.imports.files import read_text
+
+CAMERAS = "calib_cam_to_cam.txt"
+LIDAR_TO_CAMERA = "calib_velo_to_cam.txt"
+IMU_TO_LIDAR = "calib_imu_to_velo.txt"
+FILES = (CAMERAS, LIDAR_TO_CAMERA, IMU_TO_LIDAR)
+_TOLERANCE = 1e-3
+"""Of rotation matrices, which are written with 7 digits."""
+_MAX_MAGNITUDE = 1e9
+_MAX_SIDE_PX = 2**16
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """The lines of one calibration file."""
+
+    path: Path
+    texts: Mapping[str, str]
+
+    def array(self, name: str, *shape: int) -> Float64:
+        """Return the numbers of a line.
+
+        Raises:
+            LogError: where it is missing, or hasn't as many finite numbers as `shape` needs.
+        """
+        if name not in self.texts:
+            raise LogError(f"{self.path}: no line '{name}:'")
+        where, texts = f"{self.path}: {name}", self.texts[name].split()
+        if len(texts) != np.prod(shape):
+            raise LogError(f"{where}: {len(texts)} numbers, expected {np.prod(shape)}")
+        values = np.array([number(text, where, "a value") for text in texts])
+        if not (np.abs(values) < _MAX_MAGNITUDE).all():
+            raise LogError(f"{where}: holds a number that isn't finite, or is beyond all reason")
+        return values.reshape(shape)
+
+    def rotation(self, name: str) -> Float64:
+        """Return a matrix (3, 3).
+
+        Raises:
+            LogError: as `array`, and where it isn't a rotation.
+        """
+        R = self.array(name, 3, 3)
+        if np.abs(R @ R.T - np.eye(3)).max() > _TOLERANCE or np.linalg.det(R) < 0:
+            raise LogError(f"{self.path}: {name}: isn't a rotation")
+        return R
+
+    def transform(self, rotation: str, translation: str) -> Float64:
+        """Return a matrix (4, 4) from the lines of its rotation and translation [m]."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation(rotation), self.array(translation, 3)
+        return matrix
+
+    def size(self, name: str) -> tuple[int, int]:
+        """Return width and height [px]."""
+        width, height = self.array(name, 2).tolist()
+        if not all(side == int(side) and 0 < side <= _MAX_SIDE_PX for side in (width, height)):
+            raise LogError(f"{self.path}: {name}: {width:g}x{height:g} is no size of an image")
+        return int(width), int(height)
+
+    def pinhole(self, name: str, *shape: int) -> Float64:
+        """Return a matrix that begins with K (3, 3).
+
+        Raises:
+            LogError: as `array`, and where K can't be one.
+        """
+        matrix = self.array(name, *shape)
+        K = matrix[:, :3]
+        if not (K[0, 0] > 0 and K[1, 1] > 0 and K[2].tolist() == [0, 0, 1] and K[1, 0] == 0):
+            raise LogError(f"{self.path}: {name}: isn't of the form fx s cx / 0 fy cy / 0 0 1")
+        return matrix
+
+
+@dataclass(frozen=True, eq=False)
+class DriveCalibration:
+    """What the files of a drive's date say."""
+
+    rig: Rig
+    calibration: Calibration
+    """Of the rectified cameras, by which the body's pose follows from that of the IMU."""
+    made: str
+    """When the cameras were calibrated, as it is written; empty where it isn't."""
+
+    @property
+    def body_T_velo(self) -> Float64 | None:
+        """(4, 4), as rigs hold it; `None` where the calibration doesn't tell it."""
+        if self.calibration.camera0_T_velo is None:
+            return None
+        matrix = BODY_T_CAMERA0 @ self.calibration.camera0_T_velo
+        return pose_matrix(matrix[:3, 3], quaternion(matrix[:3, :3]))
+
+
+def read_calibration(drive: Drive) -> DriveCalibration:
+    """Read the calibration of the sensors that a drive has.
+
+    Raises:
+        LogError: naming the file that is missing or wrong; `calib_imu_to_velo.txt` may be missing.
+    """
+    folder = drive.calibration_folder
+    cameras = _read(folder / CAMERAS)
+    camera0_T_recorded = np.eye(4)
+    camera0_T_recorded[:3, :3] = cameras.rotation("R_rect_00")
+    calibration = Calibration(
+        {i: cameras.pinhole(f"P_rect_{i:02d}", 3, 4) for i in drive.cameras.values()} if drive.is_rectified else {},
+        _lidar(drive, camera0_T_recorded),
+        _rigid(folder / IMU_TO_LIDAR),
+    )
+    if drive.is_rectified:
+        sizes = {i: cameras.size(f"S_rect_{i:02d}") for i in drive.cameras.values()}
+        rig = rig_of(calibration, sizes, LIDAR in drive.series)
+    else:
+        rig = _recorded_rig(drive, cameras, camera0_T_recorded, calibration)
+    return DriveCalibration(rig, calibration, cameras.texts.get("calib_time", "").strip())
+
+
+def _lidar(drive: Drive, camera0_T_recorded: Float64) -> Float64 | None:
+    """Return the pose (4, 4) of the LiDAR in rectified camera 0; the file gives that in camera 0 as recorded."""
+    path = drive.calibration_folder / LIDAR_TO_CAMERA
+    recorded_T_velo = _rigid(path)
+    if recorded_T_velo is None and LIDAR in drive.series:
+        raise LogError(f"{path}: no such file")
+    return None if recorded_T_velo is None else camera0_T_recorded @ recorded_T_velo
+
+
+def _rigid(path: Path) -> Float64 | None:
+    return _read(path).transform("R", "T") if path.exists() else None
+
+
+def _read(path: Path) -> Numbers:
+    pairs = (line.split(":", 1) for line in read_text(path, 2**20).splitlines() if ":" in line)
+    return Numbers(path, {name.strip(): text for name, text in pairs})
+
+
+def _recorded_rig(drive: Drive, cameras: Numbers, camera0_T_recorded: Float64, calibration: Calibration) -> Rig:
+    """Return the sensors with the cameras as they are; [R | T] moves points from recorded camera 0 to camera X."""
+    lidar = rig_of(calibration, {}, LIDAR in drive.series)
+    mounts, models = dict(lidar.mounts), {}
+    for i in drive.cameras.values():
+        recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
+        body_T_camera = BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera
+        mounts[camera_name(i)] = Mount("camera", body_T_camera[:3, 3], quaternion(body_T_camera[:3, :3]))
+        K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
+        models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
+    return Rig(mounts, models)

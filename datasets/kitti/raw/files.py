@@ -1,0 +1,168 @@
+"""Files of a raw drive of KITTI, and their stamps."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fbench.datasets.kitti.oxts import SENSOR as OXTS
+from fbench.datasets.kitti.rig import LIDAR, camera_name
+from fbench.replay.boxfiles.parse import stamp_of_time
+from fbench.replay.boxfiles.text import MAX_FRAMES
+from fbench.replay.errors import LogError
+from fbench.replay.imports.files import read_text
+
+_DATE = re.compile(r"\d{4}_\d\d_\d\d", re.ASCII)
+_DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d+_(sync|extract)", re.ASCII)
+_STAMP = re.compile(r"(\d{4})-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
+_NUMBERED = re.compile(r"(\d{1,10})\.([a-z]+)", re.ASCII)
+_MAX_STAMPS_BYTES = 2**25
+_YEARS = range(1970, 2262)
+CAMERAS = {camera_name(number): number for number in range(4)}
+_IMAGES = ("png", "jpg", "jpeg")
+_FOLDERS = {LIDAR: "velodyne_points"}
+"""Of sensors whose folders have other names."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """The files of one sensor of a drive."""
+
+    sensor: str
+    folder: Path
+    paths: Mapping[int, Path]
+    """By the number in the file's name, ascending."""
+    others: tuple[str, ...] = ()
+    """Names in the folder that aren't those of measurements."""
+
+    @property
+    def stamps_path(self) -> Path:
+        """File of which line N + 1 is the stamp of file N."""
+        return self.folder / "timestamps.txt"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive's folder."""
+
+    name: str
+    folder: Path
+    series: Mapping[str, Series]
+    """By sensor; sensors without a file are absent."""
+
+    @property
+    def calibration_folder(self) -> Path:
+        """Folder of the date."""
+        return self.folder.parent
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether images are rectified and the sensors' files have the numbers of common frames (`_sync`)."""
+        return self.name.endswith("_sync")
+
+    @property
+    def reference(self) -> str:
+        """The sensor whose stamps are the frames' instants: LiDAR, else a camera, the left colour one if there is."""
+        wanted = (LIDAR, camera_name(2), *CAMERAS)
+        return next(name for name in wanted if name in self.series)
+
+    @property
+    def cameras(self) -> dict[str, int]:
+        """Numbers of the cameras by name."""
+        return {name: number for name, number in CAMERAS.items() if name in self.series}
+
+
+def find_drives(source: Path) -> dict[str, Path]:
+    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive.
+
+    Raises:
+        LogError: where a folder can't be read.
+    """
+    here = source.resolve()
+    if not here.is_dir():
+        return {}
+    if _DRIVE.fullmatch(here.name):
+        return {here.name: here}
+    dates = [here / name for name in _names(here) if _DATE.fullmatch(name) and (here / name).is_dir()]
+    folders = [folder / name for folder in (*dates, here) for name in _names(folder) if _DRIVE.fullmatch(name)]
+    return dict(sorted((folder.name, folder) for folder in folders if folder.is_dir()))
+
+
+def open_drive(name: str, folder: Path) -> Drive:
+    """List the files of a drive.
+
+    Raises:
+        LogError: where a folder can't be read, or there is no measurement.
+    """
+    endings = {LIDAR: ("bin",) if name.endswith("_sync") else ("txt", "bin"), OXTS: ("txt",)}
+    found = [
+        _series(sensor, folder / _FOLDERS.get(sensor, sensor), endings.get(sensor, _IMAGES))
+        for sensor in (*CAMERAS, LIDAR, OXTS)
+    ]
+    drive = Drive(name, folder, {series.sensor: series for series in found if series.paths})
+    if not set(drive.series) - {OXTS}:
+        places = ", ".join(f"{series.folder.name}/data" for series in found if series.sensor != OXTS)
+        raise LogError(f"{folder}: no image and no point cloud, expected files in {places}")
+    return drive
+
+
+def _series(sensor: str, folder: Path, endings: tuple[str, ...]) -> Series:
+    data = folder / "data"
+    paths: dict[int, Path] = {}
+    others = []
+    for name in _names(data) if data.is_dir() else ():
+        match = _NUMBERED.fullmatch(name)
+        if match is None or match[2] not in endings or int(match[1]) >= MAX_FRAMES:
+            others.append(name)
+            continue
+        path = data / name
+        if (twin := paths.setdefault(int(match[1]), path)) is not path:
+            raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
+    return Series(sensor, folder, dict(sorted(paths.items())), tuple(others))
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return sorted(os.listdir(folder))
+    except OSError as error:
+        raise LogError(f"{folder}: {error.strerror}") from error
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """The stamps of one sensor, by number of the file."""
+
+    path: Path
+    texts: tuple[str, ...]
+    """Empty where a measurement was lost."""
+
+    def stamp_ns(self, number: int) -> int:
+        """Return the stamp of a file; KITTI writes no time zone, it is taken as UTC.
+
+        Raises:
+            LogError: where there is none, or it is malformed.
+        """
+        if number >= len(self.texts):
+            raise LogError(f"{self.path}: {len(self.texts)} lines, no stamp for file {number}")
+        text = self.texts[number]
+        match = _STAMP.fullmatch(text)
+        try:
+            if match is None or int(match[1]) not in _YEARS:
+                raise ValueError(text)
+            return stamp_of_time(text)
+        except ValueError as error:
+            what = f"'{text[:40]}' is no stamp, expected one as 2011-09-26 13:02:25.964389445"
+            raise LogError(
+                f"{self.path}: line {number + 1}: {what if text else f'no stamp for file {number}'}"
+            ) from error
+
+
+def read_stamps(path: Path) -> Stamps:
+    """Return the stamps of a file; empty lines at its end are no matter.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    text = read_text(path, _MAX_STAMPS_BYTES).rstrip()
+    return Stamps(path, tuple(line.strip() for line in text.split("\n")) if text else ())

@@ -1,0 +1,204 @@
+"""Raw drives of KITTI, https://www.cvlibs.net/datasets/kitti/raw_data.php.
+
+`DATE/calib_*.txt`; in `DATE/DATE_drive_NNNN_sync/`: `tracklet_labels.xml`, and `image_00` to `image_03`,
+`velodyne_points` and `oxts`, each with `data/` and `timestamps.txt`. `_sync` drives are rectified, and files of one
+number are one frame; those of `_extract` drives are as they were recorded, each sensor with its own numbers.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from hashlib import blake2b
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+
+from fbench.datasets.kitti import oxts
+from fbench.datasets.kitti.params import KittiParams
+from fbench.datasets.kitti.raw.calibration import FILES, DriveCalibration, read_calibration
+from fbench.datasets.kitti.raw.files import Drive, find_drives, open_drive
+from fbench.datasets.kitti.raw.order import Entry, ordered
+from fbench.datasets.kitti.raw.summary import Findings, summary_lines
+from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
+from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
+from fbench.datasets.kitti.rig import LIDAR
+from fbench.replay.data import Float32, LogInfo, Message, PointCloud, Pose, Rig, Truth
+from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.imports.files import read_bytes, read_floats, read_image, read_text
+from fbench.replay.imports.identity import described, file_facts, log_id
+from fbench.replay.imports.wish import ImportWish
+from fbench.replay.protocols import Recording
+
+_STAMPS = (
+    "each sensor's own, as recorded; local time without a zone, taken as UTC; the LiDAR's is when it faced forward, "
+    "its points have no times of their own"
+)
+
+
+def names(source: Path) -> list[str]:
+    """Names of the drives in `source`, sorted, which holds dates, is one, or is a drive; empty where there are none.
+
+    Raises:
+        LogError: where a folder can't be read.
+    """
+    return list(find_drives(source))
+
+
+def recording(name: str, source: Path, wish: ImportWish, params: KittiParams) -> Recording:
+    """Open a drive of `names`.
+
+    Raises:
+        ConfigError: for results of another system, which other formats of KITTI have.
+        LogError: where a folder can't be read.
+    """
+    if params.detections is not None:
+        raise ConfigError(f"{params.detections}: raw drives can't take detections, whose files are those of benchmarks")
+    return RawRecording(name, find_drives(source)[name], wish, params)
+
+
+class RawRecording:
+    """One drive; see `Recording`."""
+
+    def __init__(self, name: str, folder: Path, wish: ImportWish, params: KittiParams) -> None:
+        self.name, self._folder, self._wish, self._params = name, folder, wish, params
+        self._findings = Findings(wish.frames)
+
+    @cached_property
+    def _drive(self) -> Drive:
+        return open_drive(self.name, self._folder)
+
+    @cached_property
+    def _calibration(self) -> DriveCalibration:
+        return read_calibration(self._drive)
+
+    @property
+    def rig(self) -> Rig:
+        """The sensors that have files; body coordinates are those of the rectified camera 0, with axes turned."""
+        return self._calibration.rig
+
+    @cached_property
+    def info(self) -> LogInfo:
+        """Facts of the drive."""
+        drive = self._drive
+        date, _, kind = self.name.partition("_drive_")
+        metadata = {
+            "dataset": "KITTI raw",
+            "licence": "CC BY-NC-SA 3.0",
+            "date": date,
+            "drive": kind.partition("_")[0],
+            "images": "rectified" if drive.is_rectified else "as recorded, distorted",
+            "frames": str(len(drive.series[drive.reference].paths)),
+            "stamps": _STAMPS,
+            "reference": drive.reference,
+            **({"calibrated": self._calibration.made} if self._calibration.made else {}),
+            **({} if self._world is None else self._world.metadata()),
+            **described(self._params),
+        }
+        return LogInfo(self.name, log_id("kitti", self._facts(), self._wish.frames, self._params), metadata)
+
+    def _facts(self) -> Iterator[str]:
+        """What tells drives apart: also what stands in small files, where another number takes as many bytes."""
+        drive, root = self._drive, self._drive.calibration_folder
+        files = [path for series in drive.series.values() for path in series.paths.values()]
+        yield from file_facts(root, files)
+        small = [series.stamps_path for series in drive.series.values()]
+        for path in (*(root / name for name in FILES), *small, drive.folder / TRACKLETS):
+            content = blake2b(read_bytes(path), digest_size=16).hexdigest() if path.is_file() else "missing"
+            yield f"{path.relative_to(root).as_posix()} {content}"
+
+    @cached_property
+    def _world(self) -> oxts.World | None:
+        """Its origin is the drive's first pose, whichever frames are imported; `None` where there are no poses."""
+        if oxts.SENSOR not in self._drive.series or self._calibration.calibration.body_T_imu is None:
+            return None
+        for path in self._drive.series[oxts.SENSOR].paths.values():
+            try:
+                return oxts.World(oxts.read_fix(path))
+            except LogError:
+                if not self._wish.bad.skip:
+                    raise
+        return None
+
+    @property
+    def num_items(self) -> int:
+        """About a message a file."""
+        return sum(len(series.paths) for series in self._drive.series.values())
+
+    def items(self) -> Iterator[Message | Truth]:
+        """All measurements by their stamps, and the boxes at those of the reference sensor."""
+        tracklets = self._tracklets()
+        for entry in self._entries():
+            try:
+                message = self._message(entry)
+            except LogError as error:
+                self._wish.bad.met(error)
+                continue
+            yield message
+            self._findings.add(entry.sensor, entry.number, entry.stamp_ns)
+            if tracklets is not None and entry.sensor == self._drive.reference:
+                boxes = tracklets.of(entry.number)
+                self._findings.add_boxes(boxes)
+                yield Truth(entry.stamp_ns, entry.stamp_ns, boxes, frame_number=entry.number)
+
+    def _entries(self) -> Sequence[Entry]:
+        sensors = set(self._drive.series) - ({oxts.SENSOR} if self._world is None else set())
+        return ordered(self._drive, sensors, self._wish.frames, self._wish.bad.met)
+
+    def _message(self, entry: Entry) -> Message:
+        stamp_ns, sensor, number = entry
+        path = self._drive.series[sensor].paths[number]
+        frame_number = number if self._drive.is_rectified else None
+        if sensor == oxts.SENSOR:
+            return self._pose(path, stamp_ns, frame_number)
+        if sensor == LIDAR:
+            points = read_floats(path, 4) if path.suffix == ".bin" else _read_rows(path)
+            return PointCloud(sensor, stamp_ns, stamp_ns, points[:, :3], points[:, 3], frame_number=frame_number)
+        return read_image(path, sensor, stamp_ns, self.rig.cameras[sensor].size_wh, frame_number=frame_number)
+
+    def _pose(self, path: Path, stamp_ns: int, frame_number: int | None) -> Pose:
+        pose, fix = None, oxts.read_fix(path)
+        if self._world is not None:
+            pose = self._world.body_pose(fix, self._calibration.calibration, stamp_ns, frame_number)
+        if pose is None:
+            raise LogError(f"{path}: no calibration of the IMU")
+        return pose
+
+    def summary(self) -> Sequence[str]:
+        """What was found."""
+        return summary_lines(self._drive, self._findings)
+
+    def _tracklets(self) -> Tracklets | None:
+        path = self._drive.folder / TRACKLETS
+        if not path.exists():
+            return None
+        if not self._drive.is_rectified:
+            self._findings.odd.append(f"{TRACKLETS}: left out, it counts the frames of the synchronised drive")
+            return None
+        body_T_velo = self._calibration.body_T_velo
+        if body_T_velo is None:
+            raise LogError(f"{path}: needs calib_velo_to_cam.txt, which is missing")
+        try:
+            found = read_tracklets(path, body_T_velo, self._wish.bad.met)
+        except LogError as error:
+            self._wish.bad.met(error)
+            return None
+        self._findings.tracklets = found
+        return found
+
+
+def _read_rows(path: Path) -> Float32:
+    """Return rows (N, 4) of a text: x, y, z [m], reflectance.
+
+    Raises:
+        LogError: where it can't be read, or a row hasn't four numbers.
+    """
+    text = read_text(path)
+    if not text.strip():
+        return np.zeros((0, 4), np.float32)
+    try:
+        rows = np.loadtxt(StringIO(text), np.float32, comments=None, ndmin=2)
+    except ValueError as error:
+        raise LogError(f"{path}: {error}") from error
+    if rows.shape[1] != 4:
+        raise LogError(f"{path}: rows of {rows.shape[1]} numbers, expected 4")
+    return rows

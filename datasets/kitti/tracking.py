@@ -1,0 +1,201 @@
+"""KITTI's tracking benchmark: `label_02/0000.txt`, `calib/0000.txt`, `image_02/0000/000000.png`,
+`velodyne/0000/000000.bin`, `oxts/0000.txt`.
+
+A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KITTI Vision Benchmark Suite", CVPR 2012.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+from fbench.datasets.kitti.calibration import read_calibration
+from fbench.datasets.kitti.files import SENSORS, entries, numbered, numbered_folders
+from fbench.datasets.kitti.labels import CAMERA, MAX_FRAMES, SequenceRows, sequence_rows, tracking_label
+from fbench.datasets.kitti.results import TRACKING_DIGITS, SequenceResults, sequence_results
+from fbench.datasets.kitti.rig import LIDAR, Calibration, camera_name, rig_of
+from fbench.datasets.kitti.sizes import first_size, size_without_images
+from fbench.datasets.kitti.tracking_poses import SequencePoses
+from fbench.replay.boxfiles.rows import Labelled
+from fbench.replay.boxfiles.text import frame_number, lines
+from fbench.replay.data import Pose, Rig
+from fbench.replay.errors import LimitError, LogError
+from fbench.replay.imports.identity import file_facts
+from fbench.replay.imports.wish import FrameRange, ImportWish
+
+LABELS = "label_02"
+PERIOD_NS = 100_000_000
+_FRAME_DIGITS = 6
+_CAMERAS = {camera_name(number): number for number in (2, 3)}
+_ALL = FrameRange()
+
+
+def sequences(folder: Path) -> list[str]:
+    """Names of the sequences that have labels or files of sensors, sorted; empty where there are none."""
+    named = {path.stem for path in numbered(folder / LABELS, (".txt",), TRACKING_DIGITS, _ALL).values()}
+    return sorted(named.union(*(numbered_folders(folder / sensor, TRACKING_DIGITS) for sensor in SENSORS)))
+
+
+class TrackingFrames:
+    """One sequence; see `FrameSet`."""
+
+    benchmark: Literal["tracking", "object"] = "tracking"
+    period_ns = PERIOD_NS
+    """KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps."""
+
+    def __init__(self, name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> None:
+        self.name, self.folder, self._sequence, self._wish = name, folder, sequence, wish
+        self._detections = detections
+        self._poses = SequencePoses(folder / "oxts" / f"{sequence}.txt", wish.bad)
+
+    @cached_property
+    def files(self) -> Mapping[str, Mapping[int, Path]]:
+        """See `FrameSet`."""
+        return {
+            sensor: {number: path for number, path in paths.items() if number in self._wish.frames}
+            for sensor, paths in self._all_files.items()
+        }
+
+    @cached_property
+    def _all_files(self) -> Mapping[str, Mapping[int, Path]]:
+        found = {
+            sensor: numbered(self.folder / sensor / self._sequence, suffixes, _FRAME_DIGITS, _ALL)
+            for sensor, suffixes in SENSORS.items()
+        }
+        return {sensor: paths for sensor, paths in found.items() if paths}
+
+    @cached_property
+    def numbers(self) -> Sequence[int]:
+        """Up to the last frame of any file; without files up to the length in the list of sequences; in any case up to
+        the last frame with a label.
+        """
+        num = self._num_frames
+        if num == 0:
+            raise LogError(f"{self.folder}: sequence {self._sequence} has no frame")
+        if num > MAX_FRAMES:
+            raise LimitError(f"{self.folder}: sequence {self._sequence} has {num} frames, more than {MAX_FRAMES}")
+        return [number for number in range(num) if number in self._wish.frames]
+
+    @cached_property
+    def _num_frames(self) -> int:
+        labelled = 0 if self._rows is None else self._rows.num_frames
+        return max(self._num_by_files or _listed_length(self.folder, self._sequence), labelled)
+
+    @property
+    def _num_by_files(self) -> int:
+        return max((max(paths) + 1 for paths in self._all_files.values()), default=0)
+
+    @cached_property
+    def _rows(self) -> SequenceRows | None:
+        path = self._label_path
+        return sequence_rows(path, tracking_label, self._wish.frames, self._wish.bad) if path.is_file() else None
+
+    @property
+    def _label_path(self) -> Path:
+        return self.folder / LABELS / f"{self._sequence}.txt"
+
+    @cached_property
+    def results(self) -> SequenceResults | None:
+        """See `FrameSet`; rows behind the last frame are those of another sequence."""
+        if self._detections is None:
+            return None
+        found = sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
+        if found is not None and found.rows.num_frames > self._num_frames:
+            self._wish.bad.met(
+                LogError(
+                    f"{found.path}: has frame {found.rows.num_frames - 1}, but sequence {self._sequence} has "
+                    f"{self._num_frames} frames; are the results of another one?"
+                )
+            )
+        return found
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        cameras = {_CAMERAS[sensor] for sensor in self._all_files if sensor != LIDAR}
+        if self._has_boxes:
+            cameras.add(_CAMERAS[CAMERA])
+        return read_calibration(self._calibration_path, cameras, LIDAR in self._all_files)
+
+    @property
+    def _calibration_path(self) -> Path:
+        return self.folder / "calib" / f"{self._sequence}.txt"
+
+    @property
+    def _has_boxes(self) -> bool:
+        return self._rows is not None or self.results is not None
+
+    @cached_property
+    def rig(self) -> Rig:
+        """See `FrameSet`."""
+        sizes_wh = {_CAMERAS[sensor]: self._sizes[sensor][0] for sensor in self._sizes}
+        return rig_of(self._calibration, sizes_wh, LIDAR in self._all_files)
+
+    @cached_property
+    def _sizes(self) -> Mapping[str, tuple[tuple[int, int], str]]:
+        """Size [px] of each camera's images, and how it is known."""
+        rows = [] if self._rows is None else [row for objects in self._rows.frames.values() for row in objects]
+        sizes = {}
+        for sensor, number in _CAMERAS.items():
+            if sensor in self._all_files or (sensor == CAMERA and self._has_boxes):
+                size_wh = first_size(self._all_files.get(sensor, {}).values())
+                P = self._calibration.projections[number]
+                sizes[sensor] = size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
+        return sizes
+
+    def expected_size(self, sensor: str) -> tuple[int, int] | None:
+        """See `FrameSet`: that of the first image."""
+        return self._sizes[sensor][0]
+
+    def rig_at(self, number: int, sizes_wh: Mapping[str, tuple[int, int]]) -> Rig:
+        """See `FrameSet`: the same throughout."""
+        return self.rig
+
+    def labels(self, number: int) -> Sequence[Labelled] | None:
+        """See `FrameSet`: every frame of a sequence with a file is labelled."""
+        return None if self._rows is None else self._rows.frames.get(number, ())
+
+    def pose(self, number: int, stamp_ns: int) -> Pose | None:
+        """See `FrameSet`."""
+        return self._poses.pose(number, self._calibration, stamp_ns)
+
+    @property
+    def facts(self) -> Sequence[str]:
+        """See `FrameSet`."""
+        paths = [path for of_sensor in self.files.values() for path in of_sensor.values()]
+        texts = (self._label_path, self._calibration_path, self._poses.path)
+        return [self._sequence, str(self._num_frames), *file_facts(self.folder, [*texts, *paths])]
+
+    @property
+    def metadata(self) -> Mapping[str, str]:
+        """See `FrameSet`."""
+        about = {
+            "sequence": self._sequence,
+            "stamps": "made up: frame N at N + 1 times 0.1 s; the benchmark has none, KITTI recorded at 10 Hz",
+            "truth.truncation": "0 not, 1 partly, 2 largely truncated",
+            **{f"{sensor}.size": how for sensor, (_, how) in self._sizes.items()},
+            **self._poses.metadata(self._calibration),
+        }
+        return about | ({} if self.results is None else {"detections": self.results.path.name})
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """See `FrameSet`."""
+        notes = [f"{sensor}: {size[0]}x{size[1]} px, {how}" for sensor, (size, how) in self._sizes.items()]
+        labelled = 0 if self._rows is None else self._rows.num_frames
+        if 0 < self._num_by_files < labelled:
+            notes.append(f"labels go on behind the last file: frames {self._num_by_files} to {labelled - 1}")
+        if self._detections is not None and self.results is None:
+            notes.append(f"detections: none, {self._detections.name} has no {self._sequence}.txt")
+        notes += self._poses.notes(self._calibration, self._num_frames)
+        return [*notes, "stamps: made up at 10 Hz, the benchmark has none"]
+
+
+def _listed_length(folder: Path, sequence: str) -> int:
+    """How many frames a sequence has by the benchmark's `evaluate_tracking.seqmap*`: `0000 empty 000000 000154`."""
+    is_test = folder.name == "testing"
+    for path in (*entries(folder), *entries(folder.parent)):
+        if path.name.startswith("evaluate_tracking.seqmap") and is_test == (path.suffix == ".test") and path.is_file():
+            for line in lines(path):
+                if line.fields[0] == sequence and len(line.fields) == 4:
+                    return frame_number(line.fields[3], line.where)
+    return 0
