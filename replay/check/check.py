@@ -12,6 +12,7 @@ from fbench.replay.check.stream import Times, timeline
 from fbench.replay.check.time_rules import time_findings
 from fbench.replay.check.trial import Trial, missing_findings
 from fbench.replay.check.truth import TruthCheck
+from fbench.replay.check.truth_clock import TruthClock
 from fbench.replay.data import Frame, LogInfo, Message, Rig, RigChange
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FAULTS, FaultLog
@@ -88,6 +89,7 @@ class _Check:
     """The state of one check."""
 
     def __init__(self, reader: LogReader, faults: FaultLog, options: CheckOptions) -> None:
+        options = replace(options, sync=options.sync.told_by(reader.info))
         self._reader, self._faults, self._options = reader, faults, options
         self._known: PartialRig = partial_rig(reader)
         self._rig = self._known.rig
@@ -100,7 +102,7 @@ class _Check:
         self._frames = None if self._reference is None else FrameCheck(expected, self._reference, options.sync)
         self._trial = None if options.pipeline is None else Trial(*options.pipeline)
         self._times = {name: Times() for name in sorted(self._kinds)}
-        self._truth = TruthCheck()
+        self._truth, self._truth_clock = TruthCheck(), TruthClock()
         self._bad_poses: dict[str, tuple[int, int]] = {}
         self._found: list[Finding] = []
 
@@ -131,8 +133,12 @@ class _Check:
         if isinstance(item, RigChange):
             self._change(item)
         elif isinstance(item, TruthPart):
+            if entry.channel in self._reader.tick_channels and self._frames is not None:
+                tick = self._reader.tick(entry)
+                self._offer(self._frames.tick(tick) if tick is not None else iter(()))
             if self._reader.roles[entry.channel].kind == "truth":
                 self._truth.add(item.truth)
+                self._truth_clock.add_truth(item.truth)
         elif item is not None:
             self._message(entry, item)
 
@@ -149,6 +155,7 @@ class _Check:
             first, num = self._bad_poses.get(message.sensor, (message.stamp_ns, 0))
             self._bad_poses[message.sensor] = (first, num + 1)
         usable = checked(message, self._rig, self._faults, self._options.decode_images)
+        self._truth_clock.add_sweep(usable, self._rig)
         if self._frames is not None:
             self._offer(self._frames.add(recorded, message, usable))
 
@@ -174,6 +181,7 @@ class _Check:
             stamps = self._frames.stamps
             found += self._truth.findings(*stamps)
             num_labelled = int(self._truth.labelled(*stamps).sum())
+        found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
         if self._trial is not None:
             found += self._trial.problems
             found += missing_findings(self._trial, frames, sync) if frames is not None else []

@@ -62,6 +62,11 @@ RULES: Mapping[str, Rule] = {
         "header stamps are more than two periods older than arrival, or over 20 ms newer",
     ),
     "TIM011": Rule("warning", "let the driver stamp its messages"),
+    "TIM012": Rule(
+        "warning",
+        "give --offset SENSOR=MS",
+        "a sensor's points fall onto the truth boxes clearly better with other stamps",
+    ),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),

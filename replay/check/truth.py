@@ -73,11 +73,11 @@ class TruthCheck:
 
 
 def _num_repeated(boxes: Boxes) -> int:
-    """How many boxes have the id of one before them; in images each camera has its own."""
+    """How many boxes have the id of one before them; -1 is none, and in images each camera has ids of its own."""
     if boxes.track_id is None:
         return 0
     cameras = boxes.camera.tolist() if isinstance(boxes, Boxes2D) else [""] * len(boxes)
-    keys = list(zip(cameras, boxes.track_id.tolist(), strict=True))
+    keys = [key for key in zip(cameras, boxes.track_id.tolist(), strict=True) if key[1] >= 0]
     return len(keys) - len(dict.fromkeys(keys))
 
 

@@ -122,7 +122,11 @@ def test_rig_that_changes_is_information(path):
 
 def test_log_without_truth_and_without_sensors(path):
     assert found(checked(path, [m for m in clean() if not isinstance(m, Truth)]), "GT001").severity == "info"
-    result = checked(path, [m for m in clean() if isinstance(m, Truth)], Rig({}, {}))
+    truths = [m for m in clean() if isinstance(m, Truth)]
+    result = checked(path, truths, Rig({}, {}))
+    assert problems(result) == []
+    assert (result.reference, result.frames.num_frames) == ("boxes", len(truths))
+    result = checked(path, [], Rig({}, {}))
     assert problems(result) == [("CHK007", "")]
     assert (result.reference, result.frames) == (None, None)
 
