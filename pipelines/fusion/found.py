@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.fusion.params import FusionParams
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 
@@ -64,6 +65,12 @@ def row(boxes: Boxes3D, at: int, weight: float, source: int) -> Found:
     score = 0.0 if boxes.score is None else float(boxes.score[at])
     label = "truck" if size[0] > LONG_CAR_M else "car"
     return Found(boxes.center_m[at], size, float(boxes.yaw_rad[at]), velocity, label, weight * score, source)
+
+
+def radar_weight(boxes: Boxes3D, at: int, params: FusionParams) -> float:
+    """How far a radar's box is believed: clusters without velocity may be anything that stands."""
+    moves = boxes.velocity_mps is not None and bool(np.isfinite(boxes.velocity_mps[at]).any())
+    return params.radar_weight if moves else params.standing_weight
 
 
 def to_boxes(objects: Sequence[Found]) -> Boxes3D:

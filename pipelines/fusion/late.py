@@ -8,7 +8,7 @@ import numpy as np
 from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.fusion.cameras import Placed, join
 from fbench.pipelines.fusion.evidence import Evidence, Points, by_lidar, by_moving, by_standing
-from fbench.pipelines.fusion.found import Found, joined_score, one_object, row, to_boxes
+from fbench.pipelines.fusion.found import Found, joined_score, one_object, radar_weight, row, to_boxes
 from fbench.pipelines.fusion.lift import Sighting, sightings
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.fusion.place import place
@@ -104,7 +104,8 @@ def _without_camera(seen: Seen, lidar_used: list[int], radar_used: list[int], pa
         row(seen.lidar.boxes, at, params.lidar_weight, int(Source.L)) for at in _others(seen.lidar.boxes, lidar_used)
     ]
     from_radar = [
-        row(seen.radar.boxes, at, params.radar_weight, int(Source.R)) for at in _others(seen.radar.boxes, radar_used)
+        row(seen.radar.boxes, at, radar_weight(seen.radar.boxes, at, params), int(Source.R))
+        for at in _others(seen.radar.boxes, radar_used)
     ]
     merged: list[Found] = []
     for found in sorted(from_lidar + from_radar, key=lambda f: (-f.score, *f.center_m.tolist())):

@@ -19,7 +19,8 @@ class FusionParams:
     radar_weight: float = 0.93
     """How far the radar alone is believed about moving objects [0 to 1]."""
     standing_weight: float = 0.4
-    """How far stationary radar echoes at the place of a camera's box are believed [0 to 1]."""
+    """How far stationary radar echoes at the place of a camera's box, and clusters of echoes without velocity, are
+    believed [0 to 1]."""
     unseen_factor: float = 0.5
     """Factor on the score of an object that a working camera ought to see and doesn't."""
     min_score: float = 0.6

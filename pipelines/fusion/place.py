@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbench.pipelines.fusion.evidence import Evidence
-from fbench.pipelines.fusion.found import Found, joined_score
+from fbench.pipelines.fusion.found import Found, joined_score, radar_weight
 from fbench.pipelines.fusion.lift import Sighting
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.points.ground import Plane
@@ -39,8 +39,7 @@ def place(
     else:
         center, yaw = _along_ray(sighting, lidar, radar)
         size = sighting.size_lwh_m
-    moving = radar_box is not None
-    weight = params.radar_weight if moving else params.standing_weight
+    weight = params.standing_weight if radar_box is None else radar_weight(radar_box, 0, params)
     score = joined_score(
         sighting.score if alone else params.camera_weight * sighting.score,
         params.lidar_weight * (lidar.strength if lidar else 0.0),

@@ -1,4 +1,4 @@
-"""Radar detection: moving echoes clustered by place and velocity."""
+"""Radar detection: moving echoes clustered by place and velocity, strong ones by place where nothing measured it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -10,6 +10,7 @@ from fbench.pipelines.checks import require_ranges
 from fbench.pipelines.points.dbscan import dbscan
 from fbench.pipelines.points.doppler import DopplerParams, range_rates
 from fbench.pipelines.points.merged import Echoes
+from fbench.pipelines.points.unmeasured import UnmeasuredParams, add_unmeasured, strong
 from fbench.pipelines.points.vehicle import VehicleSize
 from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes3D
@@ -52,6 +53,8 @@ class RadarParams:
     """How the ego motion is taken out of the velocities."""
     cluster: RadarClusterParams = field(default_factory=RadarClusterParams)
     """How echoes are grouped."""
+    unmeasured: UnmeasuredParams = field(default_factory=UnmeasuredParams)
+    """What echoes of radars without Doppler must be like."""
     size: VehicleSize = field(default_factory=VehicleSize)
     """What clusters are completed to."""
     full_score_echoes: float = 20.0
@@ -90,18 +93,24 @@ class Compensated:
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where the sensor gives none."""
     period_mps: Float64
     """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
+    is_strong: Bool
+    """(N,) whether an echo is among the strongest of its scan."""
 
 
 def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compensated:
     """Merge the echoes of one or several radars, whose parameters `own` holds by name, within range, and take the ego
     motion out of their velocities: each radar moves in its own way where the vehicle turns.
     """
-    xyz = np.concatenate([scan.xyz for scan in scans])
-    near = np.concatenate([_is_near(scan, own[scan.sensor]) for scan in scans])
-    direction = np.concatenate([scan.direction for scan in scans])
-    rate = np.concatenate([range_rates(scan, own[scan.sensor].doppler) for scan in scans])
-    period = np.concatenate([np.full(len(scan.xyz), scan.period_mps) for scan in scans])
-    return Compensated(xyz[near], direction[near], rate[near], period[near])
+    parts = [_compensated(scan, own[scan.sensor]) for scan in scans]
+    return Compensated(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _compensated(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool]:
+    near = _is_near(scan, params)
+    period = np.full(len(scan.xyz), scan.period_mps)
+    rate = range_rates(scan, params.doppler)
+    is_strong = strong(scan.magnitude_db[near], params.unmeasured)
+    return scan.xyz[near], scan.direction[near], rate[near], period[near], is_strong
 
 
 def _is_near(scan: Echoes, params: RadarParams) -> Bool:
@@ -111,22 +120,26 @@ def _is_near(scan: Echoes, params: RadarParams) -> Bool:
 
 
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:
-    """Find what moves."""
+    """Find what moves, and what may, where no velocity was measured."""
     cluster = _clusters(echoes, params)
     return RadarView(echoes.xyz, cluster, _boxes(echoes, cluster, params.size, params.full_score_echoes))
 
 
 def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
-    """Number the clusters (N,) of echoes that move, or whose movement isn't known."""
-    moving = ~(np.abs(echoes.range_rate_mps) < params.min_speed_mps)
-    rate = np.nan_to_num(echoes.range_rate_mps[moving])
-    periods = np.unique(echoes.period_mps)
+    """Number the clusters (N,) of echoes that move, then those of strong ones whose movement isn't known."""
+    moving = np.abs(echoes.range_rate_mps) >= params.min_speed_mps
+    rate = echoes.range_rate_mps[moving]
+    periods = np.unique(echoes.period_mps[np.isfinite(echoes.range_rate_mps)])
     if len(periods) == 1:  # velocities of different periods can be compared only where they are smallest
         rate = _unbroken(rate, float(periods[0]))
     features = np.column_stack([echoes.xyz[moving, :2], rate * params.cluster.seconds])
+    eps_m, min_points = params.cluster.eps_m, params.cluster.min_points
     result = np.full(len(echoes.xyz), -1)
-    result[moving] = dbscan(features, params.cluster.eps_m, params.cluster.min_points)
-    return result
+    result[moving] = dbscan(features, eps_m, min_points)
+    if np.isfinite(echoes.range_rate_mps).all():
+        return result
+    where = echoes.xyz, echoes.range_rate_mps
+    return add_unmeasured(*where, echoes.is_strong, result, eps_m, min_points, params.unmeasured)
 
 
 def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:

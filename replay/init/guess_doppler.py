@@ -34,9 +34,10 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -
 
     Most of what a radar sees stands still. Seen from a vehicle that drives forward, things ahead come nearer: so the
     sign of the numbers ahead is that of approaching, unless the vehicle reverses, which poses tell. Numbers that stay
-    near zero while the vehicle moves, as another radar or poses say, are free of its motion.
+    near zero while the vehicle moves, as another radar or poses say, are free of its motion. A radar that gives no
+    velocities at all gets no lines.
     """
-    radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts]
+    radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
     votes = {s.name: _votes(s, rig) for s in radars}
     speeds = _speeds(poses)
     found: dict[str, tuple[Line, ...]] = {}
@@ -47,6 +48,13 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -
         lines = _decide(votes[s.name], num, moving, speeds)
         found[s.name] = tuple(map(_own, lines)) if s.is_own else lines
     return found
+
+
+def _measures_velocity(radar: Candidate) -> bool:
+    """Tell whether any scan has a velocity; also where there are no scans to tell."""
+    scans = [seen.scan for seen in radar.heard.seen if seen.scan is not None]
+    columns = [scan.radial_velocity_mps for scan in scans]
+    return not scans or any(column is not None and bool(np.isfinite(column).any()) for column in columns)
 
 
 def _own(line: Line) -> Line:

@@ -100,7 +100,10 @@ def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | Non
 def _verdict(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, bool]:
     fits = [scan.fit for scan in scans if scan.fit is not None]
     if not scans:
-        return "no radial velocities, which radar3d needs", False
+        return (
+            "no radial velocities: radar3d can't tell what moves, and takes strong clusters of a vehicle's size",
+            False,
+        )
     if not fits:
         return "too few points to judge the velocities", False
     if (period := _unknown_period(scans)) if period_mps is None else 0.0:

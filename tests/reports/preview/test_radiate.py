@@ -31,4 +31,5 @@ def test_all_sensors_are_drawn_into_each_other(radiate, tmp_path):
     (stereo,) = [v for v in content.verdicts if v.what == "stereo"]
     assert "baseline 0.121 m" in stereo.text
     assert "median relative difference from LiDAR" in stereo.text
-    assert [v.text for v in content.verdicts if v.what == "doppler"] == ["no radial velocities, which radar3d needs"]
+    (doppler,) = [v.text for v in content.verdicts if v.what == "doppler"]
+    assert doppler.startswith("no radial velocities")
