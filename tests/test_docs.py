@@ -17,6 +17,13 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 ELSEWHERE = ("git clone", "cd fbench", "make demo", "make test", "make bench", "pip install", "source ")
 """What other tests, or CI itself, run."""
 
+RECORDINGS = {name: f"data/{name}" for name in ("astyx", "kitti_object", "kitti_tracking", "radiate_tiny_foggy")}
+WEIGHTS = {
+    "deimv2.onnx": "weights/deimv2_femto/deimv2_hgnetv2_femto_coco.onnx",
+    "yolox_nano.onnx": "weights/yolox_nano/yolox_nano.onnx",
+}
+BESIDE = RECORDINGS | WEIGHTS
+"""Where the pages find recordings and weights, and where those are in ../shared."""
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -43,11 +50,7 @@ def workplace(tmp_path):
     write_boxes_log(tmp_path / "runs" / "demo" / "boxes.mcap", seconds=1.0)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     shared = ROOT.parent / "shared"
-    for name, target in (
-        ("astyx", "data/astyx"),
-        ("deimv2.onnx", "weights/deimv2_femto/deimv2_hgnetv2_femto_coco.onnx"),
-        ("yolox_nano.onnx", "weights/yolox_nano/yolox_nano.onnx"),
-    ):
+    for name, target in BESIDE.items():
         if (shared / target).exists():
             (tmp_path / name).symlink_to(shared / target)
     return tmp_path
@@ -61,8 +64,8 @@ def test_commands_of_a_page_work(page, workplace):
             (workplace / name[1]).write_text(body)
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     for command, code in commands(page):
-        needs = [n for n in ("astyx", "deimv2.onnx", "yolox_nano.onnx") if n in command]
-        if any(not (workplace / need).exists() for need in needs if need != "astyx" or "import" in command):
+        needs = [name for name in BESIDE if re.search(rf"(?<![\w./-]){re.escape(name)}(?![\w.-])", command)]
+        if any(not (workplace / need).exists() for need in needs):
             pytest.skip(f"`{command}` needs {needs}, which aren't beside this repository")
         result = subprocess.run(
             command, shell=True, cwd=workplace, env={**os.environ, "PATH": path}, capture_output=True, text=True

@@ -1,28 +1,22 @@
 """What the files of the Astyx HiRes2019 set hold, turned into fbench's types."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
-from fbench.replay.data import Boxes3D, CameraModel, Float64, Int64, Kind, Mount, Rig
-from fbench.replay.errors import DecodeError, LogError
+from fbench.replay.data import Boxes3D, CameraModel, Image, Kind, Mount, Rig
+from fbench.replay.errors import LogError
 from fbench.replay.geometry.transforms import quaternion, yaw_pitch_roll
-from fbench.replay.images import encoded_size
-from fbench.replay.imports.files import require_folder
+from fbench.replay.imports.files import read_bytes, read_image, require_folder
 from fbench.replay.imports.wish import FrameRange
 
 CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
 CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
 KINDS: dict[str, Kind] = {CAMERA: "camera", LIDAR: "lidar", RADAR: "radar"}
 _SUFFIXES = {CAMERA: ".jpg", LIDAR: ".txt", RADAR: ".txt", CALIBRATION: ".json", TRUTH: ".json"}
-_LIDAR_HEADER = "X Y Z Reflectivity LaserID Timestamp"
-_RADAR_HEADER = "X Y Z V_r Mag"
-HOUR_US = 3_600_000_000
 _TOLERANCE = 1e-3
 
 LABELS = {
@@ -70,16 +64,6 @@ class Objects(BaseModel):
     """One file of `groundtruth_obj3d/`."""
 
     objects: list[Object]
-
-
-@dataclass(frozen=True, eq=False)
-class LidarTable:
-    """One file of `lidar_vlp16/`: xyz (N, 3) [m] and intensity, ring, time within the hour (N,) [us]."""
-
-    xyz: Float64
-    intensity: Float64
-    ring: Int64
-    time_us: Int64
 
 
 Files = Mapping[str, Mapping[int, Path]]
@@ -143,48 +127,22 @@ def _camera(path: Path, data: CalibData, files: Files) -> CameraModel:
     if data.K is None:
         raise LogError(f"{path}: {CAMERA}: no K")
     first = min(files[CAMERA])
-    _, size_wh = read_jpeg(files[CAMERA][first])
-    return CameraModel(np.array(data.K), size_wh)
+    return CameraModel(np.array(data.K), read_jpeg(files[CAMERA][first], 0).size_wh)
 
 
-def read_jpeg(path: Path, size_wh: tuple[int, int] | None = None) -> tuple[bytes, tuple[int, int]]:
-    """Return the bytes and size [px] of a JPEG, which must be `size_wh` where that is given.
+def read_jpeg(path: Path, stamp_ns: int, size_wh: tuple[int, int] | None = None, number: int | None = None) -> Image:
+    """Return an image, which must be `size_wh` [px] where that is given.
 
     Raises:
         LogError: naming the file.
     """
-    data = _read(path)
-    try:
-        size = encoded_size(data)
-    except DecodeError as error:
-        raise LogError(f"{path}: {error}") from error
-    if data[:2] != b"\xff\xd8":
+    image = read_image(path, CAMERA, stamp_ns, frame_number=number)
+    if image.encoding != "jpeg":
         raise LogError(f"{path}: not a JPEG image")
+    size = image.size_wh
     if size_wh is not None and size != size_wh:
         raise LogError(f"{path}: {size[0]}x{size[1]} px, expected {size_wh[0]}x{size_wh[1]} as in the first image")
-    return data, size
-
-
-def read_lidar(path: Path) -> LidarTable:
-    """Read one sweep, in the LiDAR's coordinate frame.
-
-    Raises:
-        LogError: naming file and line.
-    """
-    table = _table(path, _LIDAR_HEADER)
-    ring, time_us = table[:, 4], table[:, 5]
-    if not (np.all((ring >= 0) & (ring < 2**16)) and np.all((time_us >= 0) & (time_us < HOUR_US))):
-        raise LogError(f"{path}: expected LaserID from 0 to 65535 and Timestamp within one hour [us]")
-    return LidarTable(table[:, :3], table[:, 3], ring.astype(np.int64), time_us.astype(np.int64))
-
-
-def read_radar(path: Path) -> Float64:
-    """Read one scan (N, 5): x, y, z [m], V_r [m/s], magnitude [dB], in the radar's coordinate frame.
-
-    Raises:
-        LogError: naming file and line.
-    """
-    return _table(path, _RADAR_HEADER)
+    return image
 
 
 def read_boxes(path: Path) -> Boxes3D:
@@ -218,44 +176,8 @@ def _angles(path: Path, wxyz: tuple[float, float, float, float]) -> tuple[float,
 
 def _load(path: Path, model: type[_M]) -> _M:
     try:
-        return model.model_validate_json(_read(path))
+        return model.model_validate_json(read_bytes(path))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise LogError(f"{path}: {where + ': ' if where else ''}{first['msg']}") from error
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror}") from error
-
-
-def _table(path: Path, header: str) -> Float64:
-    """Parse numbers under a header; some files have an empty line above it."""
-    rows = [line.split() for line in _read(path).splitlines()]
-    top = next((i for i, row in enumerate(rows) if row), 0)
-    names = header.encode().split()
-    if rows[top : top + 1] != [names]:
-        raise LogError(f"{path}: line {top + 1}: expected the header '{header}'")
-    body = [row for row in rows[top + 1 :] if row]
-    try:
-        values = np.fromiter(map(float, chain.from_iterable(body)), np.float64)
-    except ValueError as error:
-        raise _malformed(path, rows, top, len(names)) from error
-    if any(len(row) != len(names) for row in body):
-        raise _malformed(path, rows, top, len(names))
-    return values.reshape(-1, len(names))
-
-
-def _malformed(path: Path, rows: list[list[bytes]], top: int, num: int) -> LogError:
-    bad = next(i for i, row in enumerate(rows) if i > top and row and not _is_numeric(row, num))
-    return LogError(f"{path}: line {bad + 1}: expected {num} numbers")
-
-
-def _is_numeric(row: list[bytes], num: int) -> bool:
-    try:
-        return len([float(value) for value in row]) == num
-    except ValueError:
-        return False

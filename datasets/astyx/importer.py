@@ -15,21 +15,18 @@ import numpy as np
 from fbench.datasets.astyx.files import (
     CALIBRATION,
     CAMERA,
-    HOUR_US,
     KINDS,
     LABELS,
     LIDAR,
     RADAR,
     TRUTH,
     Files,
-    LidarTable,
     read_boxes,
     read_jpeg,
-    read_lidar,
-    read_radar,
     read_rig,
     scan,
 )  # fmt: skip
+from fbench.datasets.astyx.tables import HOUR_US, LidarTable, read_lidar, read_radar
 from fbench.replay.data import Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.errors import LogError
 from fbench.replay.imports.files import require_folder
@@ -166,8 +163,7 @@ def _stamp(time_us: int, number: int, findings: _Findings) -> int:
 def _image(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Image | None:
     if number not in files[CAMERA]:
         return None
-    data, size_wh = read_jpeg(files[CAMERA][number], rig.cameras[CAMERA].size_wh)
-    return Image(CAMERA, stamp_ns, stamp_ns, data, "jpeg", size_wh, number)
+    return read_jpeg(files[CAMERA][number], stamp_ns, rig.cameras[CAMERA].size_wh, number)
 
 
 def _cloud(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> PointCloud:

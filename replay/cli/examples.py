@@ -36,4 +36,13 @@ LOG_CONVERT = (
     "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'\n\n"
     "fbench log convert drive.mcap -o drive --split-s 60"
 )
-LOG_IMPORT = f"{_HEAD}fbench log import astyx path/to/astyx -o astyx.mcap"
+LOG_IMPORT = (
+    f"{_HEAD}fbench log import astyx path/to/astyx -o astyx.mcap\n\n"
+    "fbench log import nuscenes path/to/nuscenes -o logs --scenes 'scene-01*' --skip-bad\n\n"
+    "fbench log import kitti path/to/tracking -o 0012.mcap --scenes 0012 --detections results"
+)
+LOG_EXPORT = (
+    f"{_HEAD}fbench log export runs/0003-lidar3d --format kitti-tracking --class Car -o results/data\n\n"
+    "fbench log export kitti/0000.mcap kitti/0001.mcap --format kitti-tracking -o label_02\n\n"
+    "fbench log export runs/scene-*-late3d --format nuscenes -o submission.json"
+)

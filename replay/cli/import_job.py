@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fbench.replay.cli.progress import import_progress
+from fbench.replay.cli.import_report import counts_line, joined_lines, log_line
+from fbench.replay.cli.progress import ImportProgress, import_progress
 from fbench.replay.cli.show import console, print_json
-from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+from fbench.replay.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
 from fbench.replay.excerpt import make_excerpt
+from fbench.replay.imports.guard import GuardedImporter
+from fbench.replay.imports.log_names import log_names
 from fbench.replay.imports.run import ImportedLog, import_recordings
 from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish, chosen_names
 from fbench.replay.logs.convert.target import Target
@@ -41,38 +44,58 @@ def run_import(job: ImportJob) -> int:
     Raises:
         ConfigError: where a log can't or mustn't be written.
         LogError: naming what is wrong with the dataset.
+        RunError: where the importer fails.
     """
-    importer = make_importer(job.dataset, list(job.settings))
+    importer = GuardedImporter(make_importer(job.dataset, list(job.settings)), job.dataset)
     _require_place(job)
-    names = chosen_names(importer.names(job.source), job.scenes)
-    targets = _targets(job, names)
-    wish = ImportWish(names, _frames(job.frames), BadInput(job.skip_bad))
-    logs: list[ImportedLog] = []
+    wished = _frames(job.frames)
+    known = importer.names(job.source)
+    if not known:
+        raise LogError(f"{job.source}: no sequence of {job.dataset} in it")
+    names = chosen_names(known, job.scenes)
+    wish = ImportWish(names, wished, BadInput(job.skip_bad))
+    targets = _targets(job, known, names)
     with import_progress(len(names)) as progress:
-        for log in import_recordings(importer, job.source, wish, targets, progress):
-            logs.append(log)
-            progress.finish()
-            if not job.as_json:
-                _print_log(log, len(names) > 1)
-    if job.as_json:
-        print_json({"logs": [_content(log) for log in logs], "skipped": wish.bad.num, "first_skipped": wish.bad.texts})
-    else:
-        _print_end(job, logs, wish.bad)
-    return EXIT_LOSSY if wish.bad.num else EXIT_OK
+        logs = _imported(job, importer, wish, targets, progress)
+    _print_end(job, logs, wish.bad)
+    return _exit_code(logs, wish.bad)
+
+
+def _imported(
+    job: ImportJob,
+    importer: GuardedImporter,
+    wish: ImportWish,
+    targets: Mapping[str, Target],
+    progress: ImportProgress,
+) -> list[ImportedLog]:
+    logs = []
+    for log in import_recordings(importer, job.source, wish, targets, progress):
+        logs.append(log)
+        with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+            if len(wish.names) > 1 and not job.as_json:
+                _print(f"{log.name}: {log_line(log)}")
+    return logs
+
+
+def _exit_code(logs: Sequence[ImportedLog], bad: BadInput) -> int:
+    if all(log.state == "failed" for log in logs):
+        return EXIT_DATA
+    return EXIT_LOSSY if bad.num else EXIT_OK
 
 
 def _require_place(job: ImportJob) -> None:
     """See early that something can be written."""
     out = job.out
+    if out.resolve() == job.source.resolve():
+        raise ConfigError(f"{out}: is the dataset's own folder; choose another one for the logs")
     if out.suffix not in SUFFIXES:
-        if out.is_file():
+        if out.exists() and not out.is_dir():
             raise ConfigError(f"{out}: is a file; expected a name that ends in .mcap or .parquet, or a folder for logs")
-        return
-    if not out.absolute().parent.is_dir():
+    elif not out.absolute().parent.is_dir():
         raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
 
 
-def _targets(job: ImportJob, names: Sequence[str]) -> Mapping[str, Target]:
+def _targets(job: ImportJob, known: Sequence[str], names: Sequence[str]) -> Mapping[str, Target]:
     """Which sequence goes into which log."""
     if job.out.suffix in SUFFIXES:
         if len(names) != 1:
@@ -81,12 +104,12 @@ def _targets(job: ImportJob, names: Sequence[str]) -> Mapping[str, Target]:
                 f"'{names[0]}', or give a folder"
             )
         return {names[0]: Target(job.out, job.overwrite)}
-    job.out.mkdir(parents=True, exist_ok=True)
-    return {name: Target(job.out / f"{_file_name(name)}.{job.form}", job.overwrite) for name in names}
-
-
-def _file_name(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "._-+" else "_" for c in name)
+    try:
+        job.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
+    files = log_names(known)
+    return {name: Target(job.out / f"{files[name]}.{job.form}", job.overwrite) for name in names}
 
 
 def _frames(text: str | None) -> FrameRange:
@@ -94,40 +117,27 @@ def _frames(text: str | None) -> FrameRange:
     return FrameRange(excerpt.first, excerpt.stop)
 
 
+def _print_end(job: ImportJob, logs: Sequence[ImportedLog], bad: BadInput) -> None:
+    if job.as_json:
+        print_json({"logs": [_content(log) for log in logs], "skipped": bad.num, "first_skipped": bad.texts})
+        return
+    for line in logs[0].lines if len(logs) == 1 else joined_lines(logs):
+        _print(line)
+    for text in bad.texts:
+        _print(f"skipped: {text}")
+    if bad.num > len(bad.texts):
+        _print(f"skipped: and {bad.num - len(bad.texts)} more")
+    _print(f"log: {log_line(logs[0])}" if len(logs) == 1 else f"logs: {counts_line(logs)}, in {job.out}")
+
+
 def _content(log: ImportedLog) -> dict[str, object]:
     messages = {} if log.written is None else dict(log.written.messages)
     num_bytes = None if log.written is None else log.written.num_bytes
     return {
         "name": log.name, "path": str(log.path), "state": log.state, "bytes": num_bytes, "messages": messages,
-        "summary": list(log.lines),
+        "summary": list(log.lines), "skipped": log.num_skipped,
     }  # fmt: skip
 
 
-def _print_log(log: ImportedLog, is_one_of_many: bool) -> None:
-    printer = console()
-    if is_one_of_many:
-        printer.print(f"{log.name}:", markup=False, soft_wrap=True)
-    for line in log.lines:
-        printer.print(line, markup=False, soft_wrap=True)
-    printer.print(_state(log), markup=False, soft_wrap=True)
-
-
-def _state(log: ImportedLog) -> str:
-    if log.state == "there":
-        return f"log: {log.path} is there already, from an equal import"
-    if log.written is None:
-        return f"log: {log.path} isn't written"
-    num = sum(log.written.messages.values())
-    return f"log: {log.path}: {num} messages, {log.written.num_bytes / 1e6:.3g} MB"
-
-
-def _print_end(job: ImportJob, logs: Sequence[ImportedLog], bad: BadInput) -> None:
-    printer = console()
-    if len(logs) > 1:
-        num = {state: sum(log.state == state for log in logs) for state in ("written", "there", "failed")}
-        counts = f"{num['written']} written, {num['there']} there already, {num['failed']} failed"
-        printer.print(f"logs: {counts}, in {job.out}", markup=False, soft_wrap=True)
-    for text in bad.texts:
-        printer.print(f"skipped: {text}", markup=False, soft_wrap=True)
-    if bad.num:
-        printer.print(f"skipped in all: {bad.num}", markup=False, soft_wrap=True)
+def _print(line: str) -> None:
+    console().print(line, markup=False, soft_wrap=True)

@@ -12,6 +12,7 @@ from fbench.replay.plugins import Group, default_params, found, load
 from fbench.replay.settings import BY_SENSOR, describe, has_sensor_settings
 
 _GROUPS: tuple[Group, ...] = get_args(Group)
+_WITH_PARAMETERS: tuple[Group, ...] = ("datasets", "pipelines")
 
 
 def show_group(name: str | None) -> None:
@@ -26,15 +27,18 @@ def show_group(name: str | None) -> None:
 
 
 def show_parameters(group: str, name: str) -> None:
-    """List the parameters of a pipeline with their defaults."""
-    if _group(group) != "pipelines":
-        raise ConfigError(f"only pipelines have parameters, not {group}")
-    params = default_params(load("pipelines", name))
+    """List the parameters of a pipeline, or of the importer of a dataset, with their defaults."""
+    if (kind := _group(group)) not in _WITH_PARAMETERS:
+        raise ConfigError(f"only {' and '.join(_WITH_PARAMETERS)} have parameters, not {group}")
+    params = default_params(load(kind, name))
+    if params is None:
+        console().print(f"{name} takes no parameters")
+        return
     table = Table(box=None, pad_edge=False)
     for column in ("parameter", "default", "meaning"):
         table.add_column(column, no_wrap=column != "meaning")
     docs = parameter_docs(params)
-    for path, value in ({} if params is None else describe(params)).items():
+    for path, value in describe(params).items():
         table.add_row(path, "none" if value is None else str(value), docs.get(path, ""))
     if has_sensor_settings(params):
         table.add_row("SENSOR.NAME", "", docs.get(BY_SENSOR, ""))

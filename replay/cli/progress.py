@@ -39,10 +39,16 @@ class ImportProgress:
         """Tell how many items of a sequence are done."""
         self._progress.update(self._one, description=_shown(name), completed=done, total=total or None, visible=True)
 
-    def finish(self) -> None:
-        """Tell that a sequence is done."""
-        self._progress.update(self._one, visible=False)
+    @contextmanager
+    def finished(self, num: int) -> Iterator[None]:
+        """Tell that a sequence of `num` items is done; nothing is shown while the `with` block prints about it."""
+        # How many there would be was an estimate.
+        self._progress.update(self._one, completed=num, total=num or None, refresh=True)
         self._progress.advance(self._all)
+        self._progress.stop()
+        yield
+        self._progress.reset(self._one, visible=False)
+        self._progress.start()
 
 
 @contextmanager

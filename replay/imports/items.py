@@ -32,7 +32,9 @@ class LogItems:
                     yield Decoded(BOXES2D if part.is_2d else BOXES3D, imported.log_ns, part)
             case OtherResult():
                 for part in _parts(imported.boxes):
-                    yield _copied(self._encoder.result(part), imported.boxes.log_ns)
+                    # A topic without any box would be taken for the results where there are only those in images.
+                    if part.is_2d or part.truth.boxes3d is not None:
+                        yield _copied(self._encoder.result(part), imported.boxes.log_ns)
             case _:
                 yield Decoded(message_topic(imported), imported.log_ns, imported)
 

@@ -1,13 +1,18 @@
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fbench.datasets.astyx import Astyx
+from fbench.replay.data import Message, PointCloud
 from fbench.replay.errors import LogError
+from fbench.replay.faults import FaultLog
 from fbench.replay.images import encode_jpeg
-from fbench.replay.imports.run import import_one
+from fbench.replay.imports.run import ImportedLog, import_one
+from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.replay.logs.open import open_log
 
 SWEEP, OBJECTS = "lidar_vlp16/000008.txt", "groundtruth_obj3d/000008.json"
 HEADER = "X Y Z Reflectivity LaserID Timestamp\n"
@@ -79,8 +84,86 @@ def test_images_of_another_size_or_kind(astyx_folder: Path) -> None:
     path = astyx_folder / "camera_front/000008.jpg"
     path.write_bytes(encode_jpeg(np.zeros((5, 6, 3), np.uint8)))
     refused(astyx_folder, r"000008.jpg: 6x5 px, expected 6x4 as in the first image$")
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(8) + (6).to_bytes(4, "big") + (4).to_bytes(4, "big"))
+    size = (6).to_bytes(4, "big") + (4).to_bytes(4, "big")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(8) + size + b"IEND\xaeB`\x82")
     refused(astyx_folder, r"000008.jpg: not a JPEG image$")
+
+
+def test_a_truncated_image(astyx_folder: Path) -> None:
+    path = astyx_folder / "camera_front/000008.jpg"
+    path.write_bytes(path.read_bytes()[:-2])
+    refused(astyx_folder, r"000008.jpg: the image has no end, is it truncated\?$")
+
+
+def test_tables_may_be_spaced_as_they_like(astyx_folder: Path) -> None:
+    path = astyx_folder / SWEEP
+    plain = HEADER + "1.1 2.2 -3.3 4 5 6\n1e1 .5 -0.1 7 8 9\n"
+    path.write_text(plain)
+    logs = []
+    for text in (
+        plain,
+        f"\n  {plain}",
+        plain.replace(" ", "  "),
+        plain.replace("\n", " \n"),
+        plain.replace("\n", "\r\n"),
+    ):
+        path.write_text(text)
+        cloud = next(m for m in messages(astyx_folder) if m.frame_number == 8 and isinstance(m, PointCloud))
+        logs.append((cloud.xyz.tobytes(), cloud.intensity.tobytes(), cloud.ring.tobytes(), cloud.offset_ns.tobytes()))
+    assert logs == logs[:1] * 5
+    assert logs[0][0] == np.array([[1.1, 2.2, -3.3], [10, 0.5, -0.1]], np.float32).tobytes()
+
+
+def messages(folder: Path) -> list[Message]:
+    out = folder.parent / "out.mcap"
+    import_one(Astyx(), folder, out)
+    return list(open_log(out, FaultLog()).messages())
+
+
+def skipping(folder: Path, frames: FrameRange | None = None) -> tuple[ImportedLog, BadInput]:
+    wish = ImportWish((folder.name,), frames or FrameRange(), BadInput(skip=True))
+    return import_one(Astyx(), folder, folder.parent / "out.mcap", wish), wish.bad
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "left"),
+    [
+        (SWEEP, HEADER + "1 2 3 4 5\n", {7: 3, 10: 1}),
+        (OBJECTS, "{", {7: 3, 8: 3, 10: 1}),
+        ("camera_front/000008.jpg", "", {7: 3, 8: 2, 10: 1}),
+        ("radar_6455/000007.txt", "x", {7: 2, 8: 3, 10: 1}),
+    ],
+)
+def test_what_cannot_be_used_is_skipped_and_counted(
+    astyx_folder: Path, name: str, content: str, left: dict[int, int]
+) -> None:
+    (astyx_folder / name).write_text(content)
+    log, bad = skipping(astyx_folder)
+    assert (log.num_skipped, bad.num) == (1, 1)
+    assert name in bad.texts[0]
+    reader = open_log(log.path, FaultLog())
+    assert Counter(m.frame_number for m in reader.messages()) == left
+    assert reader.info.metadata["import.skip_bad"] == "yes"
+
+
+def test_a_sequence_without_usable_calibration_fails_alone(astyx_folder: Path) -> None:
+    (astyx_folder / "calibration/000010.json").write_text("[]")
+    log, bad = skipping(astyx_folder)
+    assert (log.state, bad.num) == ("failed", 1)
+    assert not log.path.exists()
+    log, bad = skipping(astyx_folder, FrameRange(0, 10))
+    assert (log.state, bad.num) == ("written", 0)
+
+
+def test_only_frames_that_are_wanted(astyx_folder: Path) -> None:
+    whole = import_one(Astyx(), astyx_folder, astyx_folder.parent / "whole.mcap")
+    log, _ = skipping(astyx_folder, FrameRange(8, 10))
+    reader = open_log(log.path, FaultLog())
+    assert {m.frame_number for m in reader.messages()} == {8}
+    assert [t.frame_number for t in reader.truths()] == [8]
+    assert reader.info.log_id != open_log(whole.path, FaultLog()).info.log_id
+    with pytest.raises(LogError, match=r"lidar_vlp16: no frames"):
+        import_one(Astyx(), astyx_folder, log.path, ImportWish((astyx_folder.name,), FrameRange(11)))
 
 
 @pytest.mark.parametrize("matrix", [np.eye(4) * 1.002, np.diag([1, 1, -1, 1]), np.zeros((4, 4))])

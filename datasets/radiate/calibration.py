@@ -1,0 +1,151 @@
+"""Where the sensors of RADIATE's van are, from the SDK's `default-calib.yaml`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, Field, ValidationError
+from scipy.spatial.transform import Rotation
+
+from fbench.datasets.radiate.radar import SENSOR as RADAR
+from fbench.replay.data import CameraModel, Float64, Kind, Mount, Rig
+from fbench.replay.errors import LogError
+from fbench.replay.geometry.transforms import inverse, quaternion
+from fbench.replay.yaml_file import YamlFileError, read_yaml
+
+FILE_NAME = "default-calib.yaml"
+LIDAR, LEFT, RIGHT = "velo_lidar", "zed_left", "zed_right"
+_TOLERANCE = 1e-3
+_MM = 1e-3
+BODY_T_OPTICAL: Float64 = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
+"""(4, 4) from axes right, down, forward, in which the calibration gives positions, to the body's."""
+_OPTICAL_R_SENSOR: Float64 = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float64)
+"""(3, 3) from the LiDAR's axes, right, forward, up, to right, down, forward."""
+
+_Number = Annotated[float, Field(gt=-1e6, lt=1e6)]
+_Three = tuple[_Number, _Number, _Number]
+_Pixels = Annotated[int, Field(gt=0, le=100_000)]
+_Focal = Annotated[float, Field(gt=0, lt=1e6)]
+
+
+class Extrinsics(BaseModel):
+    """Position T [m] right, down, forward of the radar, and angles R [deg] about these axes."""
+
+    T: _Three
+    R: _Three
+
+
+class Camera(Extrinsics):
+    """Extrinsics, K, lens and size of a camera."""
+
+    fx: _Focal
+    fy: _Focal
+    cx: _Number
+    cy: _Number
+    k1: _Number
+    k2: _Number
+    p1: _Number
+    p2: _Number
+    k3: _Number = 0.0
+    res: tuple[_Pixels, _Pixels]
+
+
+class Stereo(BaseModel):
+    """Pose of the left camera in coordinates of the right one: T [mm], R as matrix."""
+
+    TX: _Number
+    TY: _Number
+    TZ: _Number
+    R: tuple[_Three, _Three, _Three]
+
+
+class Calibration(BaseModel):
+    """A file like `default-calib.yaml`; `radar_calib` stands in the SDK's `config.yaml`, where all of it is 0."""
+
+    radar_calib: Extrinsics = Extrinsics(T=(0.0, 0.0, 0.0), R=(0.0, 0.0, 0.0))
+    lidar_calib: Extrinsics
+    left_cam_calib: Camera
+    right_cam_calib: Camera
+    stereo_calib: Stereo | None = None
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a file.
+
+    Raises:
+        LogError: naming file and key.
+    """
+    try:
+        calibration = Calibration.model_validate(read_yaml(path))
+    except YamlFileError as error:
+        raise LogError(f"{path}: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise LogError(f"{path}: {where + ': ' if where else ''}{first['msg']}") from error
+    stereo = calibration.stereo_calib
+    if stereo is not None:
+        _check_rotation(path, np.array(stereo.R))
+    return calibration
+
+
+def _check_rotation(path: Path, rotation: Float64) -> None:
+    gram = (rotation[:, :, None] * rotation[:, None, :]).sum(axis=0)
+    if not (np.abs(gram - np.eye(3)).max() <= _TOLERANCE and np.linalg.det(rotation) > 0):
+        raise LogError(f"{path}: stereo_calib.R isn't a rotation, its columns must be orthonormal within 1e-3")
+
+
+def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Literal["stereo", "own"]) -> Rig:
+    """Return those sensors of the van; the body is the radar, turned to x forward, y left, z up.
+
+    The SDK (`utils/calibration.py`) gives each pair of sensors a pose of its own, from the differences of their
+    positions and angles. These can't all hold at once where angles are large; here, LiDAR to radar and LiDAR to camera
+    do exactly, and radar to camera, of 1 degree and 0.5 m, within 2 cm.
+    """
+    lidar = calibration.lidar_calib
+    body_T_lidar = BODY_T_OPTICAL @ _optical_T_sensor(lidar, calibration.radar_calib)
+    body_T = {RADAR: np.eye(4), LIDAR: body_T_lidar}
+    for name, camera in ((LEFT, calibration.left_cam_calib), (RIGHT, calibration.right_cam_calib)):
+        body_T[name] = body_T_lidar @ inverse(_optical_T_sensor(lidar, camera))
+    if right_camera == "stereo" and calibration.stereo_calib is not None:
+        body_T[RIGHT] = body_T[LEFT] @ inverse(_right_T_left(calibration.stereo_calib))
+    models = {LEFT: calibration.left_cam_calib, RIGHT: calibration.right_cam_calib}
+    return Rig(
+        {name: _mount(_kind(name), body_T[name]) for name in sensors},
+        {name: _model(camera) for name, camera in models.items() if name in sensors},
+    )
+
+
+def _kind(name: str) -> Kind:
+    return "radar" if name == RADAR else "lidar" if name == LIDAR else "camera"
+
+
+def _optical_T_sensor(sensor: Extrinsics, optical: Extrinsics) -> Float64:
+    """Pose (4, 4) of a sensor whose axes are right, forward, up in one whose axes are right, down, forward.
+
+    Turns by minus the difference of angles about x, then y, then z of the latter: what the SDK's `transform` comes to.
+    """
+    angles_deg = np.array(optical.R) - np.array(sensor.R)
+    result = np.eye(4)
+    turn: Float64 = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    result[:3, :3] = turn @ _OPTICAL_R_SENSOR
+    result[:3, 3] = np.array(sensor.T) - np.array(optical.T)
+    return result
+
+
+def _right_T_left(stereo: Stereo) -> Float64:
+    result = np.eye(4)
+    # The nearest rotation: the file gives a matrix of rounded numbers.
+    result[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
+    result[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * _MM
+    return result
+
+
+def _mount(kind: Kind, body_T_sensor: Float64) -> Mount:
+    return Mount(kind, body_T_sensor[:3, 3], quaternion(body_T_sensor[:3, :3]))
+
+
+def _model(camera: Camera) -> CameraModel:
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    lens = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
+    return CameraModel(K, camera.res, "plumb_bob", lens)

@@ -1,0 +1,209 @@
+"""Which files a sequence of RADIATE has, and what times they have."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from fbench.datasets.radiate.calibration import FILE_NAME, LEFT, LIDAR, RIGHT
+from fbench.datasets.radiate.radar import SENSOR as RADAR
+from fbench.datasets.radiate.stamps import read_stamps
+from fbench.replay.errors import LogError
+from fbench.replay.imports.files import require_folder
+from fbench.replay.imports.wish import BadInput, FrameRange
+
+GPS = "gps_imu"
+POLAR, CARTESIAN = "Navtech_Polar", "Navtech_Cartesian"
+ANNOTATIONS, META = Path("annotations/annotations.json"), Path("meta.json")
+FOLDERS: Mapping[str, str] = {RADAR: POLAR, LIDAR: LIDAR, LEFT: LEFT, RIGHT: RIGHT, GPS: "GPS_IMU_Twist"}
+"""Of each sensor, in the order in which messages of one instant are written."""
+_SUFFIXES = {RADAR: ".png", LIDAR: ".csv", LEFT: ".png", RIGHT: ".png", GPS: ".txt"}
+_GPS_MARGIN_NS = 2_000_000_000
+
+
+@dataclass(frozen=True)
+class Due:
+    """One file with its time."""
+
+    stamp_ns: int
+    rank: int
+    """Place of its sensor in `FOLDERS`, which orders files of one instant."""
+    number: int
+    """Of the frame, as the file's name says."""
+    sensor: str
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The files of one sensor."""
+
+    stamps: Mapping[int, int]
+    """[ns] by frame number, of frames that have both a file and a time; in the order of the table."""
+    no_file: Sequence[int]
+    """Frames that have a time alone."""
+    no_stamp: Sequence[int]
+    """Frames that have a file alone."""
+
+
+@dataclass(frozen=True)
+class SequenceFiles:
+    """The files of one sequence."""
+
+    root: Path
+    streams: Mapping[str, Stream]
+    """Of sensors that have a folder or a table of stamps."""
+    cartesian: Mapping[int, int]
+    """Stamps [ns] of the Cartesian radar images, on which labels were drawn; empty where their table is absent."""
+
+    def path(self, due: Due) -> Path:
+        """Where the file of a message is."""
+        return file_path(self.root, due.sensor, due.number)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Sensors that are there and have calibration, sorted."""
+        return tuple(sorted(name for name in self.streams if name != GPS))
+
+
+def file_path(root: Path, sensor: str, number: int) -> Path:
+    """Where the file of a frame is."""
+    return root / FOLDERS[sensor] / f"{number:06d}{_SUFFIXES[sensor]}"
+
+
+def sequences(source: Path) -> list[Path]:
+    """Folders of sequences: `source`, or all in it that are one, by name.
+
+    Raises:
+        LogError: where there is none.
+    """
+    require_folder(source)
+    if _is_sequence(source):
+        return [source]
+    found = sorted(path for path in source.iterdir() if path.is_dir() and _is_sequence(path))
+    if not found:
+        raise LogError(f"{source}: no sequence of RADIATE: no {POLAR}/ in it, nor in any folder in it")
+    return found
+
+
+def _is_sequence(path: Path) -> bool:
+    return (path / POLAR).is_dir() or (path / CARTESIAN).is_dir()
+
+
+def calibration_path(root: Path, chosen: Path | None) -> Path:
+    """Return the calibration that was chosen, or else the one in the sequence or in the folder of sequences.
+
+    Raises:
+        LogError: where there is none.
+    """
+    if chosen is not None:
+        return chosen
+    for folder in (root, root.resolve().parent):
+        if (folder / FILE_NAME).is_file():
+            return folder / FILE_NAME
+    raise LogError(
+        f"{root}: no {FILE_NAME} in it or beside it; name that of the SDK (config/{FILE_NAME}) with "
+        "--set calibration=FILE"
+    )
+
+
+def scan(root: Path, bad: BadInput) -> SequenceFiles:
+    """Find the files of a sequence and read their stamps.
+
+    Raises:
+        LogError: where there is no polar radar image, or a sensor has files and no table of stamps.
+    """
+    for name in (POLAR, f"{POLAR}.txt"):
+        if not (root / name).exists():
+            raise LogError(f"{root}: no {name}, without polar radar images it can't be imported")
+    streams = {}
+    for sensor, folder in FOLDERS.items():
+        if (root / folder).is_dir() or (root / f"{folder}.txt").is_file():
+            streams[sensor] = _stream(root, sensor, bad)
+    if not streams[RADAR].stamps:
+        raise LogError(f"{root / POLAR}: no image that {POLAR}.txt has a time of")
+    table = root / f"{CARTESIAN}.txt"
+    return SequenceFiles(root, streams, read_stamps(table, bad) if table.is_file() else {})
+
+
+def _stream(root: Path, sensor: str, bad: BadInput) -> Stream:
+    folder = root / FOLDERS[sensor]
+    numbers = _numbers(folder, _SUFFIXES[sensor]) if folder.is_dir() else set()
+    table = folder.with_name(f"{folder.name}.txt")
+    if not table.is_file():
+        raise LogError(f"{table}: no such file, so no file in {folder.name}/ has a time")
+    stamps = read_stamps(table, bad)
+    return Stream(
+        {number: stamp for number, stamp in stamps.items() if number in numbers},
+        sorted(stamps.keys() - numbers),
+        sorted(numbers - stamps.keys()),
+    )
+
+
+def _numbers(folder: Path, suffix: str) -> set[int]:
+    names = (path.stem for path in folder.glob(f"*{suffix}"))
+    return {int(name) for name in names if len(name) == 6 and name.isascii() and name.isdecimal()}
+
+
+@dataclass(frozen=True)
+class Span:
+    """From when to when messages are imported [ns], both included; `None`: all."""
+
+    first_ns: int | None
+    last_ns: int | None
+
+    def __contains__(self, stamp: int) -> bool:
+        return (self.first_ns is None or self.first_ns <= stamp) and (self.last_ns is None or stamp <= self.last_ns)
+
+
+def span_of(radar: Stream, frames: FrameRange, root: Path) -> Span:
+    """Return the span that belongs to the chosen radar frames: half a period before the first to half a period after
+    the last, where the period is the median distance of all radar stamps; everything where all are chosen.
+
+    Raises:
+        LogError: where there is none of them.
+    """
+    if frames.is_whole:
+        return Span(None, None)
+    chosen = [stamp for number, stamp in radar.stamps.items() if number in frames]
+    if not chosen:
+        raise LogError(f"{root}: no radar frame {frames}, there are {min(radar.stamps)} to {max(radar.stamps)}")
+    ordered = sorted(radar.stamps.values())
+    steps = sorted(b - a for a, b in pairwise(ordered))
+    half_ns = steps[len(steps) // 2] // 2 if steps else 0
+    return Span(min(chosen) - half_ns, max(chosen) + half_ns)
+
+
+def dues(files: SequenceFiles, frames: FrameRange, gps_offset_ns: int) -> list[Due]:
+    """Return what is to be imported, by time: chosen radar frames, and of other sensors what lies in their span.
+
+    Poses more than 2 s away from all of it are left out, and all but the first of equal stamps: the recorder wrote
+    some fixes twice.
+    """
+    span = span_of(files.streams[RADAR], frames, files.root)
+    sensors = [due for due in _all_dues(files) if due.number in frames or due.sensor != RADAR]
+    sensors = [due for due in sensors if due.sensor == RADAR or due.stamp_ns in span]
+    first = max(min(due.stamp_ns for due in sensors) - _GPS_MARGIN_NS, 0)
+    around = Span(first, max(due.stamp_ns for due in sensors) + _GPS_MARGIN_NS)
+    return sorted([*sensors, *_poses(files, gps_offset_ns, span, around)], key=_order)
+
+
+def _order(due: Due) -> tuple[int, int, int]:
+    return due.stamp_ns, due.rank, due.number
+
+
+def _all_dues(files: SequenceFiles) -> Iterator[Due]:
+    for rank, sensor in enumerate(FOLDERS):
+        if sensor != GPS and sensor in files.streams:
+            for number, stamp in files.streams[sensor].stamps.items():
+                yield Due(stamp, rank, number, sensor)
+
+
+def _poses(files: SequenceFiles, offset_ns: int, span: Span, around: Span) -> Iterator[Due]:
+    if GPS not in files.streams:
+        return
+    rank, seen = list(FOLDERS).index(GPS), set()
+    for number, recorded in files.streams[GPS].stamps.items():
+        stamp = recorded + offset_ns
+        if stamp in span and stamp in around and stamp not in seen:
+            seen.add(stamp)
+            yield Due(stamp, rank, number, GPS)

@@ -1,0 +1,24 @@
+"""Every built-in importer keeps the promises of its protocol, on real recordings."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fbench.datasets.astyx import Astyx
+from fbench.datasets.kitti import Kitti
+from fbench.datasets.radiate import Radiate
+from fbench.replay.protocols import Importer
+from fbench.replay.testing import check_importer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "folder"),
+    [(Astyx, "astyx"), (Kitti, "kitti_object"), (Kitti, "kitti_tracking"), (Radiate, "radiate_tiny_foggy")],
+)
+def test_importer_keeps_what_its_protocol_promises(shared: Path, make: Callable[[], Importer], folder: str) -> None:
+    source = shared / "data" / folder
+    if not source.is_dir():
+        pytest.skip(f"real recordings are not at {source}")
+    check_importer(make, source)
