@@ -29,16 +29,16 @@ def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shap
     Raises:
         DataError: naming field, expected and got.
     """
-    array = np.asarray(value)
-    expected = f"{np.dtype(dtype).name} ({', '.join(str(sizes.get(str(s), s)) for s in shape)})"
-    got = f"{array.dtype.name} {array.shape}"
-    if not _castable(array, np.dtype(dtype)) or array.ndim != len(shape):
-        raise DataError(f"{owner}.{field}: expected {expected}, got {got}")
-    for want, have in zip(shape, array.shape, strict=True):
-        fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
-        if fixed != have:
-            raise DataError(f"{owner}.{field}: expected {expected}, got {got}")
-    return _frozen(array, np.dtype(dtype))
+    array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
+    fits = array.ndim == len(shape) and _castable(array, wanted)
+    if fits:
+        for want, have in zip(shape, array.shape, strict=True):
+            fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
+            fits = fits and fixed == have
+    if not fits:
+        expected = f"{wanted.name} ({', '.join(str(known.get(str(s), s)) for s in shape)})"
+        raise DataError(f"{owner}.{field}: expected {expected}, got {array.dtype.name} {array.shape}")
+    return _frozen(array, wanted)
 
 
 def text_array(texts: Sequence[str]) -> Text:
@@ -66,7 +66,7 @@ def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
 def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
     if dtype.kind == "U":
         return array.dtype.kind == "U" or array.size == 0
-    return array.size == 0 or np.can_cast(array.dtype, dtype, "safe")
+    return array.dtype == dtype or array.size == 0 or np.can_cast(array.dtype, dtype, "safe")
 
 
 def _frozen(array: Array, dtype: np.dtype[Any]) -> Array:

@@ -12,7 +12,7 @@ from fbench.replay.manifest import Manifest
 from fbench.replay.pipeline_name import PipelineName, parse_name
 from fbench.replay.store import FrameRecord
 
-_NEEDED = re.compile(r"reference|radar\..+")
+_NEEDED = re.compile(r"reference|radar\..+|kitti\.camera0")
 """Keys of a log's metadata that pipelines and reports read."""
 _FILE = re.compile(r"[/\\]|\w\.[A-Za-z]")
 """What texts have in which a file may be named."""

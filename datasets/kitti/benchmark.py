@@ -18,9 +18,11 @@ from fbench.replay.imports.files import read_floats, read_image
 from fbench.replay.imports.identity import log_id
 from fbench.replay.imports.imported import Imported, OtherResult
 from fbench.replay.imports.wish import ImportWish
+from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.logs.tree import BODY
 
 FACTS = {
-    "kitti.camera0": "body",
+    CAMERA0: BODY,
     "licence": "CC BY-NC-SA 3.0",
     "truth.coordinates": "3D boxes in rectified camera 0, its axes turned: x forward, y left, z up",
     "truth.occlusion": "0 fully visible, 1 partly occluded, 2 largely occluded, 3 unknown",

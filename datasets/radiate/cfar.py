@@ -68,24 +68,26 @@ def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64
 
 def clutter(power: Array, guard: int, training: int) -> Float32:
     """Mean power (R, A) of the training cells of each cell; infinite where it has none."""
-    columns = np.ascontiguousarray(power.T)  # sums run along rows of memory
-    num = columns.shape[1]
-    pad = min(guard + training, num) + 1
-    sums = np.zeros((len(columns), num + 2 * pad + 1), np.float32)  # exact: grey values sum to less than 2^24
-    np.cumsum(columns, axis=1, dtype=np.float32, out=sums[:, pad + 1 : pad + 1 + num])
-    sums[:, pad + 1 + num :] = sums[:, pad + num, None]
-    cells = np.concatenate([np.zeros(pad), np.arange(num + 1), np.full(pad, num)]).astype(np.float32)
-    edges = [min(max(pad + edge, 0), 2 * pad) for edge in (-guard - training, -guard, guard + 1, guard + 1 + training)]
-    total, count = (_between(of, edges, num) for of in (sums, cells))
-    mean: Float32 = np.where(count > 0, total / np.maximum(count, 1), np.float32(np.inf)).T
+    sums, cells = (_around(of, guard, training) for of in (power, np.ones((len(power), 1), power.dtype)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean: Float32 = sums / cells
+    mean[cells[:, 0] == 0] = np.inf
     return mean
 
 
-def _between(sums: Float32, edges: list[int], num: int) -> Float32:
-    """From running sums, those of the training cells on both sides of `num` cells."""
-    a, b, c, d = (sums[..., edge : edge + num] for edge in edges)
-    between: Float32 = b - a + d - c
-    return between
+def _around(cells: Array, guard: int, training: int) -> Float32:
+    """Sums (R, A) of the training cells; exact, since grey values of a column sum to less than 2^24."""
+    wide, narrow = (_sums(cells, min(reach, len(cells))) for reach in (guard + training, guard))
+    around: Float32 = wide - narrow
+    return around
+
+
+def _sums(cells: Array, reach: int) -> Float32:
+    """Sums (R, A) over `reach` cells on either side and the cell itself, along range."""
+    import cv2
+
+    size = (1, 2 * reach + 1)
+    return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
 
 
 def _peaks(power: Array) -> Bool:

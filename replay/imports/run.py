@@ -9,6 +9,7 @@ from typing import Literal
 from fbench.replay.data import LogInfo
 from fbench.replay.errors import ConfigError, FbenchError, LogError
 from fbench.replay.faults import FaultLog
+from fbench.replay.imports.ahead import ahead
 from fbench.replay.imports.check import checked_items
 from fbench.replay.imports.claim import claimed
 from fbench.replay.imports.items import LogItems
@@ -149,7 +150,7 @@ def _items(recording: Recording) -> Iterator[Item]:
     rig = recording.rig
     yield RigAt(0, rig)
     items = LogItems()
-    for imported in checked_items(recording.name, rig, recording.items()):
+    for imported in checked_items(recording.name, rig, ahead(iter(recording.items()))):
         try:
             yield from items.of(imported)
         except ValueError as error:

@@ -27,6 +27,8 @@ from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.imports.files import read_bytes, read_floats, read_image, read_text
 from fbench.replay.imports.identity import described, file_facts, log_id
 from fbench.replay.imports.wish import ImportWish
+from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.logs.tree import BODY
 from fbench.replay.protocols import Recording
 
 _STAMPS = (
@@ -82,6 +84,7 @@ class RawRecording:
         drive = self._drive
         date, _, kind = self.name.partition("_drive_")
         metadata = {
+            CAMERA0: BODY,
             "dataset": "KITTI raw",
             "licence": "CC BY-NC-SA 3.0",
             "date": date,
