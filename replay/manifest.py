@@ -1,16 +1,18 @@
 """The manifest of a run: what ran. Equal inputs give equal bytes; measured and host data live elsewhere."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.data import CameraModel, Kind, LogInfo, Mount, Rig
 from fbench.replay.errors import RunError
 from fbench.replay.secrets import clean_mapping
 
 FORMAT = 1
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Four = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
 class _Strict(BaseModel):
@@ -31,14 +33,14 @@ class MountEntry(_Strict):
     """A sensor's pose on the body."""
 
     kind: Kind
-    translation_m: list[float]
-    rotation_xyzw: list[float]
+    translation_m: _Three
+    rotation_xyzw: _Four
 
 
 class CameraEntry(_Strict):
     """Intrinsics of a camera."""
 
-    K: list[list[float]]
+    K: Annotated[list[_Three], Field(min_length=3, max_length=3)]
     size_wh: tuple[int, int]
     distortion_model: str
     distortion: list[float]

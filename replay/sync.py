@@ -284,13 +284,13 @@ class FrameBuffer:
         return min(near, key=lambda n: n[:2])[2] if near else None
 
     def _join(self, frame: _Open, message: Message) -> None:
-        """Take the message; of two of one sensor the nearer one stays, the earlier one on ties."""
+        """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
         other = frame.messages.get(message.sensor)
         if other is None:
             frame.messages[message.sensor] = message
             return
         self._unused[message.sensor] += 1
-        if abs(message.stamp_ns - frame.stamp_ns) < abs(other.stamp_ns - frame.stamp_ns):
+        if _rank(message, frame) < _rank(other, frame):
             frame.messages[message.sensor] = message
 
     def _wait(self, message: Message) -> None:
@@ -332,3 +332,9 @@ class FrameBuffer:
             frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
             dict.fromkeys(absent, f"{NOT_THERE} {wait_ms:g} ms"), frame.number,
         )  # fmt: skip
+
+
+def _rank(message: Message, frame: _Open) -> tuple[bool, int]:
+    """Order of messages that could be a frame's: those with its number first, then the nearest."""
+    is_own = message.frame_number is not None and message.frame_number == frame.number
+    return not is_own, abs(message.stamp_ns - frame.stamp_ns)

@@ -50,8 +50,9 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
     _require(list(make().names(source)) == names, "names() gives other names the second time")
     wish = ImportWish(tuple(names[:max_recordings]))
     first = dict(_seen(make(), source, wish))
-    _require(tuple(first) == wish.names, f"recordings() gives {list(first)}, wanted were {list(wish.names)}")
     second = dict(_seen(make(), source, ImportWish(wish.names)))
+    for found in (first, second):
+        _require(tuple(found) == wish.names, f"recordings() gives {list(found)}, wanted were {list(wish.names)}")
     for name, seen in first.items():
         _check(name, seen)
         _require(seen == second[name], f"{name}: is another the second time")
@@ -75,7 +76,9 @@ def _check(name: str, seen: _Seen) -> None:
 def _check_frames(importer: Importer, source: Path, name: str, whole: _Seen) -> None:
     numbers = sorted(whole.numbers)
     frames = FrameRange(numbers[0], numbers[len(numbers) // 2])
-    part = dict(_seen(importer, source, ImportWish((name,), frames)))[name]
+    found = dict(_seen(importer, source, ImportWish((name,), frames)))
+    _require(tuple(found) == (name,), f"recordings() gives {list(found)}, wanted was {name}")
+    part = found[name]
     outside = sorted(number for number in part.numbers if number not in frames)
     _require(not outside, f"{name}: gives frames {outside[:5]} where {frames} are wanted")
     _require(part.header["log_id"] != whole.header["log_id"], f"{name}: has the same id where other frames are wanted")
@@ -91,8 +94,7 @@ def _read(recording: Recording) -> _Seen:
     _require_cameras(recording.name, rig)
     digest, num, numbers = hashlib.blake2b(digest_size=16), 0, set[int]()
     for item in checked_items(recording.name, rig, recording.items()):
-        for part in _bytes(item):
-            digest.update(part)
+        digest.update(_digest(item).encode())
         num += 1
         if isinstance(item, Image | PointCloud | RadarScan | Truth) and item.frame_number is not None:
             numbers.add(item.frame_number)

@@ -2,22 +2,27 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat
 
 from fbench.replay.data import Boxes3D, CameraModel, Image, Kind, Mount, Rig
 from fbench.replay.errors import LogError
-from fbench.replay.geometry.transforms import quaternion, yaw_pitch_roll
-from fbench.replay.imports.files import read_bytes, read_image, require_folder
+from fbench.replay.geometry.transforms import yaw_pitch_roll
+from fbench.replay.imports.files import read_image, require_folder
+from fbench.replay.imports.listing import numbered
+from fbench.replay.imports.models import read_json
+from fbench.replay.imports.rigs import is_rotation, mount_of
 from fbench.replay.imports.wish import FrameRange
 
 CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
 CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
 KINDS: dict[str, Kind] = {CAMERA: "camera", LIDAR: "lidar", RADAR: "radar"}
 _SUFFIXES = {CAMERA: ".jpg", LIDAR: ".txt", RADAR: ".txt", CALIBRATION: ".json", TRUTH: ".json"}
+_DIGITS = 6
 _TOLERANCE = 1e-3
+"""Of the squared length of quaternions, which are written with few digits."""
 
 LABELS = {
     "Car": "car", "Truck": "truck", "Bus": "bus", "Trailer": "trailer", "Towed Object": "trailer",
@@ -67,7 +72,6 @@ class Objects(BaseModel):
 
 
 Files = Mapping[str, Mapping[int, Path]]
-_M = TypeVar("_M", bound=BaseModel)
 
 
 def scan(source: Path, frames: FrameRange) -> Files:
@@ -80,16 +84,11 @@ def scan(source: Path, frames: FrameRange) -> Files:
     for folder in (LIDAR, CALIBRATION):
         if not (source / folder).is_dir():
             raise LogError(f"{source}: not an Astyx folder, no {folder}/")
-    files = {folder: _numbered(source / folder, suffix, frames) for folder, suffix in _SUFFIXES.items()}
+    files = {folder: numbered(source / folder, (suffix,), _DIGITS, frames) for folder, suffix in _SUFFIXES.items()}
     for folder in (LIDAR, CALIBRATION):
         if not files[folder]:
             raise LogError(f"{source / folder}: no frames, expected files like 000001{_SUFFIXES[folder]}")
     return files
-
-
-def _numbered(folder: Path, suffix: str, frames: FrameRange) -> dict[int, Path]:
-    paths = (path for path in folder.glob(f"*{suffix}") if path.stem.isdecimal())
-    return {int(path.stem): path for path in sorted(paths) if int(path.stem) in frames}
 
 
 def read_rig(files: Files) -> Rig:
@@ -101,9 +100,9 @@ def read_rig(files: Files) -> Rig:
         LogError: naming the first calibration that differs, isn't rigid or lacks a sensor.
     """
     (_, first), *others = sorted(files[CALIBRATION].items())
-    calibration = _load(first, Calibration)
+    calibration = read_json(first, Calibration)
     for _, path in others:
-        if _load(path, Calibration) != calibration:
+        if read_json(path, Calibration) != calibration:
             raise LogError(f"{path}: calibration differs from {first.name}, import frames of one calibration at a time")
     data = {sensor.sensor_uid: sensor.calib_data for sensor in calibration.sensors}
     used = [name for name in KINDS if files[name]]
@@ -116,11 +115,9 @@ def read_rig(files: Files) -> Rig:
 
 def _mount(path: Path, name: str, data: CalibData) -> Mount:
     matrix = np.array(data.T_to_ref_COS)
-    rotation = matrix[:3, :3]
-    gram = (rotation[:, :, None] * rotation[:, None, :]).sum(axis=0)
-    if np.abs(gram - np.eye(3)).max() > _TOLERANCE or np.linalg.det(rotation) < 0:
+    if not is_rotation(matrix[:3, :3]):
         raise LogError(f"{path}: {name}: T_to_ref_COS isn't a rotation, its columns must be orthonormal within 1e-3")
-    return Mount(KINDS[name], matrix[:3, 3], quaternion(rotation))
+    return mount_of(KINDS[name], matrix)
 
 
 def _camera(path: Path, data: CalibData, files: Files) -> CameraModel:
@@ -153,7 +150,7 @@ def read_boxes(path: Path) -> Boxes3D:
     Raises:
         LogError: naming file and field.
     """
-    objects = _load(path, Objects).objects
+    objects = read_json(path, Objects).objects
     angles = np.array([_angles(path, o.orientation_quat) for o in objects]).reshape(-1, 3)
     return Boxes3D(
         center_m=np.array([o.center3d for o in objects]).reshape(-1, 3),
@@ -172,12 +169,3 @@ def _angles(path: Path, wxyz: tuple[float, float, float, float]) -> tuple[float,
     if abs(w * w + x * x + y * y + z * z - 1) > _TOLERANCE:
         raise LogError(f"{path}: orientation_quat isn't a unit quaternion: {w} {x} {y} {z}")
     return yaw_pitch_roll((x, y, z, w))
-
-
-def _load(path: Path, model: type[_M]) -> _M:
-    try:
-        return model.model_validate_json(read_bytes(path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise LogError(f"{path}: {where + ': ' if where else ''}{first['msg']}") from error

@@ -30,8 +30,9 @@ from fbench.datasets.astyx.tables import HOUR_US, LidarTable, read_lidar, read_r
 from fbench.replay.data import Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
 from fbench.replay.errors import LogError
 from fbench.replay.imports.files import require_folder
-from fbench.replay.imports.identity import log_id
+from fbench.replay.imports.identity import file_facts, log_id
 from fbench.replay.imports.wish import BadInput, ImportWish
+from fbench.replay.imports.words import counted, listed
 
 VELOCITY_PERIOD_MPS = 10.3936
 """The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""
@@ -99,7 +100,7 @@ class AstyxRecording:
     def info(self) -> LogInfo:
         """Facts of the set."""
         files = self._files
-        facts = [f"{name}/{number} {path.stat().st_size}" for name in files for number, path in files[name].items()]
+        facts = file_facts(self._source, [path for paths in files.values() for path in paths.values()])
         metadata = {
             "dataset": "Astyx HiRes2019",
             "licence": "CC BY-NC-SA 4.0",
@@ -199,7 +200,7 @@ def _truth(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable
 def _summary(files: Files, findings: _Findings) -> list[str]:
     lines = [*_stretch_lines(findings.frames), *_missing_lines(files, findings), *_box_lines(findings)]
     if findings.turns:
-        lines.append(f"time ran backwards before {_listed(findings.turns)}: whole hours were added")
+        lines.append(f"time ran backwards before frames {listed(findings.turns, _LISTED)}: whole hours were added")
     return [
         *lines,
         "stamps: all messages of a frame have the LiDAR's, the set records no time for camera, radar and boxes",
@@ -227,21 +228,14 @@ def _missing_lines(files: Files, findings: _Findings) -> Iterator[str]:
     counts = {folder: sum(number not in files[folder] for number in numbers) for folder in folders}
     yield "missing files: " + (", ".join(f"{folder} {count}" for folder, count in counts.items() if count) or "none")
     if findings.timeless:
-        yield f"left out, without LiDAR points and so without time: {_listed(findings.timeless)}"
+        yield f"left out, without LiDAR points and so without time: frames {listed(findings.timeless, _LISTED)}"
 
 
 def _box_lines(findings: _Findings) -> Iterator[str]:
-    classes = ", ".join(
-        f"{name} {count}" for name, count in sorted(findings.boxes.items(), key=lambda x: (-x[1], x[0]))
-    )
+    classes = counted(findings.boxes)
     yield f"boxes: {findings.boxes.total()}{f' ({classes})' if classes else ''}, without track ids"
     if findings.unlabelled:
         yield f"unlabelled frames: {findings.unlabelled}"
     unknown = sorted(name for name in findings.boxes if name not in LABELS)
     if unknown:
         yield f"classes that the set's specification lacks, taken as 'other': {', '.join(unknown)}"
-
-
-def _listed(numbers: list[int]) -> str:
-    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
-    return f"frames {', '.join(map(str, numbers[:_LISTED]))}{more}"

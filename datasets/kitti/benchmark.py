@@ -35,7 +35,6 @@ class FrameSet(Protocol):
     """The frames of one log."""
 
     name: str
-    folder: Path
     benchmark: Literal["tracking", "object"]
     period_ns: int
     """Between the stamps of frames that follow one another: none were published. That of frame N is N + 1 periods, as a

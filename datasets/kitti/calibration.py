@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
+from fbench.datasets.kitti.files import bounded_lines
 from fbench.datasets.kitti.rig import Calibration
 from fbench.replay.boxfiles.parse import number
-from fbench.replay.boxfiles.text import Line, lines
+from fbench.replay.boxfiles.text import Line
 from fbench.replay.data import Float64
 from fbench.replay.errors import LogError
+from fbench.replay.imports.rigs import is_pinhole, is_rotation
 
 _RECTIFICATION = ("R0_rect", "R_rect")
 _LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
@@ -20,7 +22,6 @@ _SHAPES: dict[str, tuple[int, int]] = {
     **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
 }
 """The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
-_TOLERANCE = 1e-3
 _MAX = 1e6
 
 
@@ -51,7 +52,7 @@ def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) ->
 
 def _matrices(path: Path) -> Mapping[str, Float64]:
     found: dict[str, Float64] = {}
-    for line in lines(path):
+    for line in bounded_lines(path):
         key = line.fields[0].removesuffix(":")
         if key in found:
             raise LogError(f"{line.where}: {key} a second time")
@@ -68,24 +69,12 @@ def _matrix(line: Line, key: str) -> Float64:
     values = np.array([number(text, line.where, key) for text in texts]).reshape(rows, columns)
     if not np.all(np.abs(values) < _MAX):  # also false for NaN
         raise LogError(f"{line.where}: {key} has a number that isn't finite, or is beyond all reason")
-    if key.startswith("P"):
-        _require_projection(values, line, key)
-    else:
-        _require_rotation(values[:, :3], line, key)
-    return values
-
-
-def _require_projection(P: Float64, line: Line, key: str) -> None:
-    """P = K [I | t] with K an upper triangle."""
-    K = P[:, :3]
-    if K[0, 0] <= 0 or K[1, 1] <= 0 or np.any(np.tril(K, -1)) or K[2, 2] != 1:
+    is_projection, square = key.startswith("P"), values[:, :3]
+    if is_projection and not is_pinhole(square):
         raise LogError(f"{line.where}: {key} isn't a camera's projection, expected fx 0 cx tx 0 fy cy ty 0 0 1 tz")
-
-
-def _require_rotation(R: Float64, line: Line, key: str) -> None:
-    gram = (R[:, :, None] * R[:, None, :]).sum(axis=0)
-    if np.abs(gram - np.eye(3)).max() > _TOLERANCE or np.linalg.det(R) < 0:
-        raise LogError(f"{line.where}: {key} isn't a rotation, its columns must be orthonormal within {_TOLERANCE}")
+    if not is_projection and not is_rotation(square):
+        raise LogError(f"{line.where}: {key} isn't a rotation, its columns must be orthonormal within 1e-3")
+    return values
 
 
 def _any(found: Mapping[str, Float64], keys: tuple[str, str]) -> Float64 | None:

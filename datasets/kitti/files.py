@@ -1,13 +1,13 @@
 """Finding the files of the object and tracking benchmarks."""
 
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from fbench.datasets.kitti.rig import LIDAR, camera_name
 from fbench.replay.boxfiles.text import Line, lines
-from fbench.replay.errors import LimitError, LogError
-from fbench.replay.imports.wish import FrameRange
+from fbench.replay.errors import LimitError
+from fbench.replay.imports.files import require_file
+from fbench.replay.imports.listing import entries, is_number
 
 SPLITS = ("training", "testing")
 IMAGES = (".png", ".jpg")
@@ -27,31 +27,9 @@ def split_folders(source: Path) -> Mapping[str, Path]:
     return {"": inner[0] if inner else source}
 
 
-def numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange) -> dict[int, Path]:
-    """Return the files of a folder that are named by a number of so many digits, sorted; none where it isn't there.
-
-    Raises:
-        LogError: where the folder can't be read.
-    """
-    found = {int(p.stem): p for p in entries(folder) if p.suffix in suffixes and _is_number(p.stem, digits)}
-    return {number: found[number] for number in sorted(found) if number in frames}
-
-
 def numbered_folders(folder: Path, digits: int) -> list[str]:
     """Return the names of the folders inside one that are numbers of so many digits, sorted."""
-    return [path.name for path in entries(folder) if _is_number(path.name, digits) and path.is_dir()]
-
-
-def entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, sorted by name; nothing where there is no such folder.
-
-    Raises:
-        LogError: where it can't be read.
-    """
-    try:
-        return sorted(folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise LogError(f"{folder}: {error.strerror}") from error
+    return [path.name for path in entries(folder) if is_number(path.name, digits) and path.is_dir()]
 
 
 def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
@@ -61,10 +39,8 @@ def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
         LogError: where it can't be read, or isn't UTF-8.
         LimitError: where it is too large.
     """
+    if path.exists():
+        require_file(path)
     if path.is_file() and (size := path.stat().st_size) > _MAX_TEXT_BYTES:
         raise LimitError(f"{path}: {size} bytes, more than {_MAX_TEXT_BYTES}; no such file of KITTI is that large")
     return lines(path, "," if comma else None)
-
-
-def _is_number(text: str, digits: int) -> bool:
-    return re.fullmatch(f"[0-9]{{{digits}}}", text) is not None

@@ -8,6 +8,7 @@ from fbench.datasets.kitti.labels import CLASSES
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.boxfiles.kitti_rows import DONT_CARE
 from fbench.replay.boxfiles.rows import Labelled
+from fbench.replay.imports.words import counted, listed, listed_runs, runs
 
 _LISTED = 20
 
@@ -43,7 +44,7 @@ class Findings:
         yield "files: " + (", ".join(f"{name} {len(paths)}" for name, paths in files.items()) or "none of sensors")
         for name, paths in files.items():
             if lost := [number for number in numbers if number not in paths]:
-                yield f"missing files: {name} {len(lost)} (frames {_ranges(lost)})"
+                yield f"missing files: {name} {len(lost)} (frames {listed_runs(runs(lost), _LISTED)})"
         yield from self._label_lines(len(numbers))
         if self._frames_with_results:
             counts = ", ".join(f"{num} in {kind}" for kind, num in self._num_results.items() if num) or "none"
@@ -56,22 +57,10 @@ class Findings:
         num = self._classes.total() - self._classes[DONT_CARE]
         tracks = f", {len(self._tracks)} tracks" if self._tracks else ", without track ids"
         yield f"boxes: {num}{tracks}; {self._classes[DONT_CARE]} DontCare regions"
-        classes = [f"{name} {count}" for name, count in sorted(self._classes.items()) if name != DONT_CARE]
-        yield f"classes: {', '.join(classes) or 'none'}"
+        classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
+        yield f"classes: {counted(classes) or 'none'}"
         yield f"frames without boxes: {self._empty}"
         if self._unlabelled:
             yield f"unlabelled frames: {self._unlabelled}"
         if unknown := sorted(name for name in self._classes if name not in CLASSES):
-            yield f"classes that the benchmark lacks, taken by their names: {', '.join(unknown[:_LISTED])}"
-
-
-def _ranges(numbers: Sequence[int]) -> str:
-    """Such as 3, 177-180."""
-    ranges: list[list[int]] = []
-    for number in numbers:
-        if ranges and number == ranges[-1][-1] + 1:
-            ranges[-1] = [ranges[-1][0], number]
-        else:
-            ranges.append([number])
-    more = f" and {len(ranges) - _LISTED} stretches more" if len(ranges) > _LISTED else ""
-    return ", ".join("-".join(map(str, part)) for part in ranges[:_LISTED]) + more
+            yield f"classes that the benchmark lacks, taken by their names: {listed(unknown, _LISTED)}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from fbench.datasets.kitti.calibration import read_calibration
-from fbench.datasets.kitti.files import IMAGES, POINTS, numbered
+from fbench.datasets.kitti.files import IMAGES, POINTS
 from fbench.datasets.kitti.labels import CAMERA, frame_rows, object_label
 from fbench.datasets.kitti.results import OBJECT_DIGITS, FrameResults, frame_results
 from fbench.datasets.kitti.rig import LIDAR, camera_name, rig_of
@@ -18,20 +18,20 @@ from fbench.replay.boxfiles.rows import Labelled
 from fbench.replay.data import Float64, Pose, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.imports.identity import file_facts
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.replay.imports.listing import numbered
+from fbench.replay.imports.wish import BadInput, ImportWish
 
 LABELS = "label_2"
 PERIOD_NS = 10_000_000_000
 _CAMERAS = {camera_name(number): number for number in (2, 3)}
 _FOLDERS = {**{f"image_{number}": (name, IMAGES) for name, number in _CAMERAS.items()}, "velodyne": (LIDAR, POINTS)}
 """Sensor and suffixes by the folder of its files."""
-_ALL = FrameRange()
 
 
 def has_frames(folder: Path) -> bool:
     """Tell whether a folder holds frames of the benchmark."""
     folders = {LABELS: (".txt",), **{inner: suffixes for inner, (_, suffixes) in _FOLDERS.items()}}
-    return any(numbered(folder / inner, suffixes, OBJECT_DIGITS, _ALL) for inner, suffixes in folders.items())
+    return any(numbered(folder / inner, suffixes, OBJECT_DIGITS) for inner, suffixes in folders.items())
 
 
 class ObjectFrames:

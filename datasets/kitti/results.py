@@ -6,7 +6,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-from fbench.datasets.kitti.files import numbered
 from fbench.datasets.kitti.labels import CAMERA, Parse, SequenceRows, boxes_2d, boxes_3d, frame_rows, sequence_rows
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.boxfiles.digest import digest_of
@@ -17,10 +16,10 @@ from fbench.replay.boxfiles.recognise import recognised
 from fbench.replay.boxfiles.rows import Labelled
 from fbench.replay.boxfiles.text import Line
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.imports.listing import numbered
 from fbench.replay.imports.wish import BadInput, FrameRange
 
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
-_ALL = FrameRange()
 
 
 def _tracked(line: Line) -> Labelled:
@@ -108,7 +107,7 @@ def results_folder(folder: Path) -> Path:
     if not folder.is_dir():
         raise ConfigError(f"--detections {folder}: {'not a folder' if folder.exists() else 'no such folder'}")
     for inner in (folder, folder / "data"):
-        if any(numbered(inner, (".txt",), digits, _ALL) for digits in (TRACKING_DIGITS, OBJECT_DIGITS)):
+        if any(numbered(inner, (".txt",), digits) for digits in (TRACKING_DIGITS, OBJECT_DIGITS)):
             return inner
     raise ConfigError(f"--detections {folder}: no file like 0000.txt (a sequence) or 000000.txt (a frame)")
 

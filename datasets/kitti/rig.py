@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.data import CameraModel, Float64, Kind, Mount, Rig
-from fbench.replay.geometry.transforms import inverse, quaternion
+from fbench.replay.data import CameraModel, Float64, Rig
+from fbench.replay.geometry.transforms import inverse
+from fbench.replay.imports.rigs import BODY_T_OPTICAL, mount_of
 
 LIDAR = "velodyne"
-BODY_T_CAMERA0: Float64 = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
+BODY_T_CAMERA0 = BODY_T_OPTICAL
 """(4, 4) from the rectified camera 0 (x right, y down, z forward) to the body.
 
 Body coordinates have their origin in the rectified camera 0, so that labels, which are given there and stand upright
@@ -59,17 +60,13 @@ def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], ha
         K = P[:, :3]
         camera0_T_camera = np.eye(4)
         camera0_T_camera[:3, 3] = -np.linalg.solve(K, P[:, 3])
-        mounts[camera_name(number)] = _mount("camera", BODY_T_CAMERA0 @ camera0_T_camera)
+        mounts[camera_name(number)] = mount_of("camera", BODY_T_CAMERA0 @ camera0_T_camera)
         cameras[camera_name(number)] = CameraModel(np.array(K), size_wh)
     if has_lidar:
         if calibration.camera0_T_velo is None:
             raise ValueError("the calibration doesn't tell where the LiDAR is")
-        mounts[LIDAR] = _mount("lidar", BODY_T_CAMERA0 @ calibration.camera0_T_velo)
+        mounts[LIDAR] = mount_of("lidar", BODY_T_CAMERA0 @ calibration.camera0_T_velo)
     return Rig(mounts, cameras)
-
-
-def _mount(kind: Kind, body_T_sensor: Float64) -> Mount:
-    return Mount(kind, body_T_sensor[:3, 3], quaternion(body_T_sensor[:3, :3]))
 
 
 def world_T_body(world_T_imu: Float64, calibration: Calibration) -> Float64 | None:

@@ -4,13 +4,14 @@
 A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KITTI Vision Benchmark Suite", CVPR 2012.
 """
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 from fbench.datasets.kitti.calibration import read_calibration
-from fbench.datasets.kitti.files import SENSORS, entries, numbered, numbered_folders
+from fbench.datasets.kitti.files import SENSORS, numbered_folders
 from fbench.datasets.kitti.labels import CAMERA, MAX_FRAMES, SequenceRows, sequence_rows, tracking_label
 from fbench.datasets.kitti.results import TRACKING_DIGITS, SequenceResults, sequence_results
 from fbench.datasets.kitti.rig import LIDAR, Calibration, camera_name, rig_of
@@ -21,18 +22,18 @@ from fbench.replay.boxfiles.text import frame_number, lines
 from fbench.replay.data import Pose, Rig
 from fbench.replay.errors import LimitError, LogError
 from fbench.replay.imports.identity import file_facts
-from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.replay.imports.listing import entries, numbered
+from fbench.replay.imports.wish import ImportWish
 
 LABELS = "label_02"
 PERIOD_NS = 100_000_000
 _FRAME_DIGITS = 6
 _CAMERAS = {camera_name(number): number for number in (2, 3)}
-_ALL = FrameRange()
 
 
 def sequences(folder: Path) -> list[str]:
     """Names of the sequences that have labels or files of sensors, sorted; empty where there are none."""
-    named = {path.stem for path in numbered(folder / LABELS, (".txt",), TRACKING_DIGITS, _ALL).values()}
+    named = {path.stem for path in numbered(folder / LABELS, (".txt",), TRACKING_DIGITS).values()}
     return sorted(named.union(*(numbered_folders(folder / sensor, TRACKING_DIGITS) for sensor in SENSORS)))
 
 
@@ -59,7 +60,7 @@ class TrackingFrames:
     @cached_property
     def _all_files(self) -> Mapping[str, Mapping[int, Path]]:
         found = {
-            sensor: numbered(self.folder / sensor / self._sequence, suffixes, _FRAME_DIGITS, _ALL)
+            sensor: numbered(self.folder / sensor / self._sequence, suffixes, _FRAME_DIGITS)
             for sensor, suffixes in SENSORS.items()
         }
         return {sensor: paths for sensor, paths in found.items() if paths}
@@ -88,7 +89,7 @@ class TrackingFrames:
     @cached_property
     def _rows(self) -> SequenceRows | None:
         path = self._label_path
-        return sequence_rows(path, tracking_label, self._wish.frames, self._wish.bad) if path.is_file() else None
+        return sequence_rows(path, tracking_label, self._wish.frames, self._wish.bad) if os.path.lexists(path) else None
 
     @property
     def _label_path(self) -> Path:

@@ -3,6 +3,7 @@
 import sqlite3
 from collections.abc import Iterable, Iterator
 from itertools import islice
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from fbench.replay.errors import LogError
@@ -89,7 +90,7 @@ class Database:
     def __init__(self) -> None:
         # SQLite removes an unnamed database itself, also where the process is killed.
         self._sqlite = sqlite3.connect("", isolation_level=None, check_same_thread=False)
-        for pragma in ("journal_mode=OFF", "synchronous=OFF", "cache_size=-65536"):
+        for pragma in ("journal_mode=OFF", "synchronous=OFF", "cache_size=-65536"):  # KiB
             self._sqlite.execute(f"PRAGMA {pragma}")
         self._sqlite.executescript(_TABLES)
 
@@ -97,8 +98,8 @@ class Database:
         """Remove all rows."""
         self._sqlite.close()
 
-    def fill(self, table: str, rows: Iterable[tuple[Any, ...]]) -> None:
-        """Add all rows of a table, whose tokens must differ where it is `pose`.
+    def fill(self, table: str, rows: Iterable[tuple[Any, ...]], path: Path) -> None:
+        """Add all rows of a table, which come from a file; their tokens must differ where it is `pose`.
 
         Raises:
             LogError: where two poses have the same token, or the disk is full.
@@ -113,7 +114,7 @@ class Database:
         except sqlite3.IntegrityError as error:
             query = "SELECT token FROM pose GROUP BY token HAVING count(*) > 1 ORDER BY token LIMIT 1"
             token = self._sqlite.execute(query).fetchone()[0]
-            raise LogError(f"ego_pose.json: two rows have the token '{token}'") from error
+            raise LogError(f"{path}: two rows have the token '{token}'") from error
         except sqlite3.Error as error:
             raise LogError(f"the temporary file for the tables can't be written ({error}); see TMPDIR") from error
 

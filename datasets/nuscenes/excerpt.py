@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from fbench.datasets.nuscenes.rows import MAX_US
 from fbench.datasets.nuscenes.scenes import Instant
 from fbench.replay.imports.wish import FrameRange
 
@@ -34,13 +35,10 @@ class Excerpt:
         """
         if is_key:
             return sample in self.samples
-        return self.sweeps and len(self.samples) > 0 and self._begin_us <= stamp_us < self._end_us
+        return self.sweeps and len(self.samples) > 0 and stamp_us in self._stamps_us
 
     @cached_property
-    def _begin_us(self) -> float:
-        return self.chain[self.samples.start].stamp_us if self.samples.start else 0
-
-    @cached_property
-    def _end_us(self) -> float:
-        stop = self.samples.stop
-        return self.chain[stop].stamp_us if stop < len(self.chain) else float("inf")
+    def _stamps_us(self) -> range:
+        first, stop = self.samples.start, self.samples.stop
+        begin_us = self.chain[first].stamp_us if first else 0
+        return range(begin_us, self.chain[stop].stamp_us if stop < len(self.chain) else MAX_US + 1)

@@ -43,9 +43,10 @@ class Filling:
         Raises:
             LogError: where one can't be used.
         """
-        database.fill("data", self._data())
-        database.fill("pose", self._poses())
-        database.fill("annotation", self._annotations())
+        path = self._tables.folder.table
+        database.fill("data", self._data(), path("sample_data"))
+        database.fill("pose", self._poses(), path("ego_pose"))
+        database.fill("annotation", self._annotations(), path("sample_annotation"))
 
     def _data(self) -> Iterator[DataRow]:
         for row, place in self._placed("sample_data"):

@@ -1,7 +1,7 @@
 """What the import of a scene met, for its summary."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from fbench.datasets.nuscenes.excerpt import Excerpt
 from fbench.datasets.nuscenes.truth import LABELS
 from fbench.replay.data import KINDS, Boxes3D, Rig
+from fbench.replay.imports.words import counted, listed
 
 _LISTED = 10
 
@@ -56,7 +57,7 @@ def _sensor_lines(found: Findings, excerpt: Excerpt, rig: Rig) -> Iterator[str]:
         if names:
             yield f"{kind}: {len(names)} ({', '.join(names)}), {keys} keyframes, {sweeps} sweeps"
     yield f"poses: {found.poses}"
-    gaps = [f"{name} {_listed(numbers)}" for name, numbers in sorted(found.gaps.items())]
+    gaps = [f"{name} {listed(numbers, _LISTED)}" for name, numbers in sorted(found.gaps.items())]
     yield f"samples without a keyframe: {'; '.join(gaps) or 'none'}"
 
 
@@ -69,16 +70,9 @@ def _box_lines(found: Findings) -> Iterator[str]:
     if not found.labelled:
         yield "boxes: none, the set isn't labelled"
         return
-    ranked = sorted(found.categories.items(), key=lambda item: (-item[1], item[0]))
-    names = ", ".join(f"{name} {count}" for name, count in ranked)
-    total = found.categories.total()
+    names, total = counted(found.categories), found.categories.total()
     facts = f"{len(found.tracks)} tracks, {found.with_velocity} with velocity"
     yield f"boxes: {total}{f' ({names})' if names else ''}, {facts}"
     unknown = sorted(name for name in found.categories if name not in LABELS)
     if unknown:
         yield f"categories that nuScenes lacks, taken as 'other': {', '.join(unknown)}"
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    more = f" and {len(numbers) - _LISTED} more" if len(numbers) > _LISTED else ""
-    return f"{', '.join(map(str, numbers[:_LISTED]))}{more}"

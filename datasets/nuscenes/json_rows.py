@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from fbench.replay.errors import LimitError, LogError
+from fbench.replay.imports.files import require_file
 
 _CHUNK = 2**20
 MAX_ROW = 4 * 2**20
@@ -22,6 +23,7 @@ def json_rows(path: Path) -> Iterator[dict[str, Any]]:
         LogError: where the file can't be read, isn't such an array, or is truncated; naming the row, counted from 0.
         LimitError: where a row is longer than `MAX_ROW`.
     """
+    require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as file:
             yield from _Window(path, file).rows()

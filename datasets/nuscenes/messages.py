@@ -171,7 +171,8 @@ def _cloud(path: Path, sensor: str, stamp_ns: int, frame_number: int | None) -> 
     """Read x, y, z [m], intensity (0 to 255) and ring of each point."""
     table = read_floats(path, 5)
     ring = table[:, 4]
-    if not np.all((ring >= 0) & (ring < 2**16)):
+    # Other numbers also tell of columns and bytes in another order.
+    if not np.all((ring >= 0) & (ring < 2**16) & (ring == np.floor(ring))):
         raise LogError(f"{path}: rings aren't numbers from 0 to 65535, expected x, y, z, intensity and ring")
     xyz, intensity = np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3])
     return PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, ring.astype(np.uint16), frame_number=frame_number)

@@ -8,6 +8,7 @@ from fbench.datasets.nuscenes.database import DataRow
 from fbench.datasets.nuscenes.tables import Tables
 from fbench.replay.data import CameraModel, Kind, Mount, Rig
 from fbench.replay.errors import LogError
+from fbench.replay.imports.rigs import is_pinhole
 
 
 def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
@@ -26,14 +27,13 @@ def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
                 f"{path}: {scene}: calibration or size of {row.channel} changes between '{first.token}' and "
                 f"'{row.token}'; import the parts one by one with --frames"
             )
-    kinds = kinds_of(firsts, tables)
+    kinds = _kinds(firsts, tables)
     mounts = {name: _mount(kinds[name], row, tables) for name, row in firsts.items()}
     cameras = {name: _camera(row, tables) for name, row in firsts.items() if kinds[name] == "camera"}
     return Rig(dict(sorted(mounts.items())), dict(sorted(cameras.items())))
 
 
-def kinds_of(rows: Mapping[str, DataRow], tables: Tables) -> dict[str, Kind]:
-    """Return what each sensor is, by name."""
+def _kinds(rows: Mapping[str, DataRow], tables: Tables) -> dict[str, Kind]:
     return {name: tables.sensor(tables.calibration(row.calibration)).modality for name, row in rows.items()}
 
 
@@ -57,11 +57,11 @@ def _mount(kind: Kind, row: DataRow, tables: Tables) -> Mount:
 
 
 def _camera(row: DataRow, tables: Tables) -> CameraModel:
-    K = tables.calibration(row.calibration).camera_intrinsic
-    if len(K) != 3 or K[0][0] <= 0 or K[1][1] <= 0 or K[2] != (0, 0, 1):
+    K = np.array(tables.calibration(row.calibration).camera_intrinsic)
+    if K.shape != (3, 3) or not is_pinhole(K):
         path = tables.folder.table("calibrated_sensor")
         raise LogError(f"{path}: row with token '{row.calibration}': camera_intrinsic isn't that of {row.channel}")
     if not (row.width and row.height):
         path = tables.folder.table("sample_data")
         raise LogError(f"{path}: row with token '{row.token}': an image of {row.channel} without width and height")
-    return CameraModel(np.array(K), (row.width, row.height))
+    return CameraModel(K, (row.width, row.height))

@@ -12,9 +12,10 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from fbench.datasets.nuscenes.json_rows import json_rows
 from fbench.replay.data import Kind
 from fbench.replay.errors import LogError
+from fbench.replay.imports.models import wrong_field
 
 _TOLERANCE = 1e-3
-_MAX_US = (2**63 - 1) // 1000
+MAX_US = (2**63 - 1) // 1000
 
 
 def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -29,7 +30,7 @@ Link = Annotated[str, Field(pattern=r"^[!-~]{0,64}$")]
 """A token; empty where there is none."""
 Words = Annotated[str, Field(max_length=4000)]
 """Any text; the limit makes pydantic refuse what isn't Unicode, too."""
-Microseconds = Annotated[int, Field(ge=0, le=_MAX_US)]
+Microseconds = Annotated[int, Field(ge=0, le=MAX_US)]
 Three = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Quaternion = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_unit)]
 """w, x, y, z."""
@@ -62,8 +63,8 @@ class Sample(Row):
 
     scene_token: Token
     timestamp: Microseconds
-    prev: Link
-    next: Link
+    prev: Link = ""
+    next: Link = ""
 
 
 class SampleData(Row):
@@ -115,8 +116,8 @@ class Annotation(Row):
     rotation: Quaternion
     num_lidar_pts: Count
     num_radar_pts: Count
-    prev: Link
-    next: Link
+    prev: Link = ""
+    next: Link = ""
 
 
 class Instance(Row):
@@ -158,11 +159,9 @@ def parsed(model: type[R], row: Mapping[str, Any], path: Path) -> R:
     try:
         return model.model_validate(row)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise LogError(
-            f"{path}: row with token '{str(row.get('token'))[:64]}': {where} is wrong ({first['msg']})"
-        ) from error
+        token, (field, why) = str(row.get("token"))[:64], wrong_field(error)
+        # Not `token: why`, of which nothing would be shown, as of any secret.
+        raise LogError(f"{path}: row with token '{token}': {field} is wrong ({why})") from error
 
 
 def parsed_rows(model: type[R], path: Path) -> Iterator[R]:

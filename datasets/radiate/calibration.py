@@ -8,17 +8,16 @@ from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from fbench.datasets.radiate.radar import SENSOR as RADAR
-from fbench.replay.data import CameraModel, Float64, Kind, Mount, Rig
+from fbench.replay.data import CameraModel, Float64, Kind, Rig
 from fbench.replay.errors import LogError
-from fbench.replay.geometry.transforms import inverse, quaternion
+from fbench.replay.geometry.transforms import inverse
+from fbench.replay.imports.models import first_wrong
+from fbench.replay.imports.rigs import BODY_T_OPTICAL, is_rotation, mount_of
 from fbench.replay.yaml_file import YamlFileError, read_yaml
 
 FILE_NAME = "default-calib.yaml"
 LIDAR, LEFT, RIGHT = "velo_lidar", "zed_left", "zed_right"
-_TOLERANCE = 1e-3
 _MM = 1e-3
-BODY_T_OPTICAL: Float64 = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], np.float64)
-"""(4, 4) from axes right, down, forward, in which the calibration gives positions, to the body's."""
 _OPTICAL_R_SENSOR: Float64 = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], np.float64)
 """(3, 3) from the LiDAR's axes, right, forward, up, to right, down, forward."""
 
@@ -80,19 +79,11 @@ def read_calibration(path: Path) -> Calibration:
     except YamlFileError as error:
         raise LogError(f"{path}: {error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise LogError(f"{path}: {where + ': ' if where else ''}{first['msg']}") from error
+        raise LogError(f"{path}: {first_wrong(error)}") from error
     stereo = calibration.stereo_calib
-    if stereo is not None:
-        _check_rotation(path, np.array(stereo.R))
-    return calibration
-
-
-def _check_rotation(path: Path, rotation: Float64) -> None:
-    gram = (rotation[:, :, None] * rotation[:, None, :]).sum(axis=0)
-    if not (np.abs(gram - np.eye(3)).max() <= _TOLERANCE and np.linalg.det(rotation) > 0):
+    if stereo is not None and not is_rotation(np.array(stereo.R)):
         raise LogError(f"{path}: stereo_calib.R isn't a rotation, its columns must be orthonormal within 1e-3")
+    return calibration
 
 
 def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Literal["stereo", "own"]) -> Rig:
@@ -111,7 +102,7 @@ def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Lit
         body_T[RIGHT] = body_T[LEFT] @ inverse(_right_T_left(calibration.stereo_calib))
     models = {LEFT: calibration.left_cam_calib, RIGHT: calibration.right_cam_calib}
     return Rig(
-        {name: _mount(_kind(name), body_T[name]) for name in sensors},
+        {name: mount_of(_kind(name), body_T[name]) for name in sensors},
         {name: _model(camera) for name, camera in models.items() if name in sensors},
     )
 
@@ -139,10 +130,6 @@ def _right_T_left(stereo: Stereo) -> Float64:
     result[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
     result[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * _MM
     return result
-
-
-def _mount(kind: Kind, body_T_sensor: Float64) -> Mount:
-    return Mount(kind, body_T_sensor[:3, 3], quaternion(body_T_sensor[:3, :3]))
 
 
 def _model(camera: Camera) -> CameraModel:

@@ -10,6 +10,7 @@ from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.datasets.radiate.stamps import read_stamps
 from fbench.replay.errors import LogError
 from fbench.replay.imports.files import require_folder
+from fbench.replay.imports.listing import entries, numbered
 from fbench.replay.imports.wish import BadInput, FrameRange
 
 GPS = "gps_imu"
@@ -18,6 +19,7 @@ ANNOTATIONS, META = Path("annotations/annotations.json"), Path("meta.json")
 FOLDERS: Mapping[str, str] = {RADAR: POLAR, LIDAR: LIDAR, LEFT: LEFT, RIGHT: RIGHT, GPS: "GPS_IMU_Twist"}
 """Of each sensor, in the order in which messages of one instant are written."""
 _SUFFIXES = {RADAR: ".png", LIDAR: ".csv", LEFT: ".png", RIGHT: ".png", GPS: ".txt"}
+_DIGITS = 6
 _GPS_MARGIN_NS = 2_000_000_000
 
 
@@ -67,7 +69,7 @@ class SequenceFiles:
 
 def file_path(root: Path, sensor: str, number: int) -> Path:
     """Where the file of a frame is."""
-    return root / FOLDERS[sensor] / f"{number:06d}{_SUFFIXES[sensor]}"
+    return root / FOLDERS[sensor] / f"{number:0{_DIGITS}d}{_SUFFIXES[sensor]}"
 
 
 def sequences(source: Path) -> list[Path]:
@@ -79,7 +81,7 @@ def sequences(source: Path) -> list[Path]:
     require_folder(source)
     if _is_sequence(source):
         return [source]
-    found = sorted(path for path in source.iterdir() if path.is_dir() and _is_sequence(path))
+    found = [path for path in entries(source) if path.is_dir() and _is_sequence(path)]
     if not found:
         raise LogError(f"{source}: no sequence of RADIATE: no {POLAR}/ in it, nor in any folder in it")
     return found
@@ -127,7 +129,7 @@ def scan(root: Path, bad: BadInput) -> SequenceFiles:
 
 def _stream(root: Path, sensor: str, bad: BadInput) -> Stream:
     folder = root / FOLDERS[sensor]
-    numbers = _numbers(folder, _SUFFIXES[sensor]) if folder.is_dir() else set()
+    numbers = set(numbered(folder, (_SUFFIXES[sensor],), _DIGITS))
     table = folder.with_name(f"{folder.name}.txt")
     if not table.is_file():
         raise LogError(f"{table}: no such file, so no file in {folder.name}/ has a time")
@@ -137,11 +139,6 @@ def _stream(root: Path, sensor: str, bad: BadInput) -> Stream:
         sorted(stamps.keys() - numbers),
         sorted(numbers - stamps.keys()),
     )
-
-
-def _numbers(folder: Path, suffix: str) -> set[int]:
-    names = (path.stem for path in folder.glob(f"*{suffix}"))
-    return {int(name) for name in names if len(name) == 6 and name.isascii() and name.isdecimal()}
 
 
 @dataclass(frozen=True)

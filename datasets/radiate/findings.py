@@ -10,6 +10,7 @@ from fbench.datasets.radiate.labels import LABELS
 from fbench.datasets.radiate.params import RadiateParams
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.data import VEHICLES, Boxes3D, Message, RadarScan
+from fbench.replay.imports.words import counted, listed, listed_runs, runs
 
 _LISTED = 5
 _LATE_S = 0.5
@@ -64,8 +65,7 @@ class Findings:
         if num_slots is None:
             yield "boxes: no labels"
             return
-        counts = sorted(self.classes.items(), key=lambda item: (-item[1], item[0]))
-        classes = ", ".join(f"{name} {num}" for name, num in counts)
+        classes = counted(self.classes)
         yield f"boxes: {self.classes.total()}{f' ({classes})' if classes else ''}, {len(self.tracks)} tracks"
         last = max([*files.streams[RADAR].stamps, *files.streams[RADAR].no_file])
         if num_slots != last:
@@ -73,7 +73,7 @@ class Findings:
         if self.unlabelled:
             yield f"unlabelled radar frames: {self.unlabelled}, beyond the slots of the labels"
         if unknown := sorted(self.classes.keys() - LABELS.keys()):
-            yield f"classes that the set lacks, taken as 'other': {', '.join(unknown[:_LISTED])}"
+            yield f"classes that the set lacks, taken as 'other': {listed(unknown, _LISTED)}"
         if self.wide:
             yield f"boxes wider than long: {self.wide}, as labelled"
         yield "boxes: heights and where they stand are assumed, labels are from above"
@@ -94,10 +94,10 @@ def _file_lines(files: SequenceFiles) -> Iterator[str]:
     for sensor, stream in files.streams.items():
         table = f"{FOLDERS[sensor]}.txt"
         if stream.no_file:
-            yield f"left out, without a file: {len(stream.no_file)} times of {table} ({_ranges(stream.no_file)})"
+            yield f"left out, without a file: {len(stream.no_file)} times of {table} ({_frames(stream.no_file)})"
         if stream.no_stamp:
             num = len(stream.no_stamp)
-            yield f"left out, without a time in {table}: {num} files ({_ranges(stream.no_stamp)})"
+            yield f"left out, without a time in {table}: {num} files ({_frames(stream.no_stamp)})"
     polar = files.streams[RADAR].stamps
     other = sum(files.cartesian.get(number, stamp) != stamp for number, stamp in polar.items())
     if other:
@@ -144,10 +144,5 @@ def _apart(seconds: float, late: str) -> str:
     return f"{abs(seconds):.2f} s {late if seconds >= 0 else other}"
 
 
-def _ranges(numbers: Sequence[int]) -> str:
-    """Frame numbers as ranges, the first ones."""
-    starts = [n for i, n in enumerate(numbers) if i == 0 or numbers[i - 1] != n - 1]
-    ends = [n for i, n in enumerate(numbers) if i == len(numbers) - 1 or numbers[i + 1] != n + 1]
-    texts = [str(a) if a == b else f"{a} to {b}" for a, b in zip(starts, ends, strict=True)]
-    more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
-    return f"frame{'s' if len(numbers) > 1 else ''} {', '.join(texts[:_LISTED])}{more}"
+def _frames(numbers: Sequence[int]) -> str:
+    return f"frame{'s' if len(numbers) > 1 else ''} {listed_runs(runs(numbers), _LISTED)}"

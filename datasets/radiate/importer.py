@@ -5,6 +5,7 @@ Perception in Bad Weather", ICRA 2021.
 """
 
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
@@ -13,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.radiate.calibration import Calibration, read_calibration, rig_of
+from fbench.datasets.radiate.calibration import LIDAR, Calibration, read_calibration, rig_of
 from fbench.datasets.radiate.files import (
     ANNOTATIONS,
+    GPS,
     META,
     Due,
     SequenceFiles,
@@ -88,7 +90,7 @@ class RadiateRecording:
     def _annotations(self) -> Annotations | None:
         path = self._root / ANNOTATIONS
         try:
-            return read_annotations(path, self._wish.bad) if path.exists() else None
+            return read_annotations(path, self._wish.bad) if os.path.lexists(path) else None
         except LogError as error:
             self._wish.bad.met(error)
             return None
@@ -147,15 +149,13 @@ class RadiateRecording:
     def _message(self, due: Due, poses: Poses) -> Message | None:
         path = self._files.path(due)
         try:
-            match due.sensor:
-                case "navtech":
-                    return scan_of(read_polar(path), due.stamp_ns, self._params.cfar)
-                case "velo_lidar":
-                    return read_sweep(path, due.stamp_ns)
-                case "gps_imu":
-                    return poses.pose(read_fix(path), due.stamp_ns)
-                case camera:
-                    return read_image(path, camera, due.stamp_ns, self.rig.cameras[camera].size_wh)
+            if due.sensor == RADAR:
+                return scan_of(read_polar(path), due.stamp_ns, self._params.cfar)
+            if due.sensor == LIDAR:
+                return read_sweep(path, due.stamp_ns)
+            if due.sensor == GPS:
+                return poses.pose(read_fix(path), due.stamp_ns)
+            return read_image(path, due.sensor, due.stamp_ns, self.rig.cameras[due.sensor].size_wh)
         except LogError as error:
             self._wish.bad.met(error)
             return None
@@ -190,4 +190,6 @@ def _meta(path: Path) -> dict[str, str]:
         raise LogError(f"{path}: isn't JSON ({str(error)[:100]})") from error
     if not isinstance(content, dict):
         raise LogError(f"{path}: expected an object with name, type, set and version")
-    return {ours: str(content[key])[:200] for key, ours in _META_KEYS.items() if key in content}
+    # As `errors` shows texts of others: half a surrogate pair can't be stored.
+    told = {ours: str(content[key])[:200] for key, ours in _META_KEYS.items() if key in content}
+    return {ours: "".join(c if c.isprintable() else " " for c in text) for ours, text in told.items()}

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, Field, StringConstraints, TypeAdapter, ValidationError
+from pydantic import BaseModel, Field, StringConstraints
 
 from fbench.datasets.radiate.radar import RANGE_STEP_M
 from fbench.replay.arrays import Array, Bool, text_array
 from fbench.replay.data import Boxes3D
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.transforms import wrap_angle
-from fbench.replay.imports.files import read_bytes
+from fbench.replay.imports.models import read_json
 from fbench.replay.imports.wish import BadInput
 
 CENTRE_PX = 576
@@ -85,14 +85,8 @@ def read_annotations(path: Path, bad: BadInput) -> Annotations:
     Raises:
         LogError: naming object and field that are wrong, or ids that aren't unique.
     """
-    try:
-        objects = TypeAdapter(list[Object]).validate_json(read_bytes(path))
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise LogError(f"{path}: {where + ': ' if where else ''}{first['msg']}") from error
     by_id: dict[int, Object] = {}
-    for i, o in enumerate(objects):
+    for i, o in enumerate(read_json(path, list[Object])):
         if o.id in by_id:
             bad.met(LogError(f"{path}: {i}: another object has the id {o.id} already"))
         else:

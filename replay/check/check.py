@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from fbench.replay.check.finding import Finding, finding, sort_key
+from fbench.replay.check.finding import Finding, Severity, finding, sort_key
 from fbench.replay.check.frames import FrameCheck, FrameStats
 from fbench.replay.check.payload import bad_pose, checked
 from fbench.replay.check.stats import StreamStats, stream_stats
@@ -13,7 +13,7 @@ from fbench.replay.check.time_rules import time_findings
 from fbench.replay.check.trial import Trial, missing_findings
 from fbench.replay.check.truth import TruthCheck
 from fbench.replay.check.truth_clock import TruthClock
-from fbench.replay.data import Frame, LogInfo, Message, Rig, RigChange
+from fbench.replay.data import BOXES, Frame, LogInfo, Message, Rig, RigChange
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FAULTS, FaultLog
 from fbench.replay.logs.container import Entry
@@ -206,9 +206,11 @@ class _Check:
             yield finding("CAL001", sensor, why)
         for s in stats:
             if s.num_messages == 0:
-                yield finding("CHK005", s.sensor, "the rig has it, but the log has no message of it", 0)
+                severity: Severity | None = "info" if self._reference == BOXES else None
+                text = "the rig has it, but the log has no message of it"
+                yield finding("CHK005", s.sensor, text, 0, severity=severity)
         for sensor, (stamp_ns, num) in sorted(self._bad_poses.items()):
             text = f"{num} poses aren't finite or have no rotation"
             yield finding("CHK006", sensor, text, num, f"stamp {stamp_ns} ns")
         if self._reference is None:
-            yield finding("CHK007", "", "no frames: no sensor has messages")
+            yield finding("CHK007", "", "no frames: neither sensors nor boxes have messages")

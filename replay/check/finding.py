@@ -90,10 +90,14 @@ RULES: Mapping[str, Rule] = {
         "messages aren't in the order of their log times",
     ),
     "CHK005": Rule(
-        "warning", "look whether the sensor was on and its topic recorded", "a sensor of the rig has no messages"
+        "warning",
+        "look whether the sensor was on and its topic recorded",
+        "a sensor of the rig has no messages; information where the log has boxes alone",
     ),
     "CHK006": Rule("error", "look at the localisation that wrote it", "a pose isn't finite or has no rotation"),
-    "CHK007": Rule("error", "record a LiDAR, camera or radar", "no sensor has messages, so there are no frames"),
+    "CHK007": Rule(
+        "error", "record a LiDAR, camera or radar", "neither sensors nor boxes have messages, so there are no frames"
+    ),
     "CHK008": Rule("error", "choose another pipeline, or record what it needs", "the pipeline can't start on this rig"),
     "CHK009": Rule(
         "warning",

@@ -76,7 +76,8 @@ def _rhythm(stats: StreamStats) -> Iterator[Finding]:
                 f"99 % within {_ms(stats.jitter_p99_ns)} of it")  # fmt: skip
         yield finding("CHK002", stats.sensor, text, stats.num_irregular)
     elif stats.num_lost:
-        text = f"about {stats.num_lost} messages were lost, beside {num} that are there"
+        lost = f"{stats.num_lost} {_plural('message', stats.num_lost)} {'was' if stats.num_lost == 1 else 'were'} lost"
+        text = f"about {lost}, beside {num} that are there"
         many = stats.num_lost > _MANY_LOST * (num + stats.num_lost)
         yield finding("CHK003", stats.sensor, text, stats.num_lost, severity="warning" if many else "info")
 

@@ -57,6 +57,8 @@ def main() -> None:
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     # Arrow's own allocator keeps what it once had, and tens of megabytes add up.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    # What is wrong with an image is told in one line, by who reads it.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # So that a cancelled job cleans up behind itself.
     signal.signal(signal.SIGTERM, _terminate)
     arguments = sys.argv[1:]

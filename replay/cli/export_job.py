@@ -25,7 +25,7 @@ def run_export(job: Export, as_json: bool) -> int:
             done.append(exported)
             with progress.finished(exported.num_frames):
                 if not as_json:
-                    printer.print(_line(exported), markup=False, soft_wrap=True)
+                    printer.print(_line(exported).replace("\n", " "), markup=False, soft_wrap=True)
     rows = faults.rows()
     if as_json:
         path = str(job.place.path)

@@ -140,4 +140,5 @@ def _content(log: ImportedLog) -> dict[str, object]:
 
 
 def _print(line: str) -> None:
-    console().print(line, markup=False, soft_wrap=True)
+    """Print one line, whatever names in it a dataset gave."""
+    console().print(line.replace("\n", " "), markup=False, soft_wrap=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 
 from fbench.replay.imports.run import ImportedLog
+from fbench.replay.imports.words import counted, listed
 
 _NUMBER = re.compile(r"(?<![\w.-])-?\d+(?:\.\d+)?(?![\w.]*\d)")
 _PAIR = r"\w[^:,()]* \d+"
@@ -102,12 +103,10 @@ def _subject_lines(title: str, subject: _Subject, num_logs: int) -> Iterator[str
         num = len({name for form in others for name in form.names})
         yield f"{title}: otherwise in {num} of {num_logs}, see --json"
     if subject.totals:
-        counts = sorted(subject.totals.items(), key=lambda item: (-item[1], item[0]))
-        yield f"{title}, in all: {', '.join(f'{name} {num}' for name, num in counts)}"
+        yield f"{title}, in all: {counted(subject.totals)}"
 
 
 def _shown(form: _Form, num_logs: int) -> str:
     if len(form.names) == num_logs:
         return str(form)
-    more = f" and {len(form.names) - _NAMED} more" if len(form.names) > _NAMED else ""
-    return f"{form} [{len(form.names)} of {num_logs}: {', '.join(form.names[:_NAMED])}{more}]"
+    return f"{form} [{len(form.names)} of {num_logs}: {listed(form.names, _NAMED)}]"

@@ -131,4 +131,6 @@ def _ms(value_ns: int | None) -> str:
 
 
 def _skew(s: StreamStats) -> str:
+    if s.skew_median_ns is None:
+        return "–"
     return f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"

@@ -25,7 +25,7 @@ def import_(
     ] = None,
     detections: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Take in another system's results, where the dataset's format has a place."),
+        typer.Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
     ] = None,
     settings: Settings = None,
     skip_bad: Annotated[
@@ -38,7 +38,7 @@ def import_(
     """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
     from fbench.replay.cli.import_job import ImportJob, run_import
 
-    wanted = [] if detections is None else [f"detections={detections}"]
+    wanted = [] if detections is None else [_detections(dataset, detections)]
     job = ImportJob(
         dataset=dataset,
         source=source,
@@ -52,3 +52,15 @@ def import_(
         as_json=json,
     )
     raise typer.Exit(run_import(job))
+
+
+def _detections(dataset: str, folder: Path) -> str:
+    from dataclasses import fields
+
+    from fbench.replay.errors import ConfigError
+    from fbench.replay.plugins import default_params, load
+
+    params = default_params(load("datasets", dataset))
+    if params is None or "detections" not in {f.name for f in fields(params)}:
+        raise ConfigError(f"--detections {folder}: the importer of {dataset} takes no other system's results")
+    return f"detections={folder}"

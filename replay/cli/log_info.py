@@ -15,6 +15,9 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs.storage import Storage
 from fbench.replay.survey import Stream, Survey, survey
 
+_MAX_VALUE = 300
+"""Of metadata on the terminal."""
+
 
 def show_info(log: LogSource, as_json: bool) -> int:
     """Print what a log holds; returns the exit code."""
@@ -98,11 +101,16 @@ def _form(form: Storage) -> str:
 
 
 def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
-    yield from (f"{key}: {value}" for key, value in sorted(result.info.metadata.items()))
+    yield from (f"{key}: {_short(value)}" for key, value in sorted(result.info.metadata.items()))
     yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
     yield from (f"new segment by log time: {why}" for why in result.breaks or ())
     yield from fault_lines(faults.rows())
     yield "not verified; see fbench log check"
+
+
+def _short(value: str) -> str:
+    """A list of tokens, say, is for programs."""
+    return value if len(value) <= _MAX_VALUE else f"{value[:_MAX_VALUE]}… ({len(value)} characters, all with --json)"
 
 
 def _streams(result: Survey) -> Table:
@@ -122,7 +130,7 @@ def _position(result: Survey, sensor: str) -> str:
     mount = result.known.rig.mounts.get(sensor)
     if mount is None:
         return "no calibration" if sensor in result.known.problems else ""
-    return ", ".join(f"{v:.2f}" for v in mount.translation_m)
+    return ", ".join(f"{v:z.2f}" for v in mount.translation_m)
 
 
 def _lens(result: Survey, s: Stream) -> str:

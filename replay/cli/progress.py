@@ -8,6 +8,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -20,9 +21,7 @@ from fbench.replay.secrets import without_secrets
 @contextmanager
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
         task = progress.add_task(_shown(title), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
@@ -54,23 +53,14 @@ class ImportProgress:
 @contextmanager
 def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
     """Show the progress of an import on stderr while the `with` block runs."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
         yield ImportProgress(progress, num_sequences)
 
 
 @contextmanager
 def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     """Show a running count of frames on stderr while the `with` block runs."""
-    console = Console(stderr=True)
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        TextColumn("{task.completed} frames"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with _progress(TextColumn("{task.completed} frames"), TimeElapsedColumn(), spins=True) as progress:
         task = progress.add_task(_shown(title), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
@@ -78,12 +68,16 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
 @contextmanager
 def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many replays are done, of how many, on stderr while the `with` block runs."""
-    console = Console(stderr=True)
-    done = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), *done)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), spins=True) as progress:
         task = progress.add_task(_shown(title), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def _progress(*columns: ProgressColumn, spins: bool = False) -> Progress:
+    """On stderr, where that is a terminal, and gone when it ends; spins where nobody knows how much there is."""
+    console = Console(stderr=True)
+    named = [*([SpinnerColumn()] if spins else []), TextColumn("{task.description}", markup=False)]
+    return Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _shown(title: str) -> str:

@@ -5,6 +5,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
 from fbench.replay.cli.fault_text import fault_lines
 from fbench.replay.cli.show import console, latency_table, null_reasons, print_json, score_table
 from fbench.replay.errors import ConfigError
@@ -25,13 +27,24 @@ def show_run(run: Run, as_json: bool) -> None:
         out.print(f"– {line}", markup=False)
     out.print()
     latency = run.json("latency.json")
-    out.print(latency_table(latency))
-    if latency.get("clock") == "log":
-        out.print("latency is from times of recording in the log, not measured here")
-    out.print(f"{latency['over_budget']} of {latency['frames']} frames over the budget of {latency['budget_ms']:g} ms")
+    _show_latency(out, latency)
     out.print()
     for line in _status(run):
         out.print(line, markup=False, soft_wrap=True)
+
+
+def _show_latency(out: Console, latency: dict[str, Any]) -> None:
+    if not any(stage["count"] or stage["first_ms"] is not None for stage in latency["stages"]):
+        out.print("latency: nothing was timed")
+        return
+    out.print(latency_table(latency))
+    if latency.get("clock") == "log":
+        out.print("latency is from times of recording in the log, not measured here")
+    over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
+    if num:
+        out.print(f"{over} of {num} {_plural('frame', num)} over the budget of {budget_ms:g} ms")
+    else:
+        out.print("the first frame isn't counted, and there is no other")
 
 
 def _status(run: Run) -> list[str]:
@@ -40,14 +53,16 @@ def _status(run: Run) -> list[str]:
     segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
     lines = [f"frames: {manifest.num_frames} in {segments}, {scored} with truth"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
-    lines += [f"missing: {what} in {num} frames" for what, num in sorted(missing.items())]
+    lines += [f"missing: {what} in {num} {_plural('frame', num)}" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")
     for sensor, num in counts["late_messages"].items():
-        lines += [f"late: {num} messages of {sensor} came after their frame was released"] if num else []
+        late = f"late: {num} {_plural('message', num)} of {sensor} came after"
+        lines += [f"{late} {'its' if num == 1 else 'their'} frame was released"] if num else []
     for sensor, num in counts["unused_messages"].items():
         # Poses between frames are used, to find those at the frames' instants.
         is_sensor = sensor in manifest.mounts
-        lines += [f"unused: {num} messages of {sensor}, which frames don't need"] if num and is_sensor else []
+        unused = f"unused: {num} {_plural('message', num)} of {sensor}, which frames don't need"
+        lines += [unused] if num and is_sensor else []
     lines += fault_lines(counts["rows"])
     if not manifest.complete:
         lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
@@ -64,6 +79,10 @@ def _pace(host: dict[str, Any]) -> str:
         f"pace: asked {host['rate']}x, achieved {achieved}, "
         f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
     )
+
+
+def _plural(noun: str, num: int) -> str:
+    return noun if num == 1 else f"{noun}s"
 
 
 def _kind(reason: str) -> str:

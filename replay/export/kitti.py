@@ -132,7 +132,7 @@ class _Writer:
         told = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
         alphas = [own if match is None else match[1] for own, match in zip(found, told, strict=True)]
         truncated = [_truncated(value, self._wish.is_tracking) for value in rows.column("truncation", np.nan).tolist()]
-        occluded = [-1 if np.isnan(value) else round(value) for value in rows.column("occlusion", np.nan).tolist()]
+        occluded = [round(value) if abs(value) < 1000 else -1 for value in rows.column("occlusion", np.nan).tolist()]
         return [
             f"-1 -1 {style.ignored_alpha}" if skip else f"{t} {o} {alpha}"
             for skip, t, o, alpha in zip(ignored, truncated, occluded, alphas, strict=True)
@@ -165,7 +165,7 @@ def _wrapped(angles: Float64) -> Float64:
 
 
 def _truncated(value: float, is_tracking: bool) -> str:
-    if np.isnan(value):
+    if not np.isfinite(value):
         return "-1"
     return f"{value:g}" if is_tracking else f"{value:.2f}"
 

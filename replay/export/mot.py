@@ -1,6 +1,7 @@
 """MOTChallenge: ground truth and results (https://motchallenge.net/instructions)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,13 @@ class _Writer:
         known = ignored | (rows.column("track_id", -1) >= 0)
         self._left.add("without a track id", int(np.count_nonzero(~known)))
         rows, ignored = rows[known], ignored[known]
-        ends = self._truths(rows, ignored) if self._is_truth else _scores(rows)
+        if self._is_truth:
+            names = self._classes(rows, ignored)
+            has: Bool = names != ""
+            self._left.add("of classes that MOTChallenge doesn't have", int(np.count_nonzero(~has)))
+            rows, ends = rows[has], _truths(rows[has], names[has].tolist(), ignored[has])
+        else:
+            ends = _scores(rows)
         ids = [self._id(id_) for id_ in rows.column("track_id", -1).tolist()]
         corner, size = rows.xyxy_px[:, :2] + SHIFT_PX, rows.xyxy_px[:, 2:] - rows.xyxy_px[:, :2]
         return [
@@ -69,14 +76,19 @@ class _Writer:
         self._free += 1
         return self._free - 1
 
-    def _truths(self, rows: ImageRows, ignored: Bool) -> list[str]:
+    def _classes(self, rows: ImageRows, ignored: Bool) -> "np.ndarray[Any, np.dtype[np.object_]]":
+        """Class of each row (N,), empty where there is none for it."""
         names = np.full(len(rows), _DISTRACTOR, dtype=object)
         names[~ignored] = rows[~ignored].names(self._names)
-        visible = rows.column("visibility", np.nan).tolist()
-        return [
-            f"{0 if skip else 1},{MOT_NUMBERS[name]},{1.0 if np.isnan(share) else share:.4f}"
-            for skip, name, share in zip(ignored, names, visible, strict=True)
-        ]
+        return names
+
+
+def _truths(rows: ImageRows, names: Sequence[str], ignored: Bool) -> list[str]:
+    visible = rows.column("visibility", np.nan).tolist()
+    return [
+        f"{0 if skip else 1},{MOT_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}"
+        for skip, name, share in zip(ignored, names, visible, strict=True)
+    ]
 
 
 def _scores(rows: ImageRows) -> list[str]:

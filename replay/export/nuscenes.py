@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.arrays import Float64, Int64
-from fbench.replay.boxes import Boxes3D
+from fbench.replay.boxes import MAX_MAGNITUDE, Boxes3D
 from fbench.replay.data import Kind
 from fbench.replay.errors import LogError
 from fbench.replay.export.attributes import attributes
@@ -24,7 +24,7 @@ TOKENS = "nuscenes.sample_tokens"
 """Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
 _SURE = 1.0
 """Score of boxes that have none."""
-_METRE_DIGITS, _TURN_DIGITS = 6, 9
+_METRE_DIGITS, _TURN_DIGITS = 6, 12
 
 Samples = Iterator[tuple[str, list[dict[str, Any]]]]
 
@@ -91,7 +91,7 @@ class _Writer:
         boxes = usable(frame.boxes3d, self._left)
         if boxes is None or not len(boxes):
             return []
-        if frame.world_T_body is None:
+        if frame.world_T_body is None or not (np.abs(frame.world_T_body) < MAX_MAGNITUDE).all():
             self._left.add("at frames without a pose of the body", len(boxes))
             return []
         nothing = np.full(len(boxes), "")
@@ -153,7 +153,8 @@ def _velocities(boxes: Boxes3D, world_T_body: Float64) -> Float64:
         return np.full((len(boxes), 3), np.nan)
     turn = world_T_body.copy()
     turn[:3, 3] = 0
-    return transform(turn, boxes.velocity_mps)
+    known = np.abs(boxes.velocity_mps).max(axis=1, keepdims=True) < MAX_MAGNITUDE  # also false for NaN
+    return transform(turn, np.where(known, boxes.velocity_mps, np.nan))
 
 
 def _quaternions_wxyz(boxes: Boxes3D, world_T_body: Float64) -> Float64:

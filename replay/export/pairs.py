@@ -1,6 +1,6 @@
 """Which 2D box and which 3D box are one object."""
 
-from collections import defaultdict
+from collections import defaultdict, deque
 
 import numpy as np
 
@@ -18,13 +18,13 @@ def paired(flat: Boxes2D, solid: Boxes3D) -> Int64:
     ids_flat, ids_solid = _ids(flat), _ids(solid)
     by_id = {id_: j for j, id_ in enumerate(ids_solid.tolist()) if id_ >= 0}
     mates[:] = [by_id.get(id_, -1) if id_ >= 0 else -1 for id_ in ids_flat.tolist()]
-    waiting: defaultdict[str, list[int]] = defaultdict(list)
+    waiting: defaultdict[str, deque[int]] = defaultdict(deque)
     for j in np.flatnonzero((ids_solid < 0) & ~_ignored(solid)).tolist():
         waiting[_class(solid, j)].append(j)
     for i in np.flatnonzero((ids_flat < 0) & ~_ignored(flat)).tolist():
         rows = waiting[_class(flat, i)]
         if rows:
-            mates[i] = rows.pop(0)
+            mates[i] = rows.popleft()
     return mates
 
 

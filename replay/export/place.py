@@ -3,7 +3,7 @@
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -64,16 +64,16 @@ def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
 
 
-@dataclass
+@dataclass(frozen=True)
 class Draft:
     """What is written until it gets its name; nothing is left of it where that doesn't happen."""
 
     place: Place
-    num_files: int = field(default=0, init=False)
 
-    def __post_init__(self) -> None:
+    @property
+    def _partial(self) -> Path:
         out = self.place.path.absolute()
-        self._partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
+        return out.with_name(f".{out.name}.partial-{os.getpid()}")
 
     def __enter__(self) -> Self:
         try:
@@ -95,7 +95,6 @@ class Draft:
         """Begin a file of the folder, or the only one."""
         path = self._partial / name if name else self._partial
         path.parent.mkdir(parents=True, exist_ok=True)
-        self.num_files += 1
         return path.open("w", encoding="utf-8", newline="\n")
 
     def finish(self) -> None:

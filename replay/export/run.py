@@ -14,6 +14,7 @@ from fbench.replay.export.sequence import BoxSequence
 from fbench.replay.export.wish import ExportWish, LeftOut
 from fbench.replay.export.writers import Submission, TextFiles, view_of
 from fbench.replay.faults import FaultLog
+from fbench.replay.file_names import file_name
 
 Progress = Callable[[str, int, int], None]
 """Is told the name of a sequence, how many of its frames are done, and how many there are."""
@@ -94,12 +95,6 @@ def _sequence(source: Path, wish: ExportWish, left: LeftOut, faults: FaultLog) -
         if error.code == "LOG001":
             raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error
         raise
-
-
-def file_name(name: str) -> str:
-    """Return the name of a sequence as that of a file."""
-    plain = "".join(c if c.isalnum() or c in "._-+" else "_" for c in name)
-    return plain if plain.strip(".") else "sequence"
 
 
 def _counted(name: str, sequence: BoxSequence, rows: Iterator[int], left: LeftOut, progress: Progress) -> Exported:

@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from fbench.replay.arrays import Bool, Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data import Kind, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.export.wish import LeftOut
@@ -90,10 +90,10 @@ class BoxSequence:
 
 
 def usable(boxes: B | None, left: LeftOut) -> B | None:
-    """Return boxes without those whose geometry or score isn't finite, which are counted."""
+    """Return boxes without those whose geometry or score isn't finite, or beyond all reason, which are counted."""
     if boxes is None or not len(boxes):
         return boxes
     sane, scored = finite(boxes)
-    good: Bool = sane & scored
+    good: Bool = sane & scored if boxes.score is None else sane & (np.abs(boxes.score) < MAX_MAGNITUDE)
     left.add("not finite", int(np.count_nonzero(~good)))
     return boxes if good.all() else boxes[good]

@@ -191,6 +191,6 @@ def _in_front(points: Float64) -> Float64:
     a, b = points[EDGES[:, 0]], points[EDGES[:, 1]]
     crossing = (a[:, 2] > near) != (b[:, 2] > near)
     a, b = a[crossing], b[crossing]
-    share = (2 * near - a[:, 2]) / (b[:, 2] - a[:, 2]) if len(a) else np.zeros(0)
-    cut = a + share[:, None] * (b - a)
-    return np.concatenate([points[points[:, 2] > near], cut[cut[:, 2] > NEAR_M]])
+    cut = a + ((near - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None] * (b - a)
+    cut[:, 2] = near
+    return np.concatenate([points[points[:, 2] > near], cut])

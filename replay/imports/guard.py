@@ -1,5 +1,6 @@
 """Importers are plug-ins: whatever one raises is told in one line."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -32,7 +33,7 @@ class GuardedImporter:
         for name in names:
             if not isinstance(name, str):
                 raise RunError(f"{what}: {type(name).__name__} isn't a name")
-        if twice := sorted({name for name in names if names.count(name) > 1}):
+        if twice := sorted(name for name, num in Counter(names).items() if num > 1):
             raise RunError(f"{what}: '{twice[0]}' is there twice")
         return names
 

@@ -35,5 +35,7 @@ def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
 
 
 def described(params: object) -> Mapping[str, str]:
-    """Return an importer's parameters as metadata of the log: `import.NAME`."""
-    return {f"import.{name}": str(value) for name, value in describe(params).items()} if params is not None else {}
+    """Return an importer's parameters as metadata of the log, `import.NAME`; those that are left open are left out."""
+    if params is None:
+        return {}
+    return {f"import.{name}": str(value) for name, value in describe(params).items() if value not in (None, "")}

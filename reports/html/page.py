@@ -13,7 +13,7 @@ from fbench.reports.html.notices import notices
 from fbench.reports.html.overview import overview, run_labels, title, what_ran
 from fbench.reports.html.radar import velocity_periods
 from fbench.reports.html.records import LatencyTable
-from fbench.reports.html.scene import scenes
+from fbench.reports.html.scene import scenes, shown_frames
 from fbench.reports.html.scoreboard import scoreboard
 from fbench.reports.html.text import island, number, visible
 from fbench.reports.html.timeline import frame_times
@@ -36,7 +36,7 @@ def page(runs: Sequence[Run]) -> str:
         faults=fault_lines(runs, labels),
         groups=what_ran(runs),
         velocity_periods=velocity_periods(runs),
-        num_kept=sum(len(run.media) for run in runs),
+        num_kept=sum(len(shown_frames(run)) for run in runs),
         style=Markup(_resource("style.css")),  # noqa: S704 - part of the package, as are the scripts
         script=Markup("\n".join(_resource(name) for name in _SCRIPTS)),  # noqa: S704
         data=Markup(island(scenes(runs, labels))),  # noqa: S704 - escaped by `island`

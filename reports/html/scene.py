@@ -15,6 +15,8 @@ from fbench.reports.html.timeline import row_numbers, timeline
 
 MAX_POINTS = 4000
 """Of one cloud; more can't be told apart at the size of the view."""
+MAX_BARE = 40
+"""Frames that are shown by their boxes alone."""
 _CM = 100.0
 _NO_SPEED = -32768
 
@@ -41,6 +43,16 @@ def scenes(runs: Sequence[Run], labels: Sequence[str]) -> dict[str, Any]:
     return {"runs": content, "pictures": list(pictures.numbers), "clouds": list(clouds.numbers)}
 
 
+def shown_frames(run: Run) -> tuple[MediaFrame, ...]:
+    """The frames that a run kept; where it kept none, as of a log without measurements, some with boxes."""
+    if run.media or not run.frames:
+        return run.media
+    boxes = np.concatenate([run.tracks.frames, run.detections.frames]).astype(np.int64)
+    found = {int(index) for index in np.unique(boxes)}
+    some = [f.index for f in run.frames if f.index in found or f.truth_stamp_ns is not None]
+    return tuple(MediaFrame(index) for index in some[:: max(1, -(-len(some) // MAX_BARE))])
+
+
 def _run(run: Run, label: str, pictures: _Pool, clouds: _Pool) -> dict[str, Any]:
     rig, rows = run.manifest.rig, row_numbers(run)
     return {
@@ -49,7 +61,7 @@ def _run(run: Run, label: str, pictures: _Pool, clouds: _Pool) -> dict[str, Any]
         "cameras": {name: list(camera.size_wh) for name, camera in sorted(rig.cameras.items())},
         "frames": [
             {"index": rows[kept.index], **_frame(run, rig, kept, pictures, clouds)}
-            for kept in run.media
+            for kept in shown_frames(run)
             if kept.index in rows
         ],
     }

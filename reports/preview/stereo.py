@@ -70,7 +70,8 @@ def _disparity(left: Pixels, right: Pixels, how: Rectified) -> Float32:
     import cv2
 
     most = how.camera.K[0, 0] * how.baseline_m / _NEAREST_M
-    num = int(min(_MAX_DISPARITY, max(16, -(-most // 16) * 16)))
+    widest = min(_MAX_DISPARITY, left.shape[1] // 32 * 16)  # OpenCV fails where it isn't less than the image's width
+    num = int(min(widest, max(16, -(-most // 16) * 16)))
     penalty = _BLOCK * _BLOCK
     matcher = cv2.StereoSGBM.create(
         minDisparity=0, numDisparities=num, blockSize=_BLOCK, P1=8 * penalty, P2=32 * penalty, disp12MaxDiff=1,

@@ -8,6 +8,7 @@ import numpy as np
 
 from fbench.replay.arrays import Float32, Float64
 from fbench.replay.data import CameraModel, Rig
+from fbench.replay.errors import LogError
 from fbench.replay.geometry.camera import project, rays
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.images import Pixels
@@ -15,6 +16,7 @@ from fbench.replay.images import Pixels
 Maps: TypeAlias = tuple[Float32, Float32]
 MAX_ANGLE_DEG = 10.0
 _BASELINE_M = (0.05, 2.0)
+_MIN_SIDE_PX = 32
 
 
 @dataclass(frozen=True)
@@ -69,9 +71,12 @@ def rectified(rig: Rig, pair: Pair) -> Rectified:
     """Compute how a pair is rectified.
 
     Raises:
-        LogError: where the lens distortion of one isn't modelled.
+        LogError: where the lens distortion of one isn't modelled, or images are too small to be matched.
     """
     import cv2
+
+    if min(rig.cameras[pair.left].size_wh) < _MIN_SIDE_PX:
+        raise LogError(f"stereo of {pair.left} and {pair.right}: images of less than {_MIN_SIDE_PX} px a side")
 
     left, right = rig.cameras[pair.left], rig.cameras[pair.right]
     right_T_left = inverse(rig.body_T_sensor(pair.right)) @ rig.body_T_sensor(pair.left)

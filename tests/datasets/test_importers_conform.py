@@ -1,4 +1,4 @@
-"""Every built-in importer keeps the promises of its protocol, on real recordings."""
+"""Built-in importers keep the promises of their protocol on real recordings; on made ones see the tests of each."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,6 @@ from fbench.replay.protocols import Importer
 from fbench.replay.testing import check_importer
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "folder"),
     [(Astyx, "astyx"), (Kitti, "kitti_object"), (Kitti, "kitti_tracking"), (Radiate, "radiate_tiny_foggy")],

@@ -1,11 +1,13 @@
 """Logs without any measurement: frames are the instants of their boxes."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fbench.replay.check.check import CheckOptions, check_log
+from fbench.replay.cli import main
 from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, LogInfo, Mount, Rig, Truth
 from fbench.replay.faults import FaultLog
 from fbench.replay.imports.imported import OtherResult
@@ -15,6 +17,7 @@ from fbench.replay.logs.open import open_log
 from fbench.replay.plugins import give_log, make_pipeline
 from fbench.replay.run import Plan, replay
 from fbench.replay.store import Run
+from fbench.reports.html.scene import scenes
 
 PERIOD_NS = 100_000_000
 CAMERA = Mount("camera", np.zeros(3), np.array([0.5, -0.5, 0.5, -0.5]))
@@ -98,3 +101,21 @@ def test_check_sees_the_same_frames(log):
     result = check_log(reader, FaultLog(), CheckOptions())
     assert result.reference == "boxes"
     assert result.frames.num_frames == result.num_labelled == 10
+    assert [(f.code, f.severity) for f in result.findings] == [("CHK005", "info")]
+
+
+def test_a_run_in_which_nothing_was_timed_says_so(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["fbench", "replay", str(log), "-p", "recorded", "-o", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as end:
+        main()
+    text = capsys.readouterr().out
+    assert not end.value.code
+    assert "latency: nothing was timed" in text
+    assert "budget" not in text
+
+
+def test_a_report_shows_boxes_where_nothing_was_measured(log, tmp_path):
+    (content,) = scenes([run(log, tmp_path / "run")], ["one"])["runs"]
+    assert [frame["index"] for frame in content["frames"]] == list(range(10))
+    assert [len(frame["truth"]) for frame in content["frames"]] == [1] * 10
+    assert [len(frame["tracks"]) for frame in content["frames"]] == [1, 1, 1, 0, 1, 1, 1, 1, 1, 1]

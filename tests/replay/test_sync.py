@@ -212,6 +212,17 @@ def test_messages_with_numbers_wait_for_the_frame_of_their_number():
     assert buffer.counts.unused == {"camera": 0, "lidar": 0}
 
 
+def test_a_nearer_sweep_takes_no_keyframe_away():
+    """The camera's keyframe is 60 ms before the LiDAR's, a sweep 17 ms behind it, while the radar is waited for."""
+    lidar = [message("lidar", 50 * i, number=i // 10 if i % 10 == 0 else None) for i in range(21)]
+    camera = [message("camera", s, number=n) for s, n in [(0, 0), (357, None), (440, 1), (517, None), (1000, 2)]]
+    radar = [message("radar", s, number=n) for s, n in [(0, 0), (545, 1), (1000, 2)]]
+    frames, buffer = play([*lidar, *camera, *radar], reference="lidar", timeout_ns=100 * MS)
+    images = {f.stamp_ns // MS: f.messages["camera"].stamp_ns // MS for f in frames if "camera" in f.messages}
+    assert images == {0: 0, 350: 357, 500: 440, 1000: 1000}
+    assert buffer.counts.unused == {"camera": 1, "lidar": 0, "radar": 0}
+
+
 def test_the_time_out_of_the_log_counts_unless_one_is_asked_for():
     log = LogInfo("log", "id", {"timeout_ms": "100"})
     assert make_sync_params(None, None, 50, 2).told_by(log).timeout_ns == 100 * MS

@@ -13,17 +13,16 @@ import numpy as np
 from fbench.datasets.kitti.raw.files import Drive
 from fbench.datasets.kitti.rig import BODY_T_CAMERA0, LIDAR, Calibration, camera_name, rig_of
 from fbench.replay.boxfiles.parse import number
-from fbench.replay.data import CameraModel, Float64, Mount, Rig
+from fbench.replay.data import CameraModel, Float64, Rig
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 from fbench.replay.imports.files import read_text
+from fbench.replay.imports.rigs import is_pinhole, is_rotation, mount_of
 
 CAMERAS = "calib_cam_to_cam.txt"
 LIDAR_TO_CAMERA = "calib_velo_to_cam.txt"
 IMU_TO_LIDAR = "calib_imu_to_velo.txt"
 FILES = (CAMERAS, LIDAR_TO_CAMERA, IMU_TO_LIDAR)
-_TOLERANCE = 1e-3
-"""Of rotation matrices, which are written with 7 digits."""
 _MAX_MAGNITUDE = 1e9
 _MAX_SIDE_PX = 2**16
 
@@ -58,7 +57,7 @@ class Numbers:
             LogError: as `array`, and where it isn't a rotation.
         """
         R = self.array(name, 3, 3)
-        if np.abs(R @ R.T - np.eye(3)).max() > _TOLERANCE or np.linalg.det(R) < 0:
+        if not is_rotation(R):
             raise LogError(f"{self.path}: {name}: isn't a rotation")
         return R
 
@@ -82,8 +81,7 @@ class Numbers:
             LogError: as `array`, and where K can't be one.
         """
         matrix = self.array(name, *shape)
-        K = matrix[:, :3]
-        if not (K[0, 0] > 0 and K[1, 1] > 0 and K[2].tolist() == [0, 0, 1] and K[1, 0] == 0):
+        if not is_pinhole(matrix[:, :3]):
             raise LogError(f"{self.path}: {name}: isn't of the form fx s cx / 0 fy cy / 0 0 1")
         return matrix
 
@@ -155,7 +153,7 @@ def _recorded_rig(drive: Drive, cameras: Numbers, camera0_T_recorded: Float64, c
     for i in drive.cameras.values():
         recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
         body_T_camera = BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera
-        mounts[camera_name(i)] = Mount("camera", body_T_camera[:3, 3], quaternion(body_T_camera[:3, :3]))
+        mounts[camera_name(i)] = mount_of("camera", body_T_camera)
         K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
         models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
     return Rig(mounts, models)

@@ -1,6 +1,5 @@
 """Files of a raw drive of KITTI, and their stamps."""
 
-import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from fbench.replay.boxfiles.parse import stamp_of_time
 from fbench.replay.boxfiles.text import MAX_FRAMES
 from fbench.replay.errors import LogError
 from fbench.replay.imports.files import read_text
+from fbench.replay.imports.listing import entries
 
 _DATE = re.compile(r"\d{4}_\d\d_\d\d", re.ASCII)
 _DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d+_(sync|extract)", re.ASCII)
@@ -84,9 +84,9 @@ def find_drives(source: Path) -> dict[str, Path]:
         return {}
     if _DRIVE.fullmatch(here.name):
         return {here.name: here}
-    dates = [here / name for name in _names(here) if _DATE.fullmatch(name) and (here / name).is_dir()]
-    folders = [folder / name for folder in (*dates, here) for name in _names(folder) if _DRIVE.fullmatch(name)]
-    return dict(sorted((folder.name, folder) for folder in folders if folder.is_dir()))
+    dates = [path for path in entries(here) if _DATE.fullmatch(path.name) and path.is_dir()]
+    paths = [path for folder in (*dates, here) for path in entries(folder) if _DRIVE.fullmatch(path.name)]
+    return dict(sorted((path.name, path) for path in paths if path.is_dir()))
 
 
 def open_drive(name: str, folder: Path) -> Drive:
@@ -108,25 +108,16 @@ def open_drive(name: str, folder: Path) -> Drive:
 
 
 def _series(sensor: str, folder: Path, endings: tuple[str, ...]) -> Series:
-    data = folder / "data"
     paths: dict[int, Path] = {}
     others = []
-    for name in _names(data) if data.is_dir() else ():
-        match = _NUMBERED.fullmatch(name)
+    for path in entries(folder / "data"):
+        match = _NUMBERED.fullmatch(path.name)
         if match is None or match[2] not in endings or int(match[1]) >= MAX_FRAMES:
-            others.append(name)
+            others.append(path.name)
             continue
-        path = data / name
         if (twin := paths.setdefault(int(match[1]), path)) is not path:
             raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
     return Series(sensor, folder, dict(sorted(paths.items())), tuple(others))
-
-
-def _names(folder: Path) -> list[str]:
-    try:
-        return sorted(os.listdir(folder))
-    except OSError as error:
-        raise LogError(f"{folder}: {error.strerror}") from error
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """In which order the files of a raw drive of KITTI are read: that of their stamps."""
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from math import inf
 from typing import NamedTuple
 
 from fbench.datasets.kitti.raw.files import Drive, Series, read_stamps
@@ -9,6 +8,8 @@ from fbench.replay.errors import LogError
 from fbench.replay.imports.wish import FrameRange
 
 Met = Callable[[LogError], None]
+_END_NS = 2**63
+"""Behind all stamps, which aren't negative."""
 
 
 class Entry(NamedTuple):
@@ -39,8 +40,8 @@ def ordered(drive: Drive, sensors: Collection[str], frames: FrameRange, met: Met
         chosen = [entry for one in series for entry in _entries(one, frames, met)]
     else:
         everything = [entry for one in series for entry in _entries(one, FrameRange(), met)]
-        start_ns, end_ns = _window([entry for entry in everything if entry.sensor == drive.reference], frames)
-        chosen = [entry for entry in everything if start_ns <= entry.stamp_ns < end_ns]
+        window_ns = _window([entry for entry in everything if entry.sensor == drive.reference], frames)
+        chosen = [entry for entry in everything if entry.stamp_ns in window_ns]
     if not chosen:
         numbers = list(drive.series[drive.reference].paths)
         raise LogError(f"{drive.folder}: no measurement in frames {frames}; there are {numbers[0]} to {numbers[-1]}")
@@ -61,10 +62,10 @@ def _entries(series: Series, frames: FrameRange, met: Met) -> Iterator[Entry]:
             met(error)
 
 
-def _window(reference: Sequence[Entry], frames: FrameRange) -> tuple[float, float]:
-    """Return the half-open range of stamps [ns] of a range of the reference sensor's files."""
+def _window(reference: Sequence[Entry], frames: FrameRange) -> range:
+    """Return the stamps [ns] that belong to a range of the reference sensor's files."""
     inside = [entry.stamp_ns for entry in reference if entry.number in frames]
     behind = [entry.stamp_ns for entry in reference if frames.stop is not None and entry.number >= frames.stop]
     if not inside:
-        return inf, inf
-    return min(inside) if frames.first else -inf, min(behind, default=inf)
+        return range(0)
+    return range(min(inside) if frames.first else 0, min(behind, default=_END_NS))

@@ -5,9 +5,9 @@
 number are one frame; those of `_extract` drives are as they were recorded, each sensor with its own numbers.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from hashlib import blake2b
 from io import StringIO
 from pathlib import Path
 
@@ -22,9 +22,10 @@ from fbench.datasets.kitti.raw.summary import Findings, summary_lines
 from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
 from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
 from fbench.datasets.kitti.rig import LIDAR
+from fbench.replay.boxfiles.digest import digest_of
 from fbench.replay.data import Float32, LogInfo, Message, PointCloud, Pose, Rig, Truth
 from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.imports.files import read_bytes, read_floats, read_image, read_text
+from fbench.replay.imports.files import read_floats, read_image, read_text
 from fbench.replay.imports.identity import described, file_facts, log_id
 from fbench.replay.imports.wish import ImportWish
 from fbench.replay.logs.coordinates import CAMERA0
@@ -106,8 +107,7 @@ class RawRecording:
         yield from file_facts(root, files)
         small = [series.stamps_path for series in drive.series.values()]
         for path in (*(root / name for name in FILES), *small, drive.folder / TRACKLETS):
-            content = blake2b(read_bytes(path), digest_size=16).hexdigest() if path.is_file() else "missing"
-            yield f"{path.relative_to(root).as_posix()} {content}"
+            yield f"{path.relative_to(root).as_posix()} {digest_of(path) if path.is_file() else 'missing'}"
 
     @cached_property
     def _world(self) -> oxts.World | None:
@@ -172,7 +172,7 @@ class RawRecording:
 
     def _tracklets(self) -> Tracklets | None:
         path = self._drive.folder / TRACKLETS
-        if not path.exists():
+        if not os.path.lexists(path):
             return None
         if not self._drive.is_rectified:
             self._findings.odd.append(f"{TRACKLETS}: left out, it counts the frames of the synchronised drive")

@@ -13,6 +13,7 @@ from fbench.datasets.kitti.raw.tracklets import Tracklets
 from fbench.datasets.kitti.rig import LIDAR
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.imports.wish import FrameRange
+from fbench.replay.imports.words import counted, listed_runs, runs
 
 _LISTED = 20
 
@@ -63,7 +64,7 @@ def _found_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     yield f"measurements: {counts or 'none'} in {duration_s:.1f} s, {drive.reference} gives the frames"
     for name, numbers in sorted(findings.numbers.items()):
         if turns := [b for a, b in pairwise(numbers) if b < a]:
-            yield f"{name}: stamps run backwards, files {_listed(_runs(sorted(turns)))} are earlier than others"
+            yield f"{name}: stamps run backwards, files {_listed(runs(sorted(turns)))} are earlier than others"
 
 
 def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
@@ -72,7 +73,7 @@ def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
         yield f"no files of {', '.join(absent)}"
     known = set().union(*(series.paths for series in drive.series.values())) if drive.is_rectified else set()
     for name, series in sorted(drive.series.items()):
-        missing = _runs(sorted(n for n in known - set(series.paths) if n in findings.frames))
+        missing = runs(sorted(n for n in known - set(series.paths) if n in findings.frames))
         if missing:
             yield f"{name}: no file of frames {_listed(missing)}"
         gaps = [] if drive.is_rectified else _gaps(list(series.paths))
@@ -97,7 +98,7 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     if tracklets is None:
         yield f"no boxes: no {TRACKLETS}" if not (drive.folder / TRACKLETS).exists() else "no boxes"
         return
-    kinds = ", ".join(f"{name} {num}" for name, num in sorted(findings.boxes.items(), key=lambda x: (-x[1], x[0])))
+    kinds = counted(findings.boxes)
     interpolated = findings.states["interpolated"]
     yield (
         f"boxes: {findings.boxes.total()}{f' ({kinds})' if kinds else ''} of {tracklets.num_tracks} tracklets, "
@@ -107,26 +108,13 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     sensor = drive.reference
     lost = [frame for frame in tracklets.frame.tolist() if frame in findings.frames and frame not in there]
     if lost:
-        yield f"boxes left out: {len(lost)} in frames {_listed(_runs(sorted(set(lost))))}, which {sensor} hasn't"
+        yield f"boxes left out: {len(lost)} in frames {_listed(runs(sorted(set(lost))))}, which {sensor} hasn't"
 
 
-def _runs(numbers: Iterable[int]) -> list[tuple[int, int]]:
-    """Return first and last of each run of numbers, which ascend."""
-    runs: list[tuple[int, int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1] = (runs[-1][0], number)
-        else:
-            runs.append((number, number))
-    return runs
+def _gaps(numbers: Sequence[int]) -> list[range]:
+    """Return the runs of numbers that lack, between numbers that ascend."""
+    return [range(a + 1, b) for a, b in pairwise(numbers) if b > a + 1]
 
 
-def _gaps(numbers: Sequence[int]) -> list[tuple[int, int]]:
-    """Return first and last of each run of numbers that lack, between numbers that ascend."""
-    return [(a + 1, b - 1) for a, b in pairwise(numbers) if b > a + 1]
-
-
-def _listed(runs: Sequence[tuple[int, int]]) -> str:
-    texts = [f"{a}" if a == b else f"{a} to {b}" for a, b in runs[:_LISTED]]
-    more = f" and {len(runs) - _LISTED} more" if len(runs) > _LISTED else ""
-    return ", ".join(texts) + more
+def _listed(found: Iterable[range]) -> str:
+    return listed_runs(found, _LISTED)

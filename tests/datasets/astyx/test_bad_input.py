@@ -2,6 +2,7 @@ import json
 from collections import Counter
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -84,8 +85,7 @@ def test_images_of_another_size_or_kind(astyx_folder: Path) -> None:
     path = astyx_folder / "camera_front/000008.jpg"
     path.write_bytes(encode_jpeg(np.zeros((5, 6, 3), np.uint8)))
     refused(astyx_folder, r"000008.jpg: 6x5 px, expected 6x4 as in the first image$")
-    size = (6).to_bytes(4, "big") + (4).to_bytes(4, "big")
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(8) + size + b"IEND\xaeB`\x82")
+    path.write_bytes(cv2.imencode(".png", np.zeros((4, 6, 3), np.uint8))[1].tobytes())
     refused(astyx_folder, r"000008.jpg: not a JPEG image$")
 
 
@@ -203,3 +203,10 @@ def change(folder: Path, edit) -> None:
         content = json.loads(path.read_text())
         edit(content["sensors"])
         path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("target", ["/nowhere/at/all", "000008.txt"])
+def test_links_to_nowhere(astyx_folder: Path, target: str) -> None:
+    (astyx_folder / SWEEP).unlink()
+    (astyx_folder / SWEEP).symlink_to(target)
+    refused(astyx_folder, rf"{SWEEP}: (No such file or directory|Too many levels of symbolic links)$")

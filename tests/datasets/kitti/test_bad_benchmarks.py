@@ -1,7 +1,10 @@
 """Folders of the tracking and object benchmarks that can't be used as they are."""
 
+import os
+import struct
 from collections.abc import Callable
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -185,8 +188,10 @@ def test_truncated_points(tracking_folder: Path) -> None:
 
 
 def test_points_of_no_return(tracking_folder: Path) -> None:
+    """An interrupted download leaves such files; no sweep of a road is without any return."""
     (tracking_folder / "velodyne/0000/000002.bin").write_bytes(b"")
-    run(tracking_folder, BadInput())
+    refused(tracking_folder, r"000002.bin: is empty, is it truncated\?$")
+    skipped(tracking_folder, 1)
 
 
 def test_other_files_are_left_alone(tracking_folder: Path) -> None:
@@ -259,7 +264,7 @@ def test_broken_object_labels(object_folder: Path, row: str, message: str) -> No
 
 def test_object_frames_of_other_folders(object_folder: Path) -> None:
     """A frame that only one folder has is a frame that misses the others."""
-    (object_folder / "velodyne/000009.bin").write_bytes(b"")
+    (object_folder / "velodyne/000009.bin").write_bytes(bytes(16))
     refused(object_folder, r"calib/000009.txt: can't be read")
     skipped(object_folder, 1)
 
@@ -270,3 +275,32 @@ def test_object_labels_that_are_no_text(object_folder: Path) -> None:
     skipped(object_folder, 1)
     truths = open_log(object_folder.parent / "out.mcap", FaultLog()).truths()
     assert [t.frame_number for t in truths] == [1, 5]
+
+
+@pytest.mark.parametrize("name", ["image_02/0000/000001.png", LABELS, CALIB])
+def test_pipes_and_folders_in_place_of_files(tracking_folder: Path, name: str) -> None:
+    path = tracking_folder / name
+    path.unlink()
+    os.mkfifo(path)
+    refused(tracking_folder, rf"{path.name}: a pipe or device, expected a file$")
+    path.unlink()
+    path.mkdir()
+    refused(tracking_folder, rf"{path.name}: Is a directory$")
+
+
+def test_damaged_images(tracking_folder: Path) -> None:
+    """Their headers and ends are whole; decoders would tell of it in words of their own, and later."""
+    path = tracking_folder / "image_02/0000/000001.png"
+    whole = path.read_bytes()
+    at = whole.index(b"IDAT") + 12
+    path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    refused(tracking_folder, r"000001.png: the image is damaged, a checksum in it is wrong$")
+    assert skipped(tracking_folder, 1).written is not None
+
+
+def test_images_beyond_all_reason(object_folder: Path) -> None:
+    header = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunks = ((13, header), (0, b"IEND"))
+    data = b"".join(struct.pack(">I", num) + body + struct.pack(">I", crc32(body)) for num, body in chunks)
+    (object_folder / "image_2/000001.png").write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+    refused(object_folder, r"000001.png: 60000x60000 px, expected 1 to [0-9]+ pixels$")

@@ -251,5 +251,6 @@ def test_real_classes(training: Path, tmp_path: Path) -> None:
     for truth in reader.truths():
         found.update(() if truth.boxes2d.source_label is None else truth.boxes2d.source_label.tolist())
     assert found == classes
-    counted = ", ".join(f"{name} {classes[name]}" for name in sorted(classes) if name != "DontCare")
+    ranked = sorted(classes, key=lambda name: (-classes[name], name))
+    counted = ", ".join(f"{name} {classes[name]}" for name in ranked if name != "DontCare")
     assert f"classes: {counted}" in log.lines

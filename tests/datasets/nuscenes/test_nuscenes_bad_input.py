@@ -1,6 +1,7 @@
 """Folders, tables and files that can't be used: one line each that names what is wrong."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -288,3 +289,31 @@ def test_not_json(nuscenes) -> None:
     refused(nuscenes.root, r"sample_data.json: isn't UTF-8 text")
     path.write_text(json.dumps(1))
     refused(nuscenes.root, r"sample_data.json: isn't a table")
+
+
+@pytest.mark.parametrize("name", ["sweeps/LIDAR_TOP", "v1.0-mini/sample_data.json"])
+def test_pipes_are_refused(nuscenes, name: str) -> None:
+    """Nobody writes into them, so that reading would never end."""
+    path = nuscenes.root / name
+    path = next(path.glob("scene-0001*")) if path.is_dir() else path
+    path.unlink()
+    os.mkfifo(path)
+    refused(nuscenes.root, rf"{path.name}: (a pipe or device, expected a file|no such table)$")
+
+
+def test_poses_with_one_token_name_the_file(nuscenes) -> None:
+    nuscenes.rows["ego_pose"].append(nuscenes.rows["ego_pose"][0])
+    refused(nuscenes.write(), r"nuscenes/v1.0-mini/ego_pose.json: two rows have the token '[0-9a-f]{32}'$")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: b"", r"pcd.bin: is empty, is it truncated\?$"),
+        (lambda data: np.frombuffer(data, "<f4").astype(">f4").tobytes(), r"pcd.bin: rings aren't numbers from 0 to"),
+    ],
+)
+def test_sweeps_without_bytes_or_in_another_order(nuscenes, change: Callable[[bytes], bytes], message: str) -> None:
+    path = next((nuscenes.root / "samples/LIDAR_TOP").glob("scene-0001*"))
+    path.write_bytes(change(path.read_bytes()))
+    refused(nuscenes.root, message)

@@ -14,6 +14,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.imports.run import import_one
 from fbench.replay.imports.wish import FrameRange, ImportWish
 from fbench.replay.logs.open import open_log
+from fbench.replay.testing import check_importer
 
 START_NS = 1_532_402_927_000_000_000
 TIMES_S = (0.0, 0.5, 1.0, 1.5, 3.2, 5.0)
@@ -291,3 +292,7 @@ def test_summary(nuscenes) -> None:
         f"boxes: 13 ({counts}), 5 tracks, 6 with velocity",
         "categories that nuScenes lacks, taken as 'other': spaceship",
     ]
+
+
+def test_the_importer_keeps_what_its_protocol_promises(nuscenes) -> None:
+    check_importer(NuScenes, nuscenes.root)

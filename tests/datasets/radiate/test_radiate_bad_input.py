@@ -9,8 +9,10 @@ import pytest
 from fbench.datasets.radiate import Radiate
 from fbench.datasets.radiate.params import RadiateParams
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.faults import FaultLog
 from fbench.replay.imports.run import import_one
 from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.replay.logs.open import open_log
 
 SWEEP, POLAR, LEFT = "velo_lidar/000002.csv", "Navtech_Polar/000002.png", "zed_left/000001.png"
 TABLE, GPS, CALIB = "velo_lidar.txt", "GPS_IMU_Twist/000001.txt", "default-calib.yaml"
@@ -172,6 +174,12 @@ def _damage(path: Path) -> None:
     path.write_bytes(bytes(data))
 
 
+def _empty_png(path: Path) -> None:
+    """Leave out the pixels; checksums are right."""
+    data = path.read_bytes()
+    path.write_bytes(data[:33] + data[-12:])
+
+
 def _write(shape: tuple[int, ...], dtype: type = np.uint8) -> Callable[[Path], object]:
     return lambda path: path.write_bytes(cv2.imencode(".png", np.zeros(shape, dtype))[1].tobytes())
 
@@ -181,7 +189,8 @@ def _write(shape: tuple[int, ...], dtype: type = np.uint8) -> Callable[[Path], o
     [
         (POLAR, _cut, r"000002.png: the image has no end, is it truncated\?$"),
         (LEFT, _cut, r"000001.png: the image has no end, is it truncated\?$"),
-        (POLAR, _damage, r"000002.png: can't be decoded, is it damaged\?$"),
+        (POLAR, _damage, r"000002.png: the image is damaged, a checksum in it is wrong$"),
+        (POLAR, _empty_png, r"000002.png: can't be decoded, is it damaged\?$"),
         (POLAR, _write((400, 576)), r"000002.png: 576x400 px, expected a polar image of 400x576$"),
         (POLAR, _write((576, 400, 3)), r"000002.png: expected grey values of 8 bits, got uint8 \(576, 400, 3\)$"),
         (POLAR, _write((576, 400), np.uint16), r"000002.png: expected grey values of 8 bits, got uint16"),
@@ -201,3 +210,10 @@ def test_images_that_are_damaged_or_others(
 def test_parameters_are_checked(params: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(params))):
         RadiateParams(**params)  # type: ignore[arg-type]
+
+
+def test_meta_is_text_that_can_be_stored(sequence: Path) -> None:
+    (sequence / "meta.json").write_text('{"name": "half \\ud800 a pair", "type": "a\\nb"}')
+    log = import_one(Radiate(), sequence, sequence.parent / "out.mcap")
+    metadata = open_log(log.path, FaultLog()).info.metadata
+    assert (metadata["sequence"], metadata["weather"]) == ("half   a pair", "a b")

@@ -89,8 +89,8 @@ def test_stragglers_are_told_apart(fbench, tmp_path):
     items[late] = type(items[late])(**{**vars(items[late]), "log_ns": items[late].log_ns + 60_000_000})
     items.append(type(items[late])(**{**vars(items[late]), "log_ns": items[late].log_ns + 1}))
     result = fbench("replay", write_log(tmp_path / "late.mcap", items), "-p", "radar3d", "-o", "run")
-    assert "late: 1 messages of radar came after their frame was released" in result.out
-    assert "unused: 1 messages of radar, which frames don't need" in result.out
+    assert "late: 1 message of radar came after its frame was released" in result.out
+    assert "unused: 1 message of radar, which frames don't need" in result.out
     faults = json.loads(Path("run/faults.json").read_text())
     assert faults["late_messages"] == {"camera": 0, "lidar": 0, "radar": 1}
     assert faults["unused_messages"] == {"camera": 0, "lidar": 0, "radar": 1}

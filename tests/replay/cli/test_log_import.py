@@ -228,7 +228,7 @@ def _read(number):
         (("-o", "o", "--frames", "9:3"), 2, "--frames 9:3: the range is empty"),
         (("-o", "o", "--frames", "100:"), 3, "a: nothing in it to import, are --frames outside of it?"),
         (("-o", "o", "--set", "scal=2"), 2, "unknown parameter 'scal'; did you mean 'scale'?"),
-        (("-o", "o", "--detections", "d"), 2, "unknown parameter 'detections'; there are: scale"),
+        (("-o", "o", "--detections", "d"), 2, "--detections d: the importer of "),
     ],
 )
 def test_what_cannot_be_is_one_line(toys, source, args, code, line):
@@ -357,3 +357,9 @@ def test_parameters_of_an_importer_are_listed(fbench):
     ]  # fmt: skip
     assert fbench("plugins", "datasets", "astyx").out == "astyx takes no parameters\n"
     assert fbench("plugins", "metrics", "clear").code == 2
+
+
+def test_results_of_others_where_the_importer_takes_none(fbench, tmp_path):
+    result = fbench("log", "import", "radiate", tmp_path, "-o", tmp_path / "a.mcap", "--detections", "results")
+    assert result.code == 2
+    assert result.err == "fbench: --detections results: the importer of radiate takes no other system's results\n"

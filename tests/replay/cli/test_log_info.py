@@ -1,9 +1,12 @@
 """`fbench log info`, as a user calls it."""
 
+import json
+
 import numpy as np
 import pytest
 
-from fbench.replay.data import Mount, PointCloud, Rig
+from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
+from fbench.replay.logs.mcap.write import McapWriter
 
 from .conftest import UPRIGHT, car_points, messages, rig, truths, write_log
 
@@ -57,3 +60,15 @@ def test_names_steer_no_terminal_and_are_no_markup(fbench, tmp_path, name):
     assert result.code == 0
     assert name.replace("\x1b", " ") in result.out
     assert "\x1b" not in result.out + fbench("log", "check", log).out
+
+
+def test_long_metadata_are_cut(fbench, tmp_path):
+    log = tmp_path / "log.mcap"
+    rig = Rig({"top": Mount("lidar", np.array([-0.0001, 0, 1]), np.array([0, 0, 0, 1.0]))}, {})
+    with McapWriter(log, LogInfo("log", "log-1", {"tokens": "abcdefgh " * 100}), rig):
+        pass
+    text = fbench("log", "info", log).out
+    assert "… (900 characters, all with --json)" in text
+    assert "0.00, 0.00, 1.00" in text
+    assert "-0.00" not in text
+    assert json.loads(fbench("log", "info", log, "--json").out)["metadata"]["tokens"] == "abcdefgh " * 100

@@ -220,3 +220,12 @@ def test_truth_of_a_run_is_that_of_its_log(tmp_path):
     texts = [{f.name: f.read_text() for f in (tmp_path / side).iterdir()} for side in ("log", "run")]
     assert texts[0] == texts[1]
     assert sorted(texts[0]) == ["000010.txt", "000011.txt", "000012.txt"]
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_beyond_all_reason_are_left_out(tmp_path):
+    boxes = solids([10.0, 1e12, 20.0], track_id=[1, 2, 3], occlusion=[np.inf, 0, 1e300], truncation=[np.inf, 0, 0.5])
+    log = write_log(tmp_path / "a.mcap", [*sweeps(1), Truth(stamp(0), stamp(0), boxes)])
+    assert exported("kitti-tracking", tmp_path / "out", log).left_out == {"not finite": 1}
+    rows = [row.split() for row in (tmp_path / "out/a.txt").read_text().splitlines()]
+    assert [row[1:5] for row in rows] == [["1", "Car", "-1", "-1"], ["3", "Car", "0.5", "-1"]]

@@ -79,3 +79,11 @@ def test_truth_needs_classes(tmp_path):
         exported("mot", tmp_path / "out", log)
     exported("mot", tmp_path / "out", log, class_name="car")
     assert (tmp_path / "out" / "a" / "gt" / "gt.txt").read_text().endswith(",1,3,1.0000\n")
+
+
+def test_truth_of_classes_without_a_place_is_counted(tmp_path):
+    boxes = flats(3, track_id=[1, 2, 3], label=["car", "spaceship", "pedestrian"])
+    log = write_log(tmp_path / "a.mcap", [*sweeps(1), Truth(stamp(0), stamp(0), None, boxes)])
+    assert exported("mot", tmp_path / "out", log).left_out == {"of classes that MOTChallenge doesn't have": 1}
+    rows = (tmp_path / "out/a/gt/gt.txt").read_text().splitlines()
+    assert [row.split(",")[1] for row in rows] == ["1", "3"]

@@ -81,7 +81,7 @@ def test_where_boxes_are_in_the_world(tmp_path):
     assert box["size"] == [1.8, 4.0, 1.5]
     w, x, y, z = box["rotation"]
     turn = Rotation.from_quat([x, y, z, w])
-    assert (turn.inv() * TURN * Rotation.from_euler("Z", 0.7)).magnitude() < 1e-8
+    assert (turn.inv() * TURN * Rotation.from_euler("Z", 0.7)).magnitude() < 1e-11
     assert (box["detection_name"], box["detection_score"], box["attribute_name"]) == ("car", 0.25, "vehicle.moving")
 
 
@@ -102,7 +102,7 @@ def test_results_are_read_back(tmp_path):
         np.testing.assert_allclose(got.size_lwh_m, boxes.size_lwh_m, atol=1e-6)
         angles = np.stack([got.yaw_rad, got.pitch_rad, got.roll_rad], axis=1)
         wanted = TURN * Rotation.from_euler("Z", boxes.yaw_rad[:, None])
-        assert (Rotation.from_euler("ZYX", angles).inv() * wanted).magnitude().max() < 1e-8
+        assert (Rotation.from_euler("ZYX", angles).inv() * wanted).magnitude().max() < 1e-11
         assert got.track_id.tolist() == list(range(6))
         assert got.label.tolist() == boxes.label.tolist()
 
@@ -199,3 +199,21 @@ def test_a_redacted_run_tells_no_tokens(tmp_path):
 def test_boxes_in_images_cannot_be_submitted(tmp_path):
     with pytest.raises(LogError, match="nuScenes scores boxes in 3D"):
         exported("nuscenes", tmp_path / "out.json", run_of(drive(tmp_path), lambda i: flats(1)))
+
+
+@pytest.mark.filterwarnings("error")
+def test_numbers_beyond_all_reason_stay_out(tmp_path):
+    """Rounding them would give infinity, which JSON lacks."""
+    speeds = [[1e306, 0, 0], [np.inf, 0, 0], [1.0, 2, 0]]
+    boxes = solids([10.0, 20, 30], score=[1e305, 0.5, 0.25], velocity_mps=speeds)
+    far = write_log(
+        tmp_path / "far.mcap", [*sweeps(3, (0, 1, 2)), *poses(3, [1e306, 0, 0], [0, 0, 0, 1]),
+                                Truth(stamp(0), stamp(0), boxes)], TOKENS
+    )  # fmt: skip
+    here = drive(tmp_path, truths=[Truth(stamp(0), stamp(0), boxes)])
+    assert exported("nuscenes", tmp_path / "out.json", here).left_out == {"not finite": 1}
+    results = require_valid(tmp_path / "out.json", "detection", {"aaa", "bbb", "ccc"})["results"]["aaa"]
+    assert results[0]["velocity"] == [0.0, 0.0]
+    assert math.hypot(*results[1]["velocity"]) == pytest.approx(5**0.5, rel=0.01)
+    left = exported("nuscenes", tmp_path / "far.json", far).left_out
+    assert left == {"not finite": 1, "at frames without a pose of the body": 2}

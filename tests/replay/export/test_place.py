@@ -41,7 +41,9 @@ def test_a_name_for_one(tmp_path, log):
     exported("kitti-tracking", tmp_path / "out", log, name="0003")
     assert names(tmp_path / "out") == ["0003.txt"]
     exported("kitti-tracking", tmp_path / "odd", log, name="../b/c d")
-    assert names(tmp_path / "odd") == [".._b_c_d.txt"]
+    assert names(tmp_path / "odd") == ["_._b_c_d.txt"]
+    exported("kitti-tracking", tmp_path / "long", log, name="x" * 300)
+    assert [len(name) for name in names(tmp_path / "long")] == [184]
     with pytest.raises(ConfigError, match="--name x: is for one source, there are 2"):
         exported("kitti-tracking", tmp_path / "two", log, log, name="x")
 

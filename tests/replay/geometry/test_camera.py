@@ -56,6 +56,21 @@ def test_box_ahead_has_the_outline_of_its_near_face():
     np.testing.assert_allclose(outline, [[399.5 - 50, 299.5 - 50, 399.5 + 50, 299.5 + 50]])
 
 
+def test_what_is_beside_the_camera_is_cut_at_the_near_plane():
+    # Turned a little, so that its rear face passes the near plane: the outline must not reach past the box's own edges.
+    beside = Boxes3D(np.array([[4.15, -3.0, 0.5]]), np.array([[4.1, 1.6, 1.5]]), np.array([-0.03]))
+    xyxy, seen = project_boxes(rig(), "cam", beside)
+    assert seen.all()
+    share = np.linspace(-0.5, 0.5, 401)
+    face = np.stack(np.meshgrid(share, share, [-0.5, 0.5]), axis=-1).reshape(-1, 3) * [4.1, 1.6, 1.5]
+    cos, sin = np.cos(-0.03), np.sin(-0.03)
+    body = face @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + beside.center_m
+    uv, depth = project_body(rig(), "cam", body)
+    assert (depth < 0.1).any()
+    plain = np.concatenate([np.nanmin(uv, axis=0), np.nanmax(uv, axis=0)]).clip(-0.5, [799.5, 599.5, 799.5, 599.5])
+    np.testing.assert_allclose(xyxy, [plain], atol=0.5)
+
+
 def test_outline_is_clipped_and_boxes_behind_are_not_seen():
     centers = np.array([[3.0, 0, 1], [-10, 0, 1], [12, 100, 1]])
     outline, seen = project_boxes(rig(), "cam", Boxes3D(centers, np.full((3, 3), 2.0), np.zeros(3)))

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.replay.errors import LogError
 from fbench.reports.preview.stereo import stereo_view
 from fbench.reports.preview.stereo_pairs import pairs, rectified
 
@@ -86,3 +87,22 @@ def test_without_a_lidar_nothing_is_compared():
     view = stereo_view(sample(rig, images=images), pair, rectified(rig, pair))
     assert view.median_error is None
     assert "no comparison" in view.caption
+
+
+@pytest.mark.parametrize("size", [(32, 32), (200, 60)])
+def test_images_narrower_than_the_largest_disparity(size):
+    street = street_rig(left=0.9, right=-0.9)
+    camera = CameraModel(np.array([[900.0, 0, size[0] / 2], [0, 900.0, size[1] / 2], [0, 0, 1]]), size)
+    rig = Rig(street.mounts, {"cam": camera, "cam2": camera})
+    images = {name: texture(0.0, 6.0, camera.K, size) for name in ("cam", "cam2")}
+    (pair,) = pairs(rig)
+    assert 0 <= stereo_view(sample(rig, images=images), pair, rectified(rig, pair)).found_share <= 1
+
+
+def test_images_too_small_for_stereo():
+    street = street_rig(left=0.2, right=-0.2)
+    camera = CameraModel(np.array([[7.0, 0, 3], [0, 7.0, 2], [0, 0, 1]]), (6, 4))
+    rig = Rig(street.mounts, {"cam": camera, "cam2": camera})
+    (pair,) = pairs(rig)
+    with pytest.raises(LogError, match=r"^stereo of cam and cam2: images of less than 32 px a side$"):
+        rectified(rig, pair)

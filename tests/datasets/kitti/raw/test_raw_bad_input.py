@@ -198,3 +198,10 @@ def test_no_such_frames(drive, extract, frames):
 
 def test_a_file_instead_of_a_folder(drive):
     assert raw.names(drive.file("oxts", 0)) == []
+
+
+def test_links_to_nowhere_are_not_taken_for_nothing(drive):
+    drive.write_tracklets().unlink()
+    (drive.folder / "tracklet_labels.xml").symlink_to("elsewhere.xml")
+    with pytest.raises(LogError, match=r"tracklet_labels.xml: No such file or directory$"):
+        drive.imported()

@@ -5,12 +5,13 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from fbench.datasets.kitti import raw
+from fbench.datasets.kitti import Kitti, raw
 from fbench.datasets.kitti.params import KittiParams
 from fbench.replay.data import Image, PointCloud, Pose
 from fbench.replay.errors import ConfigError
 from fbench.replay.geometry.camera import project
 from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.replay.testing import check_importer
 
 BODY_T_CAMERA = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], float)
 NAME = "2011_09_26_drive_0001_sync"
@@ -239,3 +240,7 @@ def test_boxes_of_an_extract_have_no_frames(extract, make_tracklet):
     found = extract.imported()
     assert found.truths == []
     assert any("counts the frames of the synchronised drive" in line for line in found.lines)
+
+
+def test_the_importer_keeps_what_its_protocol_promises(drive):
+    check_importer(Kitti, drive.root)
