@@ -19,7 +19,8 @@ from fbench.replay.faults import FAULTS, FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.frame_poses import pose_of
 from fbench.replay.labelling import Instant, Labelling, stray
-from fbench.replay.logs.coordinates import CAMERA0, CoordinateFrames
+from fbench.replay.log_keys import CAMERA0
+from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.logs.tree import BODY, tree_of
 from fbench.replay.manifest import Manifest, save_manifest

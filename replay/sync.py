@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from fbench.replay.data import BOXES, Frame, Kind, LogInfo, Message, Rig, Tick
 from fbench.replay.errors import ConfigError, LogError
+from fbench.replay.log_keys import REFERENCE, TIMEOUT_MS
 
 NOT_THERE = "not there within"
 _REMEMBERED = 16
@@ -38,7 +39,7 @@ class SyncParams:
 
     def told_by(self, info: LogInfo) -> "SyncParams":
         """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""
-        text = info.metadata.get("timeout_ms", "")
+        text = info.metadata.get(TIMEOUT_MS, "")
         if not (self.is_default_timeout and text.isascii() and text.isdecimal() and len(text) < 10):
             return self
         return replace(self, timeout_ns=int(text) * 1_000_000)
@@ -79,7 +80,7 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
         ConfigError: where the sensor that was asked for isn't in the log.
         LogError: where the log has no message of any sensor with calibration.
     """
-    told = info.metadata.get("reference")
+    told = info.metadata.get(REFERENCE)
     wanted = params.reference or (told if told in rig.mounts else None)  # it may have been left out
     if wanted is not None:
         if wanted not in rig.mounts:

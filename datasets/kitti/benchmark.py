@@ -18,7 +18,7 @@ from fbench.replay.imports.files import read_floats, read_image
 from fbench.replay.imports.identity import log_id
 from fbench.replay.imports.imported import Imported, OtherResult
 from fbench.replay.imports.wish import ImportWish
-from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.log_keys import CAMERA0
 from fbench.replay.logs.tree import BODY
 
 FACTS = {

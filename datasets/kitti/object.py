@@ -20,6 +20,7 @@ from fbench.replay.errors import LogError
 from fbench.replay.imports.identity import file_facts
 from fbench.replay.imports.listing import numbered
 from fbench.replay.imports.wish import BadInput, ImportWish
+from fbench.replay.log_keys import GAPS, MEANT
 
 LABELS = "label_2"
 PERIOD_NS = 10_000_000_000
@@ -144,6 +145,7 @@ class ObjectFrames:
     def metadata(self) -> Mapping[str, str]:
         """See `FrameSet`."""
         about = {
+            GAPS: MEANT,
             "stamps": "made up: frame N at N + 1 times 10 s; the frames are no sequence, each is a segment of its own",
             "truth.truncation": "share of the object outside of the image, 0 to 1",
         }

@@ -16,6 +16,7 @@ from fbench.replay.check.truth_clock import TruthClock
 from fbench.replay.data import BOXES, Frame, LogInfo, Message, Rig, RigChange
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FAULTS, FaultLog
+from fbench.replay.log_keys import GAPS, MEANT
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
 from fbench.replay.logs.reader import LogReader
@@ -26,6 +27,8 @@ from fbench.replay.restamp import StampParams
 from fbench.replay.sensor_choice import chosen_sensors
 from fbench.replay.survey import Topic, reference_of, topics_of
 from fbench.replay.sync import SyncParams
+
+_GAP = "TIM007"
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,8 @@ class _Check:
         )  # fmt: skip
 
     def _judged(self, found: Finding) -> Finding:
-        return replace(found, severity="info") if found.code in self._options.ignored else found
+        meant = found.code == _GAP and self._reader.info.metadata.get(GAPS) == MEANT
+        return replace(found, severity="info") if meant or found.code in self._options.ignored else found
 
     def _faulty(self) -> Iterator[Finding]:
         """What was counted while reading."""

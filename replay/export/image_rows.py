@@ -13,7 +13,7 @@ from fbench.replay.export.pairs import paired
 from fbench.replay.export.sequence import BoxFrame, BoxSequence, usable
 from fbench.replay.export.wish import LeftOut
 from fbench.replay.geometry.camera import project_boxes, require_projection
-from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.log_keys import CAMERA0
 from fbench.replay.names import did_you_mean
 
 _KITTI_CAMERA = "image_02"

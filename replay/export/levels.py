@@ -5,7 +5,7 @@ from fbench.replay.boxfiles.kitti_rows import CAMERA_T_LEVEL
 from fbench.replay.data import Rig
 from fbench.replay.errors import ConfigError
 from fbench.replay.export.sequence import BoxSequence
-from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.log_keys import CAMERA0
 from fbench.replay.names import did_you_mean
 
 BODY = "body"

@@ -8,8 +8,6 @@ from fbench.replay.data import Rig
 from fbench.replay.geometry.transforms import pose_matrix
 from fbench.replay.logs.tree import BODY, TransformTree
 
-CAMERA0 = "kitti.camera0"
-"""Key of a log's metadata; `body`: the body's coordinates are those of KITTI's camera 0, its axes turned."""
 WORLDS = ("world", "map", "odom", "global", "earth")
 """What coordinate frames are called that stand still while the body moves."""
 

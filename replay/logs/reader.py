@@ -13,12 +13,13 @@ from fbench.replay.classes import ClassMap
 from fbench.replay.data import BOXES, KINDS, LogInfo, Message, Pose, Rig, RigChange, Tick, Truth
 from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
 from fbench.replay.faults import FaultLog
+from fbench.replay.log_keys import CAMERA0
 from fbench.replay.logs.apply_setup import as_set_up, facts, with_names
 from fbench.replay.logs.arrange import arranged
 from fbench.replay.logs.box_topics import box_channels
 from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.coordinates import CAMERA0, CoordinateFrames
+from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.patching import fitted, renamed, require_use
 from fbench.replay.logs.read_rig import RigState, first_state
 from fbench.replay.logs.rig_changes import RigChanges

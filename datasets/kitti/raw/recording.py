@@ -28,7 +28,7 @@ from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.imports.files import read_floats, read_image, read_text
 from fbench.replay.imports.identity import described, file_facts, log_id
 from fbench.replay.imports.wish import ImportWish
-from fbench.replay.logs.coordinates import CAMERA0
+from fbench.replay.log_keys import CAMERA0
 from fbench.replay.logs.tree import BODY
 from fbench.replay.protocols import Recording
 

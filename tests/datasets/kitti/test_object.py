@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.kitti import Kitti
+from fbench.replay.check.check import CheckOptions, check_log
 from fbench.replay.data import Image, Message, PointCloud, Rig, RigChange, Truth
 from fbench.replay.faults import FaultLog
 from fbench.replay.geometry.boxes import corners, iou_2d
@@ -67,6 +68,13 @@ def test_unlabelled_frames_are_not_empty_ones(object_folder: Path, tmp_path: Pat
     reader, log = imported(object_folder, tmp_path / "out.mcap")
     assert [t.frame_number for t in reader.truths()] == [1, 5]
     assert "unlabelled frames: 1" in log.lines
+
+
+def test_gaps_between_frames_are_no_finding(object_folder: Path, tmp_path: Path) -> None:
+    reader, _ = imported(object_folder, tmp_path / "out.mcap")
+    result = check_log(reader, FaultLog(), CheckOptions())
+    assert {f.severity for f in result.findings if f.code == "TIM007"} == {"info"}
+    assert result.frames.num_frames == 3
 
 
 def test_a_range_of_frames(object_folder: Path, tmp_path: Path) -> None:

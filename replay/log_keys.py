@@ -1,0 +1,10 @@
+"""Keys of a log's metadata that fbench acts on; see docs/formats.md."""
+
+REFERENCE = "reference"
+"""Sensor whose stamps are the instants of frames."""
+TIMEOUT_MS = "timeout_ms"
+"""How long frames wait for their sensors."""
+CAMERA0 = "kitti.camera0"
+"""`body`: the body's coordinates are those of KITTI's camera 0, its axes turned."""
+GAPS, MEANT = "gaps", "meant"
+"""With this value frames are no sequence, so that gaps between them are no problem."""
