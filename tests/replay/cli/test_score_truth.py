@@ -42,7 +42,7 @@ def test_what_doesnt_fit_is_one_line(fbench, tmp_path, log):
     assert (result.code, result.err) == (2, "fbench: none.csv: no such file or folder\n")
     result = fbench("score", "run", "--truth", "late.csv", "--truth-format", "cocoo")
     assert result.code == 2
-    assert "'cocoo' is no form of boxes; there are: kitti," in result.err
+    assert "'cocoo' is no form of boxes; there are: ab3dmot, kitti," in result.err
 
 
 def test_2d_truth_by_frame(fbench, tmp_path, log):
