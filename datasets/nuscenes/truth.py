@@ -16,6 +16,7 @@ from fbench.datasets.nuscenes.scenes import Instant
 from fbench.datasets.nuscenes.tables import Tables
 from fbench.replay.arrays import Float64, text_array
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.classes import label as fbench_label
 from fbench.replay.errors import LogError
 from fbench.replay.geometry.boxes import moved
 from fbench.replay.geometry.transforms import inverse
@@ -46,8 +47,8 @@ LABELS = {
     "vehicle.trailer": "trailer",
     "vehicle.truck": "truck",
 }
-"""All categories of the set; any other becomes `other` too. Boxes of those on small vehicles and in wheelchairs hold
-person and vehicle; a stroller is labelled beside whoever pushes it.
+"""All categories of the set; other sets in its layout may have plain names. Boxes of those on small vehicles and in
+wheelchairs hold person and vehicle; a stroller is labelled beside whoever pushes it.
 """
 IGNORED = frozenset({"static_object.bicycle_rack"})
 """Neither hit nor miss: the bicycles in a rack aren't labelled (the set's instructions for annotators)."""
@@ -113,7 +114,7 @@ class SceneTruth:
             pitch_rad=angles[:, 1],
             roll_rad=angles[:, 2],
             velocity_mps=np.array([own.velocity_mps for own in told]).reshape(-1, 3),
-            label=text_array([LABELS.get(name, "other") for name in categories]),
+            label=text_array([LABELS.get(name) or fbench_label(name) for name in categories]),
             track_id=np.array([self._tracks[row.instance] for row in rows], np.int64),
             visibility=np.array([own.visibility for own in told]),
             attribute=text_array([own.attributes for own in told]),

@@ -220,6 +220,15 @@ def test_columns_of_boxes(nuscenes) -> None:
     assert np.isnan(last.visibility[1])
 
 
+def test_categories_with_plain_names(nuscenes) -> None:
+    for row in nuscenes.rows["category"]:
+        row["name"] = row["name"].rpartition("vehicle.")[2]
+    nuscenes.write()
+    boxes = imported(nuscenes.root).boxes(0)
+    named = dict(zip(boxes.source_label.tolist(), boxes.label.tolist(), strict=True))
+    assert named["car"] == "car"
+
+
 def test_labelled_samples_without_boxes_and_sets_without_labels(nuscenes) -> None:
     log = imported(nuscenes.root, "scene-0002")
     assert [len(truth.boxes3d) for truth in log.truths] == [0, 0]
