@@ -1,13 +1,11 @@
 """Conformance tests for plug-ins, for their authors; the built-ins pass them."""
 
-import hashlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from fbench.replay.data import Image, PointCloud, RadarScan, Rig, Truth
+from fbench.replay.digest import Digest, digest
 from fbench.replay.imports.check import checked_items
 from fbench.replay.imports.wish import FrameRange, ImportWish
 from fbench.replay.logs.header import header_of, header_record
@@ -92,45 +90,19 @@ def _seen(importer: Importer, source: Path, wish: ImportWish) -> Iterator[tuple[
 def _read(recording: Recording) -> _Seen:
     rig, info, num_told = recording.rig, recording.info, recording.num_items
     _require_cameras(recording.name, rig)
-    digest, num, numbers = hashlib.blake2b(digest_size=16), 0, set[int]()
+    items, num, numbers = Digest(), 0, set[int]()
     for item in checked_items(recording.name, rig, recording.items()):
-        digest.update(_digest(item).encode())
+        items.add(item)
         num += 1
         if isinstance(item, Image | PointCloud | RadarScan | Truth) and item.frame_number is not None:
             numbers.add(item.frame_number)
     header, lines = header_record(header_of(info, rig)), tuple(recording.summary())
-    return _Seen(header, _digest(rig), digest.hexdigest(), num, num_told, frozenset(numbers), lines)
+    return _Seen(header, digest(rig), items.hex(), num, num_told, frozenset(numbers), lines)
 
 
 def _require_cameras(name: str, rig: Rig) -> None:
     cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
     _require(set(rig.cameras) == cameras, f"{name}: the rig's cameras and its mounts of kind camera differ")
-
-
-def _digest(value: object) -> str:
-    digest = hashlib.blake2b(digest_size=16)
-    for part in _bytes(value):
-        digest.update(part)
-    return digest.hexdigest()
-
-
-def _bytes(value: object) -> Iterator[bytes]:
-    """Everything that makes up a value, in a fixed order."""
-    yield type(value).__name__.encode()
-    if isinstance(value, np.ndarray):
-        yield f"{value.dtype}{value.shape}".encode()
-        yield value.tobytes() if value.dtype != object else repr(value.tolist()).encode()
-    elif isinstance(value, bytes):
-        yield value
-    elif is_dataclass(value):
-        for f in fields(value):
-            yield from _bytes(getattr(value, f.name))
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _bytes(key)
-            yield from _bytes(item)
-    else:
-        yield repr(value).encode()
 
 
 def _require(holds: bool, text: str) -> None:

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from typing import Any
-from zlib import crc32
 
 from fbench.datasets.nuscenes.database import AnnotationRow, Database, DataRow, PoseRow
 from fbench.datasets.nuscenes.excerpt import Excerpt
 from fbench.datasets.nuscenes.json_rows import json_rows
 from fbench.datasets.nuscenes.rows import Annotation, EgoPose, SampleData, parsed
 from fbench.datasets.nuscenes.tables import Tables
+from fbench.replay.checksums import crc32
 from fbench.replay.errors import LogError
 from fbench.replay.imports.wish import BadInput
 

@@ -3,11 +3,11 @@
 import stat
 import struct
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 
 from fbench.replay.arrays import Float32
+from fbench.replay.checksums import crc32
 from fbench.replay.data import Image
 from fbench.replay.errors import DecodeError, LimitError, LogError
 from fbench.replay.images import MAX_PIXELS, encoded_format, encoded_size

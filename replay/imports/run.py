@@ -66,7 +66,7 @@ def import_recordings(
             if recording.name not in to_come:
                 raise LogError(f"{source}: the importer gives '{recording.name}', which isn't wanted (any more)")
             del to_come[recording.name]
-            log = _tried(recording, source, targets[recording.name], progress, wish.bad)
+            log = _tried(recording, targets[recording.name], progress, wish.bad)
             yield replace(log, num_skipped=wish.bad.num - num_before)
             num_before = wish.bad.num
     for name in to_come:
@@ -95,16 +95,16 @@ def _opened(importer: Importer, source: Path, wish: ImportWish) -> Generator[Rec
         wish.bad.met(error)
 
 
-def _tried(recording: Recording, source: Path, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
+def _tried(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
     try:
         with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
-            return _imported(recording, source, target, progress, bad.skip)
+            return _imported(recording, target, progress, bad.skip)
     except LogError as error:
         bad.met(error)
         return ImportedLog(recording.name, target.path, "failed")
 
 
-def _imported(recording: Recording, source: Path, target: Target, progress: Progress, skips: bool) -> ImportedLog:
+def _imported(recording: Recording, target: Target, progress: Progress, skips: bool) -> ImportedLog:
     name, info = recording.name, recording.info
     if skips:
         info = replace(info, metadata={**info.metadata, _SKIPS: "yes"})
