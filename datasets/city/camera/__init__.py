@@ -1,0 +1,1 @@
+"""Cameras: shading, weather, lens and sensor."""

@@ -1,0 +1,1 @@
+"""The ray caster that all sensors share."""

@@ -1,0 +1,1 @@
+"""How road users move: car following, lane changes, signals, crossings."""

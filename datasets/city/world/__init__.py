@@ -1,0 +1,1 @@
+"""Road networks: lanes, signals, regions, and all that stands."""
