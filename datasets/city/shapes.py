@@ -54,7 +54,9 @@ def prism(outline_m: Array, bottom_m: float, top_m: float, skin: Skin) -> Mesh:
     return loft(sections, skin)
 
 
-def cylinder(start_m: Three, end_m: Three, radius_m: float, num_sides: int, skin: Skin, end_radius_m: float = -1.0) -> Mesh:  # fmt: skip
+def cylinder(
+    start_m: Three, end_m: Three, radius_m: float, num_sides: int, skin: Skin, end_radius_m: float = -1.0
+) -> Mesh:
     """Return a closed cylinder, or a cone where the radius at its end is another."""
     a, b = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
     u, v = _across(b - a)
