@@ -1,0 +1,114 @@
+"""The one weather: its limits, and light and radar waves in it."""
+
+import numpy as np
+import pytest
+
+from fbench.replay.atmosphere.light import koschmieder_per_m
+from fbench.replay.errors import ConfigError
+from fbench.replay.weather import (
+    Weather,
+    extinction_per_m,
+    fog_extinction_per_m,
+    fog_of,
+    radar_loss_db,
+    rain_extinction_per_m,
+    through_air,
+    transmission,
+)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "expected"),
+    [
+        ("visibility_m", 9.9, "10 to 100000"),
+        ("visibility_m", 100_001.0, "10 to 100000"),
+        ("rain_mm_h", -0.1, "0 to 300"),
+        ("rain_mm_h", 301.0, "0 to 300"),
+        ("lux", -1.0, "0 to 150000"),
+        ("lux", float("inf"), "0 to 150000"),
+        ("sun_elevation_deg", 90.5, "-90 to 90"),
+        ("sun_elevation_deg", float("nan"), "-90 to 90"),
+        ("sun_azimuth_deg", float("-inf"), "-360 to 360"),
+    ],
+)
+def test_a_number_out_of_range_is_refused(field, value, expected):
+    with pytest.raises(ConfigError) as refused:
+        Weather(**{field: value})
+    assert str(refused.value) == f"Weather.{field}: expected {expected}, got {value!r}"
+
+
+def test_limits_themselves_are_allowed():
+    Weather(10.0, 0.0, 0.0, -90.0, -360.0)
+    Weather(100_000.0, 300.0, 150_000.0, 90.0, 360.0)
+
+
+@pytest.mark.parametrize(("per_m", "visibility_m"), [(0.005, 599), (0.01, 300), (0.02, 150), (0.03, 100), (0.06, 50)])
+def test_extinction_of_fog_is_that_of_its_visibility(per_m, visibility_m):
+    assert fog_extinction_per_m(Weather(visibility_m=visibility_m)) == pytest.approx(per_m, rel=2e-3)
+
+
+def test_five_per_cent_of_light_comes_through_as_far_as_one_sees():
+    for visibility_m in (50.0, 300.0, 20_000.0):
+        assert transmission(Weather(visibility_m=visibility_m), np.array(visibility_m)) == pytest.approx(0.05)
+
+
+def test_transmission_over_two_stretches_is_the_product_of_both():
+    weather = Weather(visibility_m=400.0, rain_mm_h=20.0)
+    near, far = np.array([3.0, 10.0, 70.0]), np.array([40.0, 1.0, 300.0])
+    both = transmission(weather, near) * transmission(weather, far)
+    np.testing.assert_allclose(transmission(weather, near + far), both, rtol=1e-12)
+
+
+def test_rain_weakens_as_all_its_drops_do():
+    """Twice the cross-section of Marshall and Palmer's drops, integrated here; and near Ulbrich and Atlas."""
+    diameter_mm = np.linspace(0, 20, 200_001)
+    for rate in (1.0, 10.0, 50.0, 100.0):
+        drops = 8000 * np.exp(-4.1 * rate**-0.21 * diameter_mm)
+        whole = np.trapezoid(2 * np.pi / 4 * (diameter_mm / 1000) ** 2 * drops, diameter_mm)
+        assert rain_extinction_per_m(rate) == pytest.approx(whole, rel=5e-3)
+        ulbrich_atlas = 1.45 * rate**0.64 / (10 / np.log(10)) / 1000
+        assert rain_extinction_per_m(rate) == pytest.approx(ulbrich_atlas, rel=0.15)
+
+
+def test_fog_and_rain_add_up():
+    mixed = extinction_per_m(Weather(visibility_m=200.0, rain_mm_h=30.0))
+    assert mixed == pytest.approx(np.log(20) / 200 + 3.65e-4 * 30**0.63)
+    assert extinction_per_m(Weather()) == pytest.approx(1.498e-4, rel=1e-3)
+
+
+def test_air_replaces_light_by_its_own():
+    light, airlight = np.array([[0.1, 0.2, 0.9], [1.0, 0.0, 0.5]]), np.array([0.8, 0.8, 0.9])
+    np.testing.assert_array_equal(through_air(light, np.array([1.0, 1.0]), airlight), light)
+    np.testing.assert_array_equal(through_air(light, np.array([0.0, 0.0]), airlight), [airlight, airlight])
+    np.testing.assert_allclose(through_air(light, np.array([0.5, 1.0]), airlight)[0], [0.45, 0.5, 0.9])
+
+
+def test_contrast_falls_by_beer_and_lambert():
+    """Of a dark and a bright thing at one depth, the difference is what comes through."""
+    weather, airlight = Weather(visibility_m=150.0), np.array([0.7, 0.7, 0.7])
+    for distance_m in (10.0, 50.0, 150.0):
+        share = transmission(weather, np.array([distance_m, distance_m]))
+        dark, bright = through_air(np.array([[0.0] * 3, [1.0] * 3]), share, airlight)
+        np.testing.assert_allclose(bright - dark, np.exp(-np.log(20) * distance_m / 150), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rain_mm_h", "at_100_m", "at_200_m"),
+    [(5, 0.70, 1.41), (10, 1.15, 2.30), (25, 2.20, 4.40), (50, 3.59, 7.18), (100, 5.86, 11.72)],
+)
+def test_radar_loss_in_rain_is_that_of_the_recommendation(rain_mm_h, at_100_m, at_200_m):
+    loss = radar_loss_db(Weather(visibility_m=100_000.0, rain_mm_h=rain_mm_h), np.array([100.0, 200.0]))
+    np.testing.assert_allclose(loss, [at_100_m, at_200_m], atol=0.0051)
+
+
+def test_radar_hardly_notices_fog_in_which_light_is_gone():
+    fog = Weather(visibility_m=50.0)
+    assert radar_loss_db(fog, np.array([100.0]))[0] < 0.25
+    assert transmission(fog, np.array([200.0]))[0] < 1e-5  # a LiDAR's way to 100 m and back
+
+
+def test_lidar_fog_takes_the_extinction_of_all_that_is_in_the_air():
+    weather = Weather(visibility_m=100.0, rain_mm_h=50.0)
+    fog = fog_of(weather)
+    assert fog.alpha_per_m == extinction_per_m(weather) > koschmieder_per_m(100.0)
+    assert fog.beta_per_m == pytest.approx(4.6e-4)
