@@ -16,11 +16,12 @@ from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64, Text, fre
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.errors import DataError
 from fbench.replay.geometry.transforms import pose_matrix
+from fbench.replay.regions import Region, regions_of
 
 __all__ = [
     "KINDS", "LABELS", "VEHICLES", "Bool", "Boxes", "Boxes2D", "Boxes3D", "CameraModel", "ClockName", "Fault",
     "Float32", "Float64", "Frame", "Image", "Int64", "Kind", "LogInfo", "Message", "Mount", "Output",
-    "PointCloud", "Pose", "RadarScan", "Rig", "RigChange", "Source", "Text", "Truth",
+    "PointCloud", "Pose", "RadarScan", "Region", "Rig", "RigChange", "Source", "Text", "Truth",
 ]  # fmt: skip
 
 LABELS = ("car", "van", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "other")
@@ -281,6 +282,15 @@ class LogInfo:
     """File name without folder and suffix."""
     log_id: str
     metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Where road users are expected, in world coordinates; none where the log doesn't say.
+
+        Raises:
+            LogError: where the metadata say it in another form than ours.
+        """
+        return regions_of(self.metadata)
 
 
 @dataclass(frozen=True, eq=False)

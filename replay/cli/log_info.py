@@ -1,5 +1,6 @@
 """What `fbench log info` prints."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -9,9 +10,10 @@ from rich.table import Table
 from fbench.replay.cli.fault_text import explained, fault_lines
 from fbench.replay.cli.show import console, print_json
 from fbench.replay.config.source import LogSource
-from fbench.replay.data import CameraModel, Mount
+from fbench.replay.data import CameraModel, LogInfo, Mount
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.faults import FaultLog
+from fbench.replay.log_keys import REGIONS
 from fbench.replay.logs.storage import Storage
 from fbench.replay.survey import Stream, Survey, survey
 
@@ -101,11 +103,19 @@ def _form(form: Storage) -> str:
 
 
 def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
-    yield from (f"{key}: {_short(value)}" for key, value in sorted(result.info.metadata.items()))
+    metadata = sorted(result.info.metadata.items())
+    yield from (f"{key}: {_short(value)}" for key, value in metadata if key != REGIONS)
+    yield from _regions(result.info)
     yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
     yield from (f"new segment by log time: {why}" for why in result.breaks or ())
     yield from fault_lines(faults.rows())
     yield "not verified; see fbench log check"
+
+
+def _regions(info: LogInfo) -> Iterator[str]:
+    if REGIONS in info.metadata:
+        kinds = Counter(region.kind for region in info.regions)
+        yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
 
 
 def _short(value: str) -> str:

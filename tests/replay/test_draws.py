@@ -1,0 +1,40 @@
+import subprocess
+import sys
+
+import numpy as np
+
+from fbench.replay.draws import generator
+
+
+def test_equal_scopes_give_equal_numbers_whatever_was_drawn_before():
+    generator(1, "lidar", 5).random(1000)
+    assert generator(1, "lidar", 5).random(4).tolist() == generator(1, "lidar", 5).random(4).tolist()
+
+
+def test_other_scopes_give_other_numbers():
+    scopes = [
+        (1, "lidar", 5),
+        (1, "lidar", 6),
+        (1, "radar", 5),
+        (2, "lidar", 5),
+        (1, "lidar", "5"),
+        (1, "lidar5"),
+        (1,),
+    ]
+    drawn = [generator(*scope).integers(2**62) for scope in scopes]
+    assert len(set(drawn)) == len(scopes)
+
+
+def test_texts_that_look_alike_when_joined_are_told_apart():
+    assert generator(0, "ab", "c").random() != generator(0, "a", "bc").random()
+
+
+def test_another_process_draws_the_same():
+    code = "from fbench.replay.draws import generator; print(generator(7, 'radar', 10**18).standard_normal(3).tolist())"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == str(generator(7, "radar", 10**18).standard_normal(3).tolist())
+
+
+def test_numbers_are_evenly_distributed_over_stamps():
+    drawn = np.array([generator(3, "lidar", stamp).random() for stamp in range(2000)])
+    assert abs(drawn.mean() - 0.5) < 3 / np.sqrt(12 * 2000)
