@@ -29,6 +29,8 @@ class Lane:
     """Index of the group of signals at its end, where one must stop unless it is green."""
     in_junction: bool = False
     """Whether it crosses a junction: nobody may stop on it."""
+    longest_m: float = float("inf")
+    """Longer vehicles may not use it: turning, they would need more room than there is."""
 
 
 @dataclass(frozen=True, eq=False)

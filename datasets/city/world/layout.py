@@ -36,7 +36,11 @@ class Placement:
     yaw_rad: float
     """Where its front looks; along a barrier or fence."""
     size_lwh_m: tuple[float, float, float]
-    """Length along its front's direction, width, height; a tree's crown is as wide as it is."""
+    """Length along its front's direction, width, height; a tree's crown is as wide as it is.
+
+    A lamp post's length is the reach of its arm from the foot, a barrier's or fence's how far it goes on both sides of
+    its foot together; a gantry spans the road by its width.
+    """
     variant: int = 0
     """Seed of its looks."""
     signal: int | None = None
