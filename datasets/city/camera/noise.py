@@ -1,0 +1,37 @@
+"""Value noise: numbers that depend on a place alone."""
+
+from math import floor
+
+from fbench.replay.kernels import kernel
+
+
+@kernel
+def hashed(x: int, y: int, salt: int) -> float:
+    """Return a number from -1 to 1 that belongs to two whole numbers and a salt."""
+    h = (x * 73856093) ^ (y * 19349663) ^ (salt * 83492791)
+    h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
+    h = ((h ^ (h >> 13)) * 3266489917) & 0xFFFFFFFF
+    h ^= h >> 16
+    return (h & 0xFFFFFF) * (2.0 / 0xFFFFFF) - 1.0
+
+
+@kernel
+def value_noise(u: float, v: float, salt: int) -> float:
+    """Return smooth noise from -1 to 1 with one value a unit square."""
+    x, y = floor(u), floor(v)
+    a, b = u - x, v - y
+    i, j = int(x), int(y)
+    a, b = a * a * (3 - 2 * a), b * b * (3 - 2 * b)
+    low = hashed(i, j, salt) * (1 - a) + hashed(i + 1, j, salt) * a
+    high = hashed(i, j + 1, salt) * (1 - a) + hashed(i + 1, j + 1, salt) * a
+    return low * (1 - b) + high * b
+
+
+@kernel
+def fractal_noise(u: float, v: float, octaves: int, salt: int) -> float:
+    """Return noise with details: every octave is twice as fine and half as strong; within -2 to 2."""
+    total, weight = 0.0, 1.0
+    for octave in range(octaves):
+        total += weight * value_noise(u, v, salt + octave)
+        u, v, weight = 2.03 * u + 7.1, 2.03 * v - 3.7, 0.5 * weight
+    return total

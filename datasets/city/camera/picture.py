@@ -1,0 +1,86 @@
+"""Images of the city, with the truth of every pixel."""
+
+from dataclasses import dataclass
+
+from fbench.datasets.city.camera.develop import averaged, developed, jpeg
+from fbench.datasets.city.camera.edges import edge_pixels, jittered
+from fbench.datasets.city.camera.lamps import lamps_of
+from fbench.datasets.city.camera.light import Light, light_of
+from fbench.datasets.city.camera.samples import Eye, Samples, sample
+from fbench.datasets.city.camera.shade import Scene, radiances
+from fbench.datasets.city.camera.surfaces import surfaces_of
+from fbench.datasets.city.motion import EGO, BodyStates
+from fbench.datasets.city.rays.hits import RayCaster
+from fbench.datasets.city.rig import CameraSpec
+from fbench.replay.arrays import Array, Float32, Float64, Int64
+from fbench.replay.data import Image
+from fbench.replay.draws import generator
+from fbench.replay.weather import Weather
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One image and what each pixel shows; pixel (u, v) is at [v, u]."""
+
+    image: Image
+    """As JPEG."""
+    rgb: Array
+    """(H, W, 3) uint8, before it was encoded."""
+    depth_m: Float32
+    """(H, W) Z in camera coordinates; infinite for the sky."""
+    body: Array
+    """(H, W) int32 index of the actor, `STATIC` or `MISS` (the sky)."""
+    material: Array
+    """(H, W) uint8 index into `MATERIALS`; 255 for the sky."""
+    normal: Float32
+    """(H, W, 3) in the world, towards the camera; 0 for the sky."""
+    alone: tuple[tuple[int, Int64], ...]
+    """As `Hits.alone`, with pixels v * W + u."""
+
+
+def picture(
+    caster: RayCaster, states: BodyStates, spec: CameraSpec, sensor: str, body_T_sensor: Float64,
+    street_lamps_m: Float64, weather: Weather, seed: int, stamp_ns: int, log_ns: int,
+) -> Picture:  # fmt: skip
+    """Take an image: one ray through the centre of each pixel, more where edges need it.
+
+    `body_T_sensor` (4, 4) moves points from camera coordinates (x right, y down, z forward) to those of the ego
+    vehicle; street lamps (L, 3) are in the world. The noise is that of (seed, sensor, stamp); the rest is the same
+    for all cameras.
+    """
+    light, model = light_of(weather), spec.model()
+    eye = Eye(model, states.world_T_body(EGO) @ body_T_sensor)
+    lamps = lamps_of(caster.actors, states, street_lamps_m, light)
+    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(seed))
+    uv = eye.pixels()
+    samples = sample(caster, states, eye, uv, light)
+    linear = _smoothed(caster, states, eye, uv, light, samples, scene)
+    width, height = spec.size_wh
+    rgb = developed(linear.reshape(height, width, 3), spec, light, generator(seed, "camera", sensor, stamp_ns))
+    image = Image(sensor, stamp_ns, log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
+    return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
+
+
+def _smoothed(
+    caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, samples: Samples, scene: Scene
+) -> Float32:
+    """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
+    linear = radiances(samples, scene)
+    pixels = edge_pixels(samples, eye.model.size_wh[0])
+    if len(pixels):
+        more = radiances(sample(caster, states, eye, jittered(uv, pixels), light), scene)
+        averaged(linear, more, pixels)
+    return linear
+
+
+def _with_truth(image: Image, rgb: Array, samples: Samples, depth_m: Float32) -> Picture:
+    width, height = image.size_wh
+    hits = samples.hits
+    return Picture(
+        image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),
+        samples.material.reshape(height, width), hits.normal.reshape(height, width, 3), hits.alone,
+    )  # fmt: skip
+
+
+def _salt(seed: int) -> int:
+    return int(generator(seed, "camera", "clouds").integers(1 << 30))

@@ -1,0 +1,71 @@
+"""Small worlds to look at: a ground plane, walls and boxes, seen by a camera at the height of 1 m."""
+
+import numpy as np
+import pytest
+
+from fbench.datasets.city.actor import Actor, Body
+from fbench.datasets.city.camera.picture import picture
+from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.rays.caster import EmbreeCaster
+from fbench.datasets.city.rig import CameraSpec, RigSpec
+from fbench.datasets.city.shapes import Skin, box
+from fbench.replay.weather import Weather
+
+ASPHALT = Skin("asphalt", (0.12, 0.12, 0.12))
+GROUND = box((0, 0, -0.5), (600, 600, 1), ASPHALT)
+EGO_BODY = Body("car", (4.0, 1.8, 1.5), (box((0, 0, 0.75), (4, 1.8, 1.5), Skin("paint", (0.5, 0.5, 0.5))),))
+
+
+def block(color=(0.5, 0.1, 0.1), size=(4.0, 1.8, 1.5), material="paint", label="car") -> Body:
+    return Body(label, size, (box((0, 0, size[2] / 2), size, Skin(material, color)),))
+
+
+class Look:
+    """Takes pictures of a static world and of bodies (position, yaw) before the ego vehicle at the origin."""
+
+    def __init__(self, static: list[Mesh], bodies=(), braking=(), lamps=(), parked=False):
+        self.actors = (Actor(EGO_BODY), *(Actor(body, parked) for body, _, _ in bodies))
+        self.caster = EmbreeCaster(merged(static), self.actors)
+        n = len(self.actors)
+        position = np.array([(0.0, 0, 0), *(p for _, p, _ in bodies)], float)
+        yaw = np.array([0.0, *(y for _, _, y in bodies)])
+        brakes = np.array([False, *braking, *[False] * (n - 1 - len(braking))])
+        self.states = BodyStates(
+            0.0, position, yaw, np.zeros((n, 3)), np.zeros(n), np.zeros(n), brakes, np.array(lamps, bool)
+        )
+
+    def take(self, spec=None, weather=None, sensor="camera", seed=1, stamp_ns=0, street_lamps_m=None):
+        spec = spec or plain()
+        T = RigSpec(cameras={sensor: spec}).rig().body_T_sensor(sensor)
+        lamps = np.zeros((0, 3)) if street_lamps_m is None else np.array(street_lamps_m, float)
+        return picture(
+            self.caster, self.states, spec, sensor, T, lamps, weather or Weather(), seed, stamp_ns, stamp_ns + 5
+        )
+
+
+def plain(**changes) -> CameraSpec:
+    """A camera at (2, 0, 1) without noise and vignetting, 400 x 300, f = 200 px."""
+    return CameraSpec(
+        **{"translation_m": (2.0, 0.0, 1.0), "size_wh": (400, 300), "noise": 0.0, "vignetting": 0.0} | changes
+    )
+
+
+@pytest.fixture
+def look():
+    return Look
+
+
+@pytest.fixture
+def spec():
+    return plain
+
+
+@pytest.fixture
+def ground():
+    return GROUND
+
+
+@pytest.fixture
+def body():
+    return block
