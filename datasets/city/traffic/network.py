@@ -1,0 +1,158 @@
+"""The lanes of a map as flat arrays, for compiled code."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fbench.datasets.city.traffic.conflicts import conflicts_of
+from fbench.datasets.city.traffic.gates import gates_of, splits_of
+from fbench.datasets.city.traffic.swept import usable_lengths
+from fbench.datasets.city.world.city_map import CityMap, Lane
+from fbench.replay.arrays import Array, Float64
+
+DRIVE, BIKE, WALK = 0, 1, 2
+KINDS = {"drive": DRIVE, "bike": BIKE, "walk": WALK}
+_LATERAL_MPS2 = 1.9
+"""Lateral acceleration that drivers accept in curves; 2 is comfortable."""
+_SLOWING_MPS2 = 1.2
+"""How hard they brake before a curve."""
+_CRAWL_MPS = 1.0
+
+
+ALONG, CURVE = 5, 6
+"""Columns of `Network.path`."""
+
+LANE = np.dtype([
+    ("length_m", "f8"), ("speed_mps", "f8"), ("longest_m", "f8"), ("kind", "i8"), ("left", "i8"), ("right", "i8"),
+    ("signal", "i8"), ("point_from", "i8"), ("point_to", "i8"), ("next_from", "i8"), ("next_to", "i8"),
+    ("split_from", "i8"), ("split_to", "i8"), ("gate_from", "i8"), ("gate_to", "i8"),
+])  # fmt: skip
+"""A lane; -1 for no neighbour and no signal; `_from` and `_to` are rows of the other arrays."""
+NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])
+"""A successor, and how often it is chosen."""
+GROUP = np.dtype([("green_from_s", "f8"), ("green_s", "f8")])
+
+
+class Network(NamedTuple):
+    """A map, prepared."""
+
+    path: Float64
+    """(P, 7) points of all lanes: x, y, z, unit tangent in x and y, length up to there, speed that the curves allow."""
+    lanes: Array
+    """(L,) of `LANE`."""
+    nexts: Array
+    """(S,) of `NEXT`."""
+    splits: Array
+    """Of `SPLIT`: lanes that begin where a lane begins."""
+    gates: Array
+    """Of `GATE`: stretches of lanes that others cross or join; nobody enters one without the right to it."""
+    conflicts: Array
+    """Of `CONFLICT`: what meets a gate."""
+    groups: Array
+    """Of `GROUP`: signals."""
+    cycle_s: float
+    yellow_s: float
+
+
+def network_of(city_map: CityMap) -> Network:
+    """Prepare the lanes of a map."""
+    lanes, signals = city_map.lanes, city_map.signals
+    along, tangents = [lane_lengths(lane) for lane in lanes], lane_tangents(lanes)
+    pairs = conflicts_of(lanes, along)
+    split_starts, splits = splits_of(pairs, len(lanes))
+    gate_starts, gates, conflicts = gates_of(lanes, along, pairs)
+    nexts = [(k, _weight(tangents[k])) for lane in lanes for k in lane.successors]
+    groups = zip(signals.green_from_s, signals.green_s, strict=True)
+    return Network(
+        np.concatenate([_path(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)]),
+        _lanes(lanes, along, usable_lengths(lanes, along, tangents), split_starts, gate_starts),
+        np.array(nexts, NEXT), splits, gates, conflicts,
+        np.array(list(groups), GROUP), float(signals.cycle_s), float(signals.yellow_s),
+    )  # fmt: skip
+
+
+def _path(lane: Lane, along: Float64, tangent: Float64) -> Float64:
+    return np.column_stack([lane.points_m, tangent, along, _curve_speeds(along, tangent)])
+
+
+def _lanes(lanes: tuple[Lane, ...], along: list[Float64], longest: Float64, splits: Array, gates: Array) -> Array:
+    result = np.zeros(len(lanes), LANE)
+    starts = {
+        "point": np.cumsum([0, *(len(a) for a in along)]),
+        "next": np.cumsum([0, *(len(lane.successors) for lane in lanes)]),
+        "split": splits,
+        "gate": gates,
+    }
+    for name, rows in starts.items():
+        result[f"{name}_from"], result[f"{name}_to"] = rows[:-1], rows[1:]
+    result["length_m"] = [a[-1] for a in along]
+    result["kind"] = [KINDS[lane.kind] for lane in lanes]
+    result["speed_mps"], result["longest_m"] = [lane.speed_mps for lane in lanes], longest
+    for name in ("left", "right", "signal"):
+        result[name] = [-1 if getattr(lane, name) is None else getattr(lane, name) for lane in lanes]
+    return result
+
+
+def lane_tangents(lanes: tuple[Lane, ...]) -> list[Float64]:
+    """Directions (P, 2) at each lane's points, the same for all lanes that meet at a node."""
+    tangents = [_tangents(lane.points_m[:, :2]) for lane in lanes]
+    for group in _nodes(lanes):
+        mean = np.sum([tangents[lane][row] for lane, row in group], axis=0)
+        mean = mean / np.sqrt((mean * mean).sum())
+        for lane, row in group:
+            tangents[lane][row] = mean
+    return tangents
+
+
+def lane_lengths(lane: Lane) -> Float64:
+    """Length (P,) of a lane up to each of its points."""
+    steps = np.diff(lane.points_m[:, :2], axis=0)
+    return np.concatenate([[0.0], np.cumsum(np.sqrt((steps * steps).sum(axis=1)))])
+
+
+def _tangents(points: Float64) -> Float64:
+    """Of a parabola through each point and its neighbours."""
+    step = np.diff(points, axis=0)
+    h = np.sqrt((step * step).sum(axis=1))[:, None]
+    slope = step / h
+    inner = (slope[:-1] * h[1:] + slope[1:] * h[:-1]) / (h[:-1] + h[1:])
+    if len(inner):
+        tangent = np.concatenate([2 * slope[:1] - inner[:1], inner, 2 * slope[-1:] - inner[-1:]])
+    else:
+        tangent = np.concatenate([slope, slope])
+    return np.asarray(tangent / np.sqrt((tangent * tangent).sum(axis=1))[:, None], np.float64)
+
+
+def _nodes(lanes: tuple[Lane, ...]) -> list[list[tuple[int, int]]]:
+    """Ends (lane, -1) and beginnings (lane, 0) that lie on the same node."""
+    parent = list(range(2 * len(lanes)))
+
+    def root(i: int) -> int:
+        while parent[i] != i:
+            i = parent[i]
+        return i
+
+    for i, lane in enumerate(lanes):
+        for k in lane.successors:
+            parent[root(2 * k)] = root(2 * i + 1)
+    groups: dict[int, list[tuple[int, int]]] = {}
+    for i in range(len(lanes)):
+        groups.setdefault(root(2 * i), []).append((i, 0))
+        groups.setdefault(root(2 * i + 1), []).append((i, -1))
+    return list(groups.values())
+
+
+def _curve_speeds(along: Float64, tangent: Float64) -> Float64:
+    """Speed (P,) that keeps v^2 / R in curves, with room to brake before them."""
+    cross = tangent[:-1, 0] * tangent[1:, 1] - tangent[:-1, 1] * tangent[1:, 0]
+    bend = np.abs(np.arcsin(np.clip(cross, -1, 1))) / np.diff(along)
+    at = np.maximum(np.append(bend, 0.0), np.append(0.0, bend))
+    speed = np.maximum(np.sqrt(_LATERAL_MPS2 / np.maximum(at, 1e-6)), _CRAWL_MPS)
+    for i in range(len(speed) - 2, -1, -1):
+        speed[i] = min(speed[i], np.sqrt(speed[i + 1] ** 2 + 2 * _SLOWING_MPS2 * (along[i + 1] - along[i])))
+    return np.asarray(speed, np.float64)
+
+
+def _weight(tangent: Float64) -> float:
+    """Straight on is chosen twice as often as a turn."""
+    return 2.0 if (tangent[0] * tangent[-1]).sum() > 0.7 else 1.0

@@ -1,0 +1,143 @@
+"""Where everybody begins."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from fbench.datasets.city.actor import Actor, Body
+from fbench.datasets.city.traffic.change_kernel import extend
+from fbench.datasets.city.traffic.drivers import Driver, drawn_driver
+from fbench.datasets.city.traffic.network import Network
+from fbench.datasets.city.traffic.state import HERE, MOVER, NUM_CHOICES, WINDOW, State
+from fbench.datasets.city.world.city_map import CityMap
+from fbench.replay.arrays import Array, Float64
+from fbench.replay.draws import generator
+
+_TRIES = 300
+_START = 0.7
+"""Share of the desired speed at first."""
+_FREE_M = {0: 6.0, 1: 3.0, 2: 1.0}
+_FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}
+"""Least gap to others: in metres, and in seconds of one's speed on top."""
+_LEAST_LANE_M = 6.0
+_LEAVING_MPS2 = 1.5
+"""One can brake so gently and stop at the end of the lane."""
+
+
+@dataclass
+class Place:
+    """A mover's beginning."""
+
+    lane: int
+    at_m: float
+    speed_mps: float
+
+
+def placed(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
+    """Place bodies on lanes of their kind, the longest first; who finds no place stays away.
+
+    Returns those who have a place, in their order, and their state.
+    """
+    drivers = [drawn_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
+               for i, body in enumerate(bodies)]  # fmt: skip
+    draw = generator(seed, "traffic", "places")
+    found: dict[int, Place] = {}
+    taken: dict[int, list[tuple[float, float]]] = {}
+    for i in sorted(range(len(bodies)), key=lambda k: (-bodies[k].size_lwh_m[0], k)):
+        place = _place(net, bodies[i].size_lwh_m[0], drivers[i], taken, draw)
+        if place is not None:
+            found[i] = place
+            taken.setdefault(place.lane, []).append((place.at_m, bodies[i].size_lwh_m[0]))
+    keep = sorted(found)
+    state = _state(net, [bodies[i] for i in keep], [drivers[i] for i in keep], [found[i] for i in keep], seed)
+    return [bodies[i] for i in keep], state
+
+
+def parked(city_map: CityMap, bodies: list[Body], rows: Array) -> tuple[list[Actor], Float64]:
+    """Actors that stand in places to park, and their x, y, z, yaw (K, 4)."""
+    places = [city_map.parkings[row] for row in rows]
+    at = np.array([[*place.position_m, place.yaw_rad] for place in places], np.float64).reshape(-1, 4)
+    return [Actor(body, parked=True) for body in bodies], at
+
+
+def _place(
+    net: Network,
+    length_m: float,
+    driver: Driver,
+    taken: dict[int, list[tuple[float, float]]],
+    draw: np.random.Generator,
+) -> Place | None:  # fmt: skip
+    room = np.where(_usable(net, length_m, driver), np.maximum(net.lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
+    room[net.lanes["length_m"] < _LEAST_LANE_M] = 0.0
+    if not room.sum():
+        return None
+    edges = np.cumsum(room)
+    for _ in range(_TRIES):
+        lane = int(np.searchsorted(edges, draw.random() * edges[-1], side="right"))
+        at = 1.0 + length_m / 2 + float(draw.random()) * float(room[lane])
+        speed = _START * min(driver.fastest_mps, float(net.lanes["speed_mps"][lane]) * driver.factor)
+        ends = _stops(net, lane)
+        speed = (
+            min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * (net.lanes["length_m"][lane] - at - length_m / 2))))
+            if ends
+            else speed
+        )
+        gap = _FREE_M[driver.kind] + _FREE_S[driver.kind] * speed
+        apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken.get(lane, [])]
+        if min(apart, default=np.inf) >= gap and not _in_gate(net, lane, at, length_m):
+            return Place(lane, at, speed)
+    return None
+
+
+def _usable(net: Network, length_m: float, driver: Driver) -> Array:
+    fits = (net.lanes["kind"] == driver.kind) & (net.lanes["longest_m"] >= length_m)
+    if driver.keeps_right:
+        fits &= net.lanes["right"] < 0
+    return np.asarray(fits)
+
+
+def _stops(net: Network, lane: int) -> bool:
+    after = _after(net, lane)
+    return bool((net.lanes["gate_to"][after] > net.lanes["gate_from"][after]).any())
+
+
+def _in_gate(net: Network, lane: int, at: float, length_m: float) -> bool:
+    gates = net.gates[net.lanes["gate_from"][lane] : net.lanes["gate_to"][lane]]
+    near = (gates["from_m"] < at + length_m / 2 + 2.0) & (gates["to_m"] > at - length_m / 2 - 2.0)
+    return bool(near.any())
+
+
+def _after(net: Network, lane: int) -> Array:
+    """Successors of a lane."""
+    return np.asarray(net.nexts["lane"][net.lanes["next_from"][lane] : net.lanes["next_to"][lane]])
+
+
+def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list[Place], seed: int) -> State:
+    movers = np.zeros(len(bodies), MOVER)
+    draws = [generator(seed, "traffic", "ways", i) for i in range(len(bodies))]
+    for field in fields(Driver):
+        movers[field.name] = [getattr(driver, field.name) for driver in drivers]
+    movers["length_m"] = [body.size_lwh_m[0] for body in bodies]
+    movers["width_m"] = [body.size_lwh_m[1] for body in bodies]
+    movers["at_m"], movers["speed_mps"] = [p.at_m for p in places], [p.speed_mps for p in places]
+    movers["base_m"] = [draw.uniform(0, 100) for draw in draws]
+    movers["right_to_m"] = movers["base_m"] + movers["at_m"] + movers["length_m"] / 2
+    movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
+    choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(bodies), NUM_CHOICES)
+    state = State(movers, _ways(net, places), choices, np.zeros(2, np.int64))
+    for i in range(len(bodies)):
+        extend(net, state, i)
+    return state
+
+
+def _ways(net: Network, places: list[Place]) -> Array:
+    """Lanes behind each mover, the first that lead there; those ahead are -1."""
+    before = np.zeros(len(net.lanes["length_m"]), np.int64)
+    for lane in range(len(before) - 1, -1, -1):
+        before[_after(net, lane)] = lane
+    ways = np.full((len(places), WINDOW), -1, np.int64)
+    for i, place in enumerate(places):
+        ways[i, HERE] = place.lane
+        for k in range(HERE - 1, -1, -1):
+            ways[i, k] = before[ways[i, k + 1]]
+    return ways
