@@ -45,8 +45,8 @@ MATERIALS = (
     Material("headlight", 0.25, -2.0, 40.0, gloss=0.1, emits=6.0),
     Material("taillight", 0.30, -6.0, 40.0, gloss=0.06, retro=0.5, emits=0.6),
     Material("plate", 0.50, 0.0, 30.0, retro=0.8),
-    Material("skin", 0.60, -8.0, 70.0),
-    Material("cloth", 0.45, -10.0, 70.0, texture="cloth"),
+    Material("skin", 0.60, -5.0, 70.0),
+    Material("cloth", 0.45, -7.0, 70.0, texture="cloth"),
     Material("foliage", 0.50, -12.0, 90.0, texture="leaves"),
     Material("bark", 0.35, -12.0, 70.0, texture="bark"),
     Material("sign", 0.40, 2.0, 20.0, retro=0.9),
@@ -54,6 +54,7 @@ MATERIALS = (
     Material("barrier", 0.40, 4.0, 25.0, gloss=0.08),
     Material("street_lamp", 0.30, 0.0, 40.0, emits=4.0),
     Material("signal_lamp", 0.20, -6.0, 40.0, emits=1.5),
+    Material("wood", 0.45, -14.0, 60.0, texture="plain"),
 )
 INDEX: Mapping[str, int] = {material.name: i for i, material in enumerate(MATERIALS)}
 """Index into `MATERIALS` by name."""

@@ -14,6 +14,10 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Three = Annotated[tuple[Number, Number, Number], Field(strict=False)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+"""Of a sensor."""
+POSE = "pose"
+"""Name of the stream of poses, which no sensor may have."""
 _OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: the camera's x right, y down, z forward in axes x forward, y left, z up."""
 
@@ -131,9 +135,35 @@ class RigSpec(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    cameras: dict[str, CameraSpec] = {}
-    lidars: dict[str, LidarSpec] = {}
-    radars: dict[str, RadarSpec] = {}
+    cameras: dict[Name, CameraSpec] = {}
+    lidars: dict[Name, LidarSpec] = {}
+    radars: dict[Name, RadarSpec] = {}
+    pose_rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 100.0
+    """Of the poses of the ego vehicle, which arrive 1 ms after their stamps."""
+
+    @property
+    def specs(self) -> dict[str, CameraSpec | LidarSpec | RadarSpec]:
+        """All sensors, sorted by name."""
+        every: dict[str, CameraSpec | LidarSpec | RadarSpec] = {**self.cameras, **self.lidars, **self.radars}
+        return {name: every[name] for name in sorted(every)}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all sensors, sorted."""
+        return tuple(self.specs)
+
+    @property
+    def reference(self) -> str:
+        """Whose stamps are the instants of frames: the first camera, else the first LiDAR, else the first radar."""
+        return next(iter([*sorted(self.cameras), *sorted(self.lidars), *sorted(self.radars)]))
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> Self:
+        names = [POSE, *self.cameras, *self.lidars, *self.radars]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"two streams are called '{twice[0]}'")
+        return self
 
     def rig(self) -> Rig:
         """Mounts and camera models as a log holds them."""

@@ -46,3 +46,8 @@ LOG_EXPORT = (
     "fbench log export kitti/0000.mcap kitti/0001.mcap --format kitti-tracking -o label_02\n\n"
     "fbench log export runs/scene-*-late3d --format nuscenes -o submission.json"
 )
+LOG_SIMULATE = (
+    f"{_HEAD}fbench log simulate urban --condition fog --seconds 10 --seed 3 -o fog.mcap\n\n"
+    "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap\n\n"
+    "fbench log simulate suite --split test -o suite"
+)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import examples, log_convert, log_export, log_import, log_preview
+from fbench.replay.cli import examples, log_convert, log_export, log_import, log_preview, log_simulate
 from fbench.replay.cli.log_options import Config, RigFiles, TruthFile, TruthFormat, TruthFrame
 from fbench.replay.cli.options import (
     Json,
@@ -86,3 +86,4 @@ app.command("convert", epilog=examples.LOG_CONVERT)(log_convert.convert)
 
 app.command("import", epilog=examples.LOG_IMPORT)(log_import.import_)
 app.command("export", epilog=examples.LOG_EXPORT)(log_export.export)
+app.command("simulate", epilog=examples.LOG_SIMULATE)(log_simulate.simulate)

@@ -88,6 +88,17 @@ def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | N
     return next(import_recordings(importer, source, wish, {wish.names[0]: Target(out, overwrite=True)}))
 
 
+def write_recording(recording: Recording, target: Target, progress: Progress) -> ImportedLog:
+    """Write one sequence, or leave the log that an equal one wrote before.
+
+    Raises:
+        ConfigError: where the log can't or mustn't be written.
+        LogError: naming what can't be used of the sequence.
+    """
+    with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
+        return _imported(recording, target, progress, skips=False)
+
+
 def _opened(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
     try:
         yield from importer.recordings(source, wish)

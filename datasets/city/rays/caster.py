@@ -1,6 +1,7 @@
 """The ray caster on Embree: the static world in one scene, each body's mesh in one of its own."""
 
 import numpy as np
+from embreex.rtcore import EmbreeDevice
 
 from fbench.datasets.city.actor import Actor
 from fbench.datasets.city.mesh import Mesh, merged
@@ -23,8 +24,9 @@ class EmbreeCaster:
     def __init__(self, static: Mesh, actors: tuple[Actor, ...]) -> None:
         self._static, self._actors = static, actors
         phases = {mesh: None for actor in actors for mesh in actor.body.phases}
-        self._scenes = {mesh: Scene(mesh) for mesh in phases}
-        self._world = Scene(static)
+        device = EmbreeDevice()
+        self._scenes = {mesh: Scene(mesh, device) for mesh in phases}
+        self._world = Scene(static, device)
         meshes = (static, *phases)
         starts = np.cumsum([0, *(len(mesh) for mesh in meshes)])
         self._starts = {mesh: int(start) for mesh, start in zip(phases, starts[1:-1], strict=True)}

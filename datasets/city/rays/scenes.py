@@ -2,6 +2,7 @@
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
 from fbench.datasets.city.mesh import Mesh
@@ -14,10 +15,11 @@ _MARGIN_M = 1e-3
 class Scene:
     """One mesh in its own coordinates, ready to be hit. Never changes, so threads can share it."""
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, device: EmbreeDevice) -> None:
+        """Build the scene on a device, which all scenes share: Embree crashes where there are a thousand devices."""
         self.box_m = _box(mesh)
         self.is_empty = len(mesh) == 0
-        self._scene = EmbreeScene(robust=True)  # watertight: no ray slips through between two triangles
+        self._scene = EmbreeScene(device, robust=True)  # watertight: no ray slips through between two triangles
         TriangleMesh(self._scene, np.array(mesh.vertices_m, np.float32), np.array(mesh.triangles, np.int32))
         nothing = np.zeros((0, 3), np.float32)
         self._scene.run(nothing, nothing)  # builds the tree, which must not happen while threads share it

@@ -1,0 +1,125 @@
+"""Pedestrians: adults and children who walk, in clothes, some with hat, bag or coat."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from fbench.datasets.city.actor import Body
+from fbench.datasets.city.bodies.figure import Looks, figure, rings, upright
+from fbench.datasets.city.bodies.finish import body
+from fbench.datasets.city.bodies.gait import NUM_PHASES, Walk, walking
+from fbench.datasets.city.bodies.paints import HAIR, SKINS, TOPS, TROUSERS, linear, pick
+from fbench.datasets.city.bodies.pose import Pose
+from fbench.datasets.city.bodies.shell import shell, tube
+from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.shapes import Skin
+
+_CHILDREN: Final = 0.12
+"""Share of pedestrians."""
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What someone has besides; `None` what not."""
+
+    hat: Skin | None
+    coat: Skin | None
+    hem: float
+    """Where coat or skirt ends: 0 at the hips, 1 at the knees."""
+    from_chest: bool
+    """Whether it begins at the chest, as a coat, or at the waist, as a skirt."""
+    backpack: Skin | None
+    bag: Skin | None
+
+
+def make_pedestrian(draw: np.random.Generator) -> Body:
+    """Draw someone who walks: 12 phases of a cycle of two steps."""
+    child = draw.random() < _CHILDREN
+    height = float(draw.uniform(1.12, 1.42) if child else np.clip(draw.normal(1.70, 0.085), 1.5, 1.92))
+    looks = draw_looks(draw, 1.2 if child else 1.0)
+    extras = _draw_extras(draw, child, looks)
+    walk = Walk(height, stride_rad=float(draw.uniform(0.29, 0.36)), arm_rad=float(draw.uniform(0.15, 0.32)),
+                lean_rad=float(draw.uniform(0.0, 0.06)), breadth=float(draw.uniform(0.95, 1.12)))  # fmt: skip
+    poses = [walking(walk, i / NUM_PHASES) for i in range(NUM_PHASES)]
+    return body("pedestrian", [[*figure(at, looks), *_extras(at, looks, extras)] for at in poses])
+
+
+def draw_looks(draw: np.random.Generator, head: float = 1.0) -> Looks:
+    """Draw build, skin, hair and clothes."""
+    skin, top = Skin("skin", pick(draw, SKINS)), Skin("cloth", pick(draw, TOPS))
+    legs, shoes = Skin("cloth", pick(draw, TROUSERS)), Skin("rubber", linear("1c1b1b"))
+    if draw.random() < 0.3:
+        shoes = Skin("cloth", linear("d9d8d4"))
+    bare_arms, bare_legs = draw.random() < 0.35, draw.random() < 0.15
+    return Looks(
+        skin, Skin("cloth", pick(draw, HAIR)), top, skin if bare_arms else top, legs,
+        skin if bare_legs else legs, shoes,
+        girth=float(draw.uniform(0.95, 1.3)), head=head, long_hair=bool(draw.random() < 0.4),
+    )  # fmt: skip
+
+
+def _draw_extras(draw: np.random.Generator, child: bool, looks: Looks) -> Extras:
+    hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
+    cloth = Skin("cloth", pick(draw, TOPS))
+    is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
+    return Extras(
+        hat=cloth if hat < 0.18 and not has_pack else None,
+        coat=looks.top if is_coat else cloth if coat < 0.32 else None,
+        hem=(0.35 if is_coat else 0.7) + 0.35 * long,
+        from_chest=is_coat,
+        backpack=Skin("cloth", pick(draw, TOPS)) if has_pack else None,
+        bag=Skin("cloth", pick(draw, TROUSERS)) if bag < 0.25 and not child and not has_pack else None,
+    )
+
+
+def _extras(at: Pose, looks: Looks, extras: Extras) -> list[Mesh]:
+    parts = []
+    if extras.hat is not None:
+        parts.append(_hat(at, looks, extras.hat))
+    if extras.coat is not None:
+        parts.append(_coat(at, looks, extras, extras.coat))
+    if extras.backpack is not None:
+        parts.append(_backpack(at, looks, extras.backpack))
+    if extras.bag is not None:
+        parts.append(_bag(at, extras.bag))
+    return parts
+
+
+def _hat(at: Pose, looks: Looks, skin: Skin) -> Mesh:
+    h = at.height_m * looks.head
+    levels = np.array([0.024, 0.03, 0.062, 0.076])
+    half = np.array([0.07, 0.052, 0.047, 0.03])
+    angle = np.arange(8) * (np.pi / 4) + np.pi / 8
+    ring = np.stack([np.column_stack([1.15 * r * np.cos(angle) + 0.004, r * np.sin(angle), np.full(8, z)])
+                     for r, z in zip(half, levels, strict=True)])  # fmt: skip
+    return shell(at.head + h * ring, np.zeros((3, 8), int), [skin])
+
+
+def _coat(at: Pose, looks: Looks, extras: Extras, skin: Skin) -> Mesh:
+    """A skirt or coat: from waist or chest down over both thighs, as wide as the step."""
+    h, g = at.height_m, looks.girth
+    thighs = at.hips + extras.hem * (at.knees - at.hips)
+    hem, apart = thighs.mean(0), abs(thighs[0, 0] - thighs[1, 0]) / 2
+    top = at.pelvis + (0.8 if extras.from_chest else 0.35) * (at.neck - at.pelvis)
+    middles = np.stack([top, at.pelvis + 0.1 * (at.neck - at.pelvis), hem])
+    wide = np.array([0.105 if extras.from_chest else 0.088, 0.108, 0.112]) * h * (0.4 + 0.6 * g)
+    deep = np.array([0.074, 0.078, 0.066]) * h * g + np.array([0, 0, apart])
+    return shell(rings(middles, wide, deep, at, 10)[::-1], np.zeros((2, 10), int), [skin])
+
+
+def _backpack(at: Pose, looks: Looks, skin: Skin) -> Mesh:
+    forward, _, up = upright(at)
+    h = at.height_m
+    middle = 0.35 * at.pelvis + 0.65 * at.neck - (0.055 * looks.girth + 0.045) * h * forward
+    share = np.array([-1.0, -0.8, 0.6, 1.0])
+    wide, deep = np.array([0.05, 0.078, 0.074, 0.035]) * h, np.array([0.04, 0.055, 0.045, 0.025]) * h
+    return shell(rings(middle + 0.125 * h * share[:, None] * up, wide, deep, at, 6), np.zeros((3, 6), int), [skin])
+
+
+def _bag(at: Pose, skin: Skin) -> Mesh:
+    """A bag that hangs from the right hand."""
+    h = at.height_m
+    hand = at.wrists[1] + np.array([0.0, 0, -0.07]) * h
+    path = np.stack([hand, hand - np.array([0, 0, 0.03]) * h, hand - np.array([0, 0, 0.15]) * h])
+    return tube(path, np.array([(0.008, 0.02), (0.028, 0.085), (0.036, 0.1)]) * h, 4, [skin])

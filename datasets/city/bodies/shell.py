@@ -1,0 +1,106 @@
+"""Surfaces between cross-sections, with a skin for each cell; tubes along a path."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fbench.datasets.city.materials import INDEX
+from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.shapes import Skin
+from fbench.replay.arrays import Array, Float64
+
+_LEAST_AREA_M2 = 1e-7
+"""Smaller triangles are left out: nothing would be seen through the gap."""
+
+
+def shell(
+    sections_m: Float64, cells: Array, palette: Sequence[Skin], ends: tuple[Array | int, Array | int] | None = (0, 0)
+) -> Mesh:
+    """Join rings (S, K, 3), which run counter-clockwise seen from the last one, by cells (S - 1, K) of two triangles.
+
+    `cells` are indices into `palette`; cell k lies between points k and k + 1. `ends` are the skins of both ends,
+    which must be convex, or of each of the K triangles around their middles; `None` leaves them open.
+    """
+    num, around = sections_m.shape[:2]
+    points = np.concatenate([sections_m.reshape(-1, 3), sections_m[[0, -1]].mean(1)])
+    tri, skin = [_sides(num, around)], [np.repeat(np.ravel(cells), 2)]
+    for at, end in ((0, ends[0]), (num - 1, ends[1])) if ends is not None else ():
+        fan = _fan(around) if isinstance(end, int) else _star(around, num * around - at * around + (at > 0))
+        tri.append((fan if at else fan[:, ::-1]) + at * around)
+        skin.append(np.broadcast_to(np.asarray(end), len(fan)))
+    return skinned(points, np.concatenate(tri), np.concatenate(skin), palette)
+
+
+def skinned(vertices_m: Float64, triangles: Array, skin: Array, palette: Sequence[Skin]) -> Mesh:
+    """Return the mesh of triangles (T, 3) whose skins (T,) are given by number; without those that have no area."""
+    a, b, c = (vertices_m[triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    normal = np.stack([u[:, i] * v[:, j] - u[:, j] * v[:, i] for i, j in ((1, 2), (2, 0), (0, 1))])
+    keep = (normal * normal).sum(0) > (2 * _LEAST_AREA_M2) ** 2
+    skin = skin[keep]
+    material = np.array([INDEX[s.material] for s in palette], np.uint8)
+    color = np.array([s.color for s in palette], np.float32)
+    lamp = np.array([s.lamp for s in palette], np.int32)
+    return Mesh(vertices_m.astype(np.float32), triangles[keep].astype(np.int32), material[skin], color[skin],
+                lamp[skin])  # fmt: skip
+
+
+def tube(path_m: ArrayLike, radii_m: Array, num_sides: int, skins: Sequence[Skin]) -> Mesh:
+    """Return a closed tube along points (M, 3) with radii (M,), or (M, 2) across and along the path's plane.
+
+    `skins` has one skin for all, or one for each of the M - 1 segments.
+    """
+    path = np.asarray(path_m, np.float64)
+    radii = np.asarray(radii_m, np.float64).reshape(len(path), -1)
+    u, v = _frames(path)
+    angle = np.arange(num_sides) * (2 * np.pi / num_sides) + np.pi / num_sides
+    across, along = radii[:, 0, None] * np.cos(angle), radii[:, -1, None] * np.sin(angle)
+    rings = path[:, None] + across[..., None] * u[:, None] + along[..., None] * v[:, None]
+    last = len(skins) - 1
+    cells = np.minimum(np.arange(len(path) - 1), last)[:, None] + np.zeros(num_sides, int)
+    return shell(rings, cells, skins, (0, last))
+
+
+def mirrored(mesh: Mesh) -> Mesh:
+    """Swap left and right."""
+    vertices = mesh.vertices_m * np.array([1, -1, 1], np.float32)
+    return Mesh(vertices, mesh.triangles[:, ::-1], mesh.material, mesh.color, mesh.lamp)
+
+
+def both(mesh: Mesh) -> Mesh:
+    """Return what is on the left, on both sides."""
+    return merged([mesh, mirrored(mesh)])
+
+
+def shifted(mesh: Mesh, by_m: tuple[float, float, float]) -> Mesh:
+    """Move a mesh without turning it."""
+    return Mesh(mesh.vertices_m + np.asarray(by_m, np.float32), mesh.triangles, mesh.material, mesh.color, mesh.lamp)
+
+
+def _sides(num: int, around: int) -> Array:
+    i = np.arange(around)
+    j = (i + 1) % around
+    cell = np.stack([i, j, j + around, i, j + around, i + around], axis=1)
+    return (cell[None] + np.arange(num - 1)[:, None, None] * around).reshape(-1, 3)
+
+
+def _fan(around: int) -> Array:
+    return np.column_stack([np.zeros(around - 2, int), np.arange(1, around - 1), np.arange(2, around)])
+
+
+def _star(around: int, middle: int) -> Array:
+    i = np.arange(around)
+    return np.column_stack([np.full(around, middle), i, (i + 1) % around])
+
+
+def _frames(path: Float64) -> tuple[Float64, Float64]:
+    """Unit vectors (M, 3) across a path: to the left where it can be, and right-handed to that."""
+    step = np.diff(path, axis=0)
+    step /= np.sqrt((step * step).sum(1, keepdims=True))
+    tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    tangent /= np.sqrt((tangent * tangent).sum(1, keepdims=True))
+    axis = np.array([0.0, 0, 1]) if np.abs(tangent[:, 1]).max() > 0.8 else np.array([0.0, 1, 0])
+    u = axis - (tangent * axis).sum(1, keepdims=True) * tangent
+    u /= np.sqrt((u * u).sum(1, keepdims=True))
+    return u, np.cross(tangent, u)

@@ -1,0 +1,98 @@
+"""One simulation from the command line: which logs, and what is said of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from fbench.replay.cli.import_report import log_line
+from fbench.replay.cli.progress import import_progress
+from fbench.replay.cli.show import console, print_json
+from fbench.replay.errors import ConfigError
+from fbench.replay.imports.run import ImportedLog, write_recording
+from fbench.replay.logs.convert.target import Target
+
+if TYPE_CHECKING:
+    from fbench.datasets.city.spec import CitySpec
+    from fbench.datasets.city.suite import Split
+    from fbench.datasets.city.wish import CityWish
+
+_SUITE = "suite"
+_NOT_OF_A_SUITE = (("condition", "clear", "--condition"), ("seed", 0, "--seed"))
+
+
+@dataclass(frozen=True)
+class SimulateJob:
+    """Everything that `fbench log simulate` was asked for."""
+
+    wish: "CityWish"
+    out: Path
+    split: "Split" = "dev"
+    threads: int | None = None
+    form: Literal["mcap", "parquet"] = "mcap"
+    """Of a suite's logs."""
+    overwrite: bool = False
+    as_json: bool = False
+
+
+def run_simulation(job: SimulateJob) -> None:
+    """Simulate, and print what was made.
+
+    Raises:
+        ConfigError: where something asked for isn't there, or the log can't or mustn't be written.
+    """
+    from fbench.datasets.city.recording import CityRecording
+
+    wanted = list(_suite_logs(job)) if job.wish.world == _SUITE else [_one_log(job)]
+    done: list[ImportedLog] = []
+    with import_progress(len(wanted)) as progress:
+        for spec, path in wanted:
+            target = Target(path, job.overwrite)
+            log = write_recording(CityRecording(spec, path.stem, job.threads), target, progress)
+            done.append(log)
+            with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+                if not job.as_json:
+                    _print(log)
+    if job.as_json:
+        print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
+
+
+def _one_log(job: SimulateJob) -> tuple["CitySpec", Path]:
+    spec = job.wish.spec()
+    if not job.out.absolute().parent.is_dir():
+        raise ConfigError(f"{job.out}: can't be written (no folder {job.out.absolute().parent})")
+    Target(job.out, job.overwrite).form  # noqa: B018  # refuses a name without a form before anything is made
+    return spec, job.out
+
+
+def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
+    from fbench.datasets.city.suite import SEEDS, SUITE
+
+    for field, default, option in _NOT_OF_A_SUITE:
+        if getattr(job.wish, field) != default:
+            raise ConfigError(f"{option}: the suite has its own; choose seeds with --split dev or test")
+    specs = [
+        (replace(job.wish, world=scene.world, condition=scene.condition, seed=seed).spec(), scene.name(seed))
+        for scene in SUITE
+        for seed in SEEDS[job.split]
+    ]
+    try:
+        job.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
+    yield from ((spec, job.out / f"{name}.{job.form}") for spec, name in specs)
+
+
+def _content(spec: "CitySpec", log: ImportedLog) -> dict[str, object]:
+    written = log.written
+    return {
+        "path": str(log.path), "state": log.state, "log_id": spec.log_id, "world": spec.world,
+        "condition": spec.condition.name, "seed": spec.seed, "seconds": spec.seconds,
+        "bytes": None if written is None else written.num_bytes,
+        "messages": {} if written is None else dict(written.messages), "summary": list(log.lines),
+    }  # fmt: skip
+
+
+def _print(log: ImportedLog) -> None:
+    for line in (*log.lines, f"log: {log_line(log)}"):
+        console().print(line, markup=False, soft_wrap=True)
