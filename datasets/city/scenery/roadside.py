@@ -1,0 +1,170 @@
+"""What stands beside roads: guard rails, concrete barriers, fences, noise walls, gantries."""
+
+import numpy as np
+
+from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.scenery.quads import Quads, blocks, joined, on_wall, quads_mesh, upright
+from fbench.datasets.city.shapes import Rgb, Skin, Three, box, loft
+from fbench.replay.arrays import Float64
+
+_RAIL = Skin("barrier", (0.34, 0.35, 0.36))
+_POST = Skin("pole", (0.25, 0.26, 0.27))
+_WAVE = np.array([(0.0, 0.1), (0.28, 1.0), (0.5, 0.3), (0.72, 1.0), (1.0, 0.1)])
+"""Profile of a W-beam: height and depth, both from 0 to 1."""
+
+
+def barrier(size_lwh_m: Three) -> Mesh:
+    """Return a barrier along x, the same from both sides: concrete from 0.85 m high, else two W-beams on posts."""
+    return _concrete(size_lwh_m) if size_lwh_m[2] >= 0.85 else _guard_rail(size_lwh_m)
+
+
+def fence(size_lwh_m: Three, variant: int, rng: np.random.Generator) -> Mesh:
+    """Return what parts lots along x: a noise wall from 2.4 m high, else boards or bars."""
+    length, width, height = size_lwh_m
+    noisy = height >= 2.4
+    panels = max(1, round(length / (4.0 if noisy else 2.5)))
+    at = np.linspace(-length / 2 + 0.06, length / 2 - 0.06, panels + 1)
+    half = width / 2
+    if noisy:
+        quads = _noise_wall(at, half, height, rng)
+    elif variant % 2 == 0:
+        quads = _boards(at, half, height, rng)
+    else:
+        quads = _bars(at, half, height)
+    # On a wall that looks to -y, u goes along x.
+    return quads_mesh(on_wall(quads, (0.0, 0.0, 0.0), -np.pi / 2))
+
+
+def gantry(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
+    """Return two posts as far apart as its box is wide, a truss and panels that look towards x."""
+    length, width, height = size_lwh_m
+    deep, top = min(length, 1.0) * 0.7, height - 0.5
+    low = top - 0.9
+    parts = []
+    for y in (-width / 2 + 0.2, width / 2 - 0.2):
+        parts.append(box((0.0, y, top / 2), (0.35, 0.4, top), _POST))
+        parts.append(box((0.0, y, 0.3), (deep, 0.4, 0.6), Skin("concrete", (0.33, 0.32, 0.3))))
+    for x in (-deep / 2, deep / 2):
+        parts += [box((x, 0.0, z), (0.12, width, 0.12), _POST) for z in (low, top)]
+    num = max(2, round(width / 1.5))
+    at = np.linspace(-width / 2 + 0.1, width / 2 - 0.1, num + 1)
+    parts += [_strut(x, a, b, low, top, i % 2 == 0) for x in (-deep / 2, deep / 2)
+              for i, (a, b) in enumerate(zip(at[:-1].tolist(), at[1:].tolist(), strict=True))]  # fmt: skip
+    return merged([*parts, quads_mesh(on_wall(_panels(width, height, deep / 2 + 0.1, rng), (0.0, 0.0, 0.0), 0.0))])
+
+
+def _guard_rail(size_lwh_m: Three) -> Mesh:
+    length, width, height = size_lwh_m
+    num = max(1, round(length / 4.0))
+    at = (np.arange(num) + 0.5) * (length / num) - length / 2
+    half = max(width / 2 - 0.09, 0.03)
+    posts = blocks(at - 0.04, at + 0.04, 0.0, height - 0.06, -half, half, _POST)
+    return merged(
+        [
+            quads_mesh(on_wall(posts, (0.0, 0.0, 0.0), -np.pi / 2)),
+            _beam(length, width / 2, height),
+            _beam(length, -width / 2, height),
+        ]
+    )
+
+
+def _beam(length: float, side: float, height: float) -> Mesh:
+    """A folded sheet whose waves reach y = `side`, with a flat back, open at its ends."""
+    depth, sign = min(0.083, abs(side) * 0.8), 1.0 if side > 0 else -1.0
+    z = height - 0.31 + 0.31 * _WAVE[:, 0]
+    y = side - sign * depth * (1 - _WAVE[:, 1])
+    back = side - sign * (depth + 0.004)
+    profile = np.concatenate([np.column_stack([y, z]), [(back, z[-1]), (back, z[0])]])
+    profile = profile if sign > 0 else profile[::-1]
+    rings = [np.column_stack([np.full(len(profile), x), profile]) for x in (-length / 2, length / 2)]
+    return loft(rings, _RAIL, closed=False)
+
+
+def _concrete(size_lwh_m: Three) -> Mesh:
+    """A New Jersey profile."""
+    length, width, height = size_lwh_m
+    steps = ((0.0, 1.0), (0.09, 1.0), (0.4, 0.5), (1.0, 0.28))
+    rings = [_oblong(length, share * width, z * height) for z, share in steps]
+    return loft(rings, Skin("concrete", (0.42, 0.41, 0.39)))
+
+
+def _oblong(length: float, width: float, z: float) -> Float64:
+    x, y = length / 2, width / 2
+    return np.array([(-x, -y, z), (x, -y, z), (x, y, z), (-x, y, z)])
+
+
+def _noise_wall(at: Float64, half: float, height: float, rng: np.random.Generator) -> Quads:
+    """Panels of concrete below coloured ones, between steel posts."""
+    tint = ((0.25, 0.3, 0.24), (0.34, 0.31, 0.25), (0.24, 0.3, 0.34))[int(rng.integers(3))]
+    rows = max(1, round(height / 1.0))
+    v = np.linspace(0.0, height - 0.04, rows + 1)
+    low, high = np.tile(v[:-1], len(at) - 1), np.tile(v[1:], len(at) - 1)
+    u0, u1 = np.repeat(at[:-1], rows) + 0.05, np.repeat(at[1:], rows) - 0.05
+    deep = np.where(np.tile(np.arange(rows), len(at) - 1) % 2 == 0, 0.6, 0.66) * half
+    panels = blocks(u0, u1, low, high, -deep, deep, Skin("concrete", tint))
+    posts = blocks(at - 0.06, at + 0.06, 0.0, height, -half, half, _POST)
+    return joined([panels, posts])
+
+
+def _boards(at: Float64, half: float, height: float, rng: np.random.Generator) -> Quads:
+    brown: Rgb = ((0.17, 0.1, 0.055), (0.24, 0.19, 0.14), (0.11, 0.07, 0.045))[int(rng.integers(3))]
+    wood = Skin("wood", brown)
+    num = max(1, round((at[-1] - at[0]) / 0.22))
+    u = np.linspace(at[0], at[-1], num + 1)
+    top = height - 0.03 * rng.random(num)
+    boards = blocks(u[:-1] + 0.008, u[1:] - 0.008, 0.04, top, 0.1 * half, 0.6 * half, wood)
+    rails = blocks(at[0], at[-1], np.array([0.25, 0.75]) * height - 0.04, np.array([0.25, 0.75]) * height + 0.04,
+                   -0.5 * half, 0.1 * half, wood)  # fmt: skip
+    return joined([boards, rails, blocks(at - 0.05, at + 0.05, 0.0, height, -half, half, wood)])
+
+
+def _bars(at: Float64, half: float, height: float) -> Quads:
+    iron = Skin("pole", (0.03, 0.035, 0.035))
+    num = max(1, round((at[-1] - at[0]) / 0.3))
+    u = np.linspace(at[0], at[-1], num + 1)
+    return joined([
+        blocks(u - 0.012, u + 0.012, 0.08, height - 0.03, -0.3 * half, 0.3 * half, iron),
+        blocks(at[0], at[-1], np.array([0.1, height - 0.15]), np.array([0.14, height - 0.11]), -0.5 * half, 0.5 * half,
+               iron),
+        blocks(at - 0.04, at + 0.04, 0.0, height, -half, half, iron),
+    ])  # fmt: skip
+
+
+def _strut(x: float, y0: float, y1: float, low: float, top: float, rises: bool) -> Mesh:
+    """A diagonal of a truss, 6 cm thick."""
+    z0, z1 = (low, top) if rises else (top, low)
+    t = 0.03
+    near, far = (np.array([(x - t, y, z - t), (x + t, y, z - t), (x + t, y, z + t), (x - t, y, z + t)])
+                 for y, z in ((y0, z0), (y1, z1)))  # fmt: skip
+    return loft([near[::-1], far[::-1]], _POST)
+
+
+def _panels(width: float, height: float, x: float, rng: np.random.Generator) -> Quads:
+    """Signs with a white border, lines of text and an arrow down for each lane."""
+    num = max(1, int(width / 5.5))
+    pitch = width / num
+    wide, low = min(0.82 * pitch, 4.6), height - 2.6
+    u = (np.arange(num, dtype=np.float64) + 0.5) * pitch - width / 2
+    u0, u1, v0, v1 = u - wide / 2, u + wide / 2, low, height
+    paint = Skin("sign", ((0.012, 0.07, 0.3), (0.012, 0.15, 0.06))[int(rng.integers(2))])
+    white = Skin("sign", (0.75, 0.75, 0.73))
+    text = rng.uniform(0.25, 0.38, (2, num)) * wide
+    parts = [
+        blocks(u0, u1, v0, v1, x - 0.06, x, Skin("metal", (0.3, 0.3, 0.3))),
+        upright(u0 + 0.02, u1 - 0.02, v0 + 0.02, v1 - 0.02, x + 0.004, white),
+        upright(u0 + 0.08, u1 - 0.08, v0 + 0.08, v1 - 0.08, x + 0.008, paint),
+        *(
+            upright(u - half, u + half, v1 - z - 0.38, v1 - z, x + 0.012, white)
+            for half, z in zip(text, (0.3, 0.95), strict=True)
+        ),
+        upright(u - 0.08, u + 0.08, v0 + 0.5, v0 + 0.95, x + 0.012, white),
+    ]
+    return joined([*parts, _arrows(u, v0, x + 0.012, white)])
+
+
+def _arrows(u: Float64, v0: float, x: float, skin: Skin) -> Quads:
+    flat = upright(u - 0.25, u + 0.25, v0 + 0.2, v0 + 0.5, x, skin)
+    corners = flat.corners_m.copy()
+    corners[:, 0, 0] += 0.22
+    corners[:, 1, 0] -= 0.22
+    return Quads(corners, flat.material, flat.color)
