@@ -3,8 +3,8 @@
 Nothing in it speaks of fbench: other topics and names, a transform tree, camera_info, vision_msgs for labels, two
 radars instead of one, and if wanted the tracks of a run as the output of a perception stack.
 
-    python examples/ros2_log.py runs/demo/boxes.mcap drive.mcap
-    python examples/ros2_log.py runs/demo/boxes.mcap drive.mcap --results runs/demo/lidar3d --delay-ms 80
+    python examples/ros2_log.py runs/demo/city.mcap drive.mcap
+    python examples/ros2_log.py runs/demo/city.mcap drive.mcap --results runs/demo/lidar3d --delay-ms 80
 """
 
 import argparse

@@ -2,8 +2,8 @@
 
 import pytest
 from mcap.writer import CompressionType
+from tests.city_log import write_city_log
 
-from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -41,8 +41,8 @@ def run_of(log, folder, excerpt=None):
 
 @pytest.fixture(scope="module")
 def boxes(tmp_path_factory):
-    path = tmp_path_factory.mktemp("log") / "boxes.mcap"
-    write_boxes_log(path, 1.5)
+    path = tmp_path_factory.mktemp("log") / "city.mcap"
+    write_city_log(path, 1.5)
     return path
 
 

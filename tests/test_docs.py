@@ -44,10 +44,10 @@ def with_commands() -> list[Path]:
 @pytest.fixture
 def workplace(tmp_path):
     """An empty folder with what the pages assume: the small log, and recordings and weights where there are any."""
-    from fbench.datasets.boxes import write_boxes_log
+    from tests.city_log import write_city_log
 
     (tmp_path / "runs" / "demo").mkdir(parents=True)
-    write_boxes_log(tmp_path / "runs" / "demo" / "boxes.mcap", seconds=1.0)
+    write_city_log(tmp_path / "runs" / "demo" / "city.mcap", seconds=1.0)
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     shared = ROOT.parent / "shared"
     for name, target in BESIDE.items():

@@ -7,8 +7,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-
-from fbench.datasets.boxes import write_boxes_log
+from tests.city_log import write_city_log
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("replay", "datasets", "pipelines", "metrics", "reports")
@@ -97,8 +96,8 @@ def test_help_loads_nothing_heavy():
 
 
 def test_log_info_on_mcap_loads_no_tables_kernels_or_models(tmp_path):
-    write_boxes_log(tmp_path / "boxes.mcap", 0.2)
-    loaded = loaded_by("log", "info", str(tmp_path / "boxes.mcap"))
+    write_city_log(tmp_path / "city.mcap", 0.2)
+    loaded = loaded_by("log", "info", str(tmp_path / "city.mcap"))
     assert "mcap" in loaded
     assert not {"numba", "cv2", "pyarrow", "onnxruntime", "pandas", "plotly", "jinja2", "sklearn"} & loaded
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from fbench.datasets.city.spec import WorldName
+from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.spec import CitySpec, WorldName
 
 Split: TypeAlias = Literal["dev", "test"]
 SEEDS: Mapping[Split, tuple[int, ...]] = {
@@ -46,3 +47,8 @@ SUITE: tuple[Scene, ...] = (
 """One seed gives the same world in all of them, and the same trajectories wherever traffic is as dense: conditions are
 compared on the same scene.
 """
+
+
+def demo_spec() -> CitySpec:
+    """Return what `fbench demo` simulates: a short drive of a development seed, all sensors of the thesis's rig."""
+    return CitySpec("urban", condition("traffic"), seconds=5.0, seed=SEEDS["dev"][0])

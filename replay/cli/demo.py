@@ -11,7 +11,7 @@ def demo(
         "runs/demo"
     ),
 ) -> None:
-    """Make a small log of moving boxes, replay it into three pipelines, and write one report."""
+    """Simulate a short drive through a city, replay it into three pipelines, and write one report."""
     from fbench.replay.cli.demo_job import run_demo
 
     run_demo(out)

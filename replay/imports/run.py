@@ -147,6 +147,12 @@ def _is_there(path: Path, info: LogInfo) -> bool:
     return True
 
 
+def holds_log(path: Path, log_id: str) -> bool:
+    """Whether a log of this id is there."""
+    header = _header(path)
+    return header is not None and header.log_id == log_id
+
+
 def _header(path: Path) -> LogHeader | None:
     """What the log that is there says about itself; `None` where there is no log of fbench."""
     if not path.exists():

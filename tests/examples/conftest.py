@@ -38,8 +38,8 @@ def importable(monkeypatch):
 @pytest.fixture(scope="session")
 def boxes(tmp_path_factory):
     """Three seconds of the built-in log."""
-    from fbench.datasets.boxes import write_boxes_log
+    from tests.city_log import write_city_log
 
-    path: Path = tmp_path_factory.mktemp("log") / "boxes.mcap"
-    write_boxes_log(path, 3.0)
+    path: Path = tmp_path_factory.mktemp("log") / "city.mcap"
+    write_city_log(path, 3.0)
     return path

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from tests.city_log import write_city_log
 
-from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.errors import RunError
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -30,7 +30,7 @@ NEAREST = f"exec:{sys.executable} nearest.py 4"
 def folder(tmp_path, monkeypatch):
     """Where a user works: a log, and a program beside it."""
     monkeypatch.chdir(tmp_path)
-    write_boxes_log(tmp_path / "boxes.mcap", 1.0)
+    write_city_log(tmp_path / "city.mcap", 1.0)
     for name in ("client.py", "nearest.py"):
         (tmp_path / name).write_text((ROOT / "examples" / "exec" / "python" / name).read_text())
     return tmp_path
@@ -48,7 +48,7 @@ def program(folder, code):
 
 def test_runs_are_the_same(folder):
     for out in ("a", "b"):
-        assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", out).returncode == 0
+        assert fbench("replay", "city.mcap", "-p", NEAREST, "-o", out).returncode == 0
     a, b = Run(Path("a")), Run(Path("b"))
     assert a.manifest.digest == b.manifest.digest
     assert a.manifest.parameters["command"] == f"{sys.executable} nearest.py 4"
@@ -62,9 +62,9 @@ def test_manifest_tells_builds_apart(folder):
     """The same command, but the program was built anew in between."""
     python = {"file": Path(sys.executable).name, "sha256": sha256(sys.executable)}
     before = sha256("nearest.py")
-    assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", "a").returncode == 0
+    assert fbench("replay", "city.mcap", "-p", NEAREST, "-o", "a").returncode == 0
     Path("nearest.py").write_text(Path("nearest.py").read_text() + "# another build\n")
-    assert fbench("replay", "boxes.mcap", "-p", NEAREST, "-o", "b", "--redact").returncode == 0
+    assert fbench("replay", "city.mcap", "-p", NEAREST, "-o", "b", "--redact").returncode == 0
     a, b = Run(Path("a")).manifest.parameters, Run(Path("b")).manifest.parameters
     assert a["program.name"] == "nearest"
     assert a["program.files"] == [python, {"file": "nearest.py", "sha256": before}]
@@ -73,7 +73,7 @@ def test_manifest_tells_builds_apart(folder):
 
 
 def test_crashes_are_counted_and_stderr_is_kept(folder):
-    result = fbench("replay", "boxes.mcap", "-p", program(folder, "ACTIONS = {3: lambda r: os.abort()}"), "-o", "run")
+    result = fbench("replay", "city.mcap", "-p", program(folder, "ACTIONS = {3: lambda r: os.abort()}"), "-o", "run")
     assert result.returncode == 4
     assert "PRD002" in result.stdout
     assert Path("run/stderr.txt").read_bytes() == b"hello\nhello\n"
@@ -83,14 +83,14 @@ def test_crashes_are_counted_and_stderr_is_kept(folder):
 
 
 def test_failures_in_a_row_end_the_replay(tmp_path):
-    write_boxes_log(tmp_path / "boxes.mcap", 1.2)
+    write_city_log(tmp_path / "city.mcap", 1.2)
     faults = FaultLog()
     with closing(wicked(tmp_path, "ACTIONS = {i: lambda r: os._exit(1) for i in range(99)}")) as pipeline:
         plan = Plan(pipeline, "exec")
         with pytest.raises(
             RunError, match=r"failed on 10 frames in a row: .*exited with 1; last line on stderr: hello"
         ):
-            replay(open_log(tmp_path / "boxes.mcap", faults), plan, tmp_path / "run", faults)
+            replay(open_log(tmp_path / "city.mcap", faults), plan, tmp_path / "run", faults)
     assert not (tmp_path / "run").exists()
 
 
@@ -104,26 +104,26 @@ def test_failures_in_a_row_end_the_replay(tmp_path):
     ],
 )
 def test_commands_that_cannot_run_are_one_line(folder, pipeline, code, line):
-    result = fbench("replay", "boxes.mcap", "-p", pipeline)
+    result = fbench("replay", "city.mcap", "-p", pipeline)
     assert (result.returncode, result.stderr) == (code, line)
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
 
 
 def test_check_finds_that_a_program_cannot_start(folder):
-    result = fbench("log", "check", "boxes.mcap", "-p", "exec:true")
+    result = fbench("log", "check", "city.mcap", "-p", "exec:true")
     assert (result.returncode, result.stderr) == (1, "")
     assert "error PRD002: true can't start: exec: can't start: true exited with 0" in result.stdout
 
 
 def test_check_tries_the_program_and_ends_it(folder):
-    result = fbench("log", "check", "boxes.mcap", "-p", NEAREST, "--json")
+    result = fbench("log", "check", "city.mcap", "-p", NEAREST, "--json")
     assert result.returncode in (0, 1)
     assert "PRD002" not in result.stdout
 
 
 @pytest.mark.slow
 def test_verify_replays_the_program_in_fresh_processes(folder):
-    result = fbench("verify", "boxes.mcap", "-p", NEAREST, "--quick")
+    result = fbench("verify", "city.mcap", "-p", NEAREST, "--quick")
     assert result.returncode == 0, result.stdout + result.stderr
     assert "identical: all" in result.stdout
 
@@ -131,7 +131,7 @@ def test_verify_replays_the_program_in_fresh_processes(folder):
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_cancelled_replay_ends_the_program(folder, number):
     code = "open('pid', 'w').write(str(os.getpid())); ACTIONS = {2: lambda r: (open('here', 'w'), time.sleep(60))}"
-    arguments = ["replay", "boxes.mcap", "-p", program(folder, code), "--set", "close_timeout_s=0.2"]
+    arguments = ["replay", "city.mcap", "-p", program(folder, code), "--set", "close_timeout_s=0.2"]
     process = subprocess.Popen([*FBENCH, *arguments], stderr=subprocess.PIPE)
     while not Path("here").exists():
         time.sleep(0.05)

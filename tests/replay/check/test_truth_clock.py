@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.city_log import write_city_log
 
 from fbench.datasets.astyx.importer import Astyx
-from fbench.datasets.boxes import write_boxes_log
 from fbench.datasets.radiate.importer import Radiate
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.check.check import CheckOptions, check_log
@@ -32,8 +32,8 @@ SPEED_MPS = 10.0
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("demo") / "boxes.mcap"
-    write_boxes_log(path, seconds=8.0)
+    path = tmp_path_factory.mktemp("demo") / "city.mcap"
+    write_city_log(path, seconds=8.0)
     return path
 
 

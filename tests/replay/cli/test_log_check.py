@@ -87,10 +87,10 @@ def test_exit_codes(fbench, log, tmp_path):
 
 
 def test_demo_log_is_clean(fbench, tmp_path):
-    from fbench.datasets.boxes import write_boxes_log
+    from tests.city_log import write_city_log
 
-    write_boxes_log(tmp_path / "boxes.mcap", seconds=3.0)
-    assert fbench("log", "check", "boxes.mcap").code == 0
+    write_city_log(tmp_path / "city.mcap", seconds=3.0)
+    assert fbench("log", "check", "city.mcap").code == 0
 
 
 @pytest.mark.slow

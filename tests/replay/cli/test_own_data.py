@@ -6,9 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.city_log import write_city_log
 
 from fbench.datasets.astyx import Astyx
-from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.imports.run import import_one
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_log.py"
@@ -37,21 +37,21 @@ def quarter_of_an_hour(fbench, log: Path, pipeline: str, preview_args=()) -> Pat
 
 
 def test_a_rewritten_log_gives_the_numbers_of_the_original(fbench, tmp_path):
-    own = tmp_path / "boxes.mcap"
-    write_boxes_log(own, seconds=2.0)
+    own = tmp_path / "city.mcap"
+    write_city_log(own, seconds=2.0)
     assert fbench("replay", own, "-p", "lidar3d", "-o", "base").code == 0
     log = rewritten(own, tmp_path / "ros" / "drive.mcap", results=Path("base"), delay_ms=80.0)
     run = quarter_of_an_hour(fbench, log, "lidar3d", ("--num", 1))
     assert fbench("score", run).code == 0
-    assert [score(run, m) for m in ("f1", "precision", "recall")] == [
-        score(Path("base"), m) for m in ("f1", "precision", "recall")
-    ]
+    numbers = [[score(folder, m) for m in ("f1", "precision", "recall")] for folder in (run, Path("base"))]
+    assert numbers[0] == pytest.approx(numbers[1], abs=0.02)  # vision_msgs can't say which boxes are to be ignored
+    assert numbers[1][0] > 0.3
     recorded = fbench("replay", log, "-p", "recorded", "--json", "-o", "recorded")
     assert recorded.code == 0
     latency = recorded.json()["latency"]
     assert latency["clock"] == "log"
     assert [stage["p50_ms"] for stage in latency["stages"]] == pytest.approx([80.0, 80.0])
-    assert score(Path("recorded"), "mota") == pytest.approx(score(Path("base"), "mota"))
+    assert score(Path("recorded"), "mota") == pytest.approx(score(run, "mota"))
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from tests.city_log import write_city_log
 
-from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.data import RigChange
 from fbench.replay.errors import LogError
 from fbench.replay.faults import FaultLog
@@ -26,9 +26,9 @@ TOPIC = "/sensing/lidar/top/pointcloud"
 def logs(tmp_path_factory):
     """A log of fbench, and the same as a ROS 2 recorder would have written it."""
     folder = tmp_path_factory.mktemp("ros")
-    write_boxes_log(folder / "boxes.mcap", seconds=1.0)
-    runpy.run_path(str(EXAMPLE))["rewrite"](folder / "boxes.mcap", folder / "drive.mcap")
-    return folder / "boxes.mcap", folder / "drive.mcap"
+    write_city_log(folder / "city.mcap", seconds=1.0)
+    runpy.run_path(str(EXAMPLE))["rewrite"](folder / "city.mcap", folder / "drive.mcap")
+    return folder / "city.mcap", folder / "drive.mcap"
 
 
 def opened(log, **setup):

@@ -1,0 +1,41 @@
+"""Small logs of the simulated city for tests that need some log: a LiDAR and a radar of few rays, no cameras."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.rig import LidarSpec, RadarSpec, RigSpec
+from fbench.datasets.city.spec import CitySpec
+from fbench.replay.imports.run import write_recording
+from fbench.replay.logs.convert.target import Target
+
+SMALL_RIG = RigSpec(
+    lidars={
+        "lidar": LidarSpec(
+            translation_m=(1.2, 0.0, 1.9), rate_hz=10.0, channels=32, points_per_s=230_400, range_m=80.0,
+            upper_deg=4.0, lower_deg=-25.0,
+        )
+    },
+    radars={
+        "radar": RadarSpec(
+            translation_m=(2.2, 0.0, 0.8), phase_ms=7.0, points_per_s=40_000, range_m=80.0, vertical_fov_deg=12.0,
+            loss=0.03,
+        )
+    },
+    pose_rate_hz=10.0,
+)  # fmt: skip
+
+
+def write_city_log(out: Path, seconds: float = 3.0, seed: int = 0) -> None:
+    """Write a log of the urban world on a clear day; each is simulated once a process."""
+    out.write_bytes(_content(seconds, seed))
+
+
+@cache
+def _content(seconds: float, seed: int) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "city.mcap"
+        spec = CitySpec(seconds=seconds, seed=seed, rig=SMALL_RIG)
+        write_recording(CityRecording(spec, "city"), Target(path), lambda name, done, total: None)
+        return path.read_bytes()
