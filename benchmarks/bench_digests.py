@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
-from fbench.datasets.boxes import write_boxes_log
+from made_city import write_city_log
+
 from fbench.replay.digest import START
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -44,7 +45,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log = folder / "log.mcap"
-        write_boxes_log(log, LOG_S)
+        write_city_log(log, LOG_S)
         seconds(log, folder / "run")
         pairs = []
         for _ in range(5):

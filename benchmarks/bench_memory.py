@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.boxes import write_boxes_log
 from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Rig
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.mcap.write import McapWriter
@@ -26,6 +25,8 @@ RIG = Rig(
 CHILD = """
 import resource, sys
 from fbench.replay.cli import main
+
+from made_city import write_city_log
 try:
     main()
 except SystemExit as end:
@@ -34,9 +35,9 @@ except SystemExit as end:
 
 
 def clouds(folder: Path) -> list[PointCloud]:
-    """Some clouds of the demo's world, filled up to `NUM_POINTS` with points high above."""
-    write_boxes_log(folder / "boxes.mcap", 2.0)
-    found = [m for m in open_log(folder / "boxes.mcap", FaultLog()).messages() if isinstance(m, PointCloud)]
+    """Some clouds of the city, filled up to `NUM_POINTS` with points high above."""
+    write_city_log(folder / "city.mcap", 2.0)
+    found = [m for m in open_log(folder / "city.mcap", FaultLog()).messages() if isinstance(m, PointCloud)]
     rng = np.random.Generator(np.random.Philox(1))
     sky = rng.uniform((-80, -80, 40), (80, 80, 60), (NUM_POINTS, 3)).astype(np.float32)
     result = []
