@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from made_city import write_city_log
 
 from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Rig
 from fbench.replay.faults import FaultLog
@@ -25,8 +26,6 @@ RIG = Rig(
 CHILD = """
 import resource, sys
 from fbench.replay.cli import main
-
-from made_city import write_city_log
 try:
     main()
 except SystemExit as end:
