@@ -59,8 +59,8 @@ def workplace(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", with_commands(), ids=lambda page: page.name)
 def test_commands_of_a_page_work(page, workplace):
-    for body in blocks(page, "python"):
-        if name := re.match(r"# (\S+\.py)\n", body):
+    for body in (*blocks(page, "python"), *blocks(page, "toml")):
+        if name := re.match(r"# (\S+\.(?:py|toml))\n", body):
             (workplace / name[1]).write_text(body)
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     for command, code in commands(page):

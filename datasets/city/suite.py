@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.rig import thesis_rig
+from fbench.datasets.city.rig_file import with_value
 from fbench.datasets.city.spec import CitySpec, WorldName
 
 Split: TypeAlias = Literal["dev", "test"]
@@ -50,5 +52,8 @@ compared on the same scene.
 
 
 def demo_spec() -> CitySpec:
-    """Return what `fbench demo` simulates: a short drive of a development seed, all sensors of the thesis's rig."""
-    return CitySpec("urban", condition("traffic"), seconds=5.0, seed=SEEDS["dev"][0])
+    """Return what `fbench demo` simulates: a short drive of a development seed, all sensors of the thesis's rig; a few
+    radar scans are lost.
+    """
+    rig = with_value(thesis_rig(), "radar.loss=0.05")
+    return CitySpec("urban", condition("traffic"), seconds=5.0, seed=SEEDS["dev"][0], rig=rig)
