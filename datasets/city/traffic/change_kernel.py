@@ -168,19 +168,18 @@ def extend(net: Network, state: State, i: int) -> None:
 def chosen(net: Network, lane: int, length_m: float, drawn: float) -> int:
     """Choose a successor that bodies of this length may use."""
     first, last = net.lanes[lane]["next_from"], net.lanes[lane]["next_to"]
-    weights = np.zeros(last - first)
+    total = 0.0
     for n in range(first, last):
         if net.lanes[net.nexts[n]["lane"]]["longest_m"] >= length_m:
-            weights[n - first] = net.nexts[n]["weight"]
-    total = weights.sum()
+            total += net.nexts[n]["weight"]
     if total == 0.0:
         found: int = net.nexts[first + int(drawn * (last - first))]["lane"]
         return found
     left = drawn * total
     for n in range(first, last):
-        left -= weights[n - first]
-        if left < 0.0:
+        if net.lanes[net.nexts[n]["lane"]]["longest_m"] >= length_m:
+            left -= net.nexts[n]["weight"]
             found = net.nexts[n]["lane"]
-            return found  # noqa: RET504  # typed above
-    found = net.nexts[last - 1]["lane"]
-    return found  # noqa: RET504
+            if left < 0.0:
+                return found
+    return found

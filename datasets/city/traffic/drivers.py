@@ -38,17 +38,17 @@ class Habits:
 
 
 HABITS: Final[Mapping[str, Habits]] = {
-    "car": Habits((27.0, 38.0), (1.0, 1.6), (1.2, 1.8), 2.0, 2.0, 1.0),
+    "car": Habits((27.0, 38.0), (1.0, 1.6), (1.4, 2.0), 2.0, 2.0, 1.0),
     "van": Habits((25.0, 34.0), (1.1, 1.7), (1.0, 1.4), 2.0, 2.0, 1.0),
     "truck": Habits((22.2, 24.7), (1.4, 2.0), (0.6, 0.9), 1.6, 2.5, 1.2),
     "bus": Habits((24.0, 27.8), (1.4, 2.0), (0.7, 1.0), 1.6, 2.5, 1.2),
     "motorcycle": Habits((28.0, 40.0), (0.9, 1.5), (1.6, 2.4), 2.2, 1.8, 1.0),
     "bicycle": Habits((4.0, 6.0), (0.8, 1.2), (0.8, 1.2), 1.5, 1.0, 0.5),
-    "pedestrian": Habits((0.95, 1.6), (0.4, 0.7), (0.8, 1.2), 1.2, 0.35, 0.15),
+    "pedestrian": Habits((1.0, 1.6), (0.4, 0.7), (0.8, 1.2), 1.2, 0.35, 0.15),
 }
 """Around the typical values of Treiber, Kesting, "Traffic Flow Dynamics" (2013), table 11.2: T 1 s, s0 2 m, a 1 m/s^2,
 b 1.5 m/s^2, with longer headways and slower starts of heavy vehicles (T 1.5 s and more). Bicycles and people on foot
-follow the same rule with speeds typical of them (people: 0.9 to 1.6 m/s)."""
+follow the same rule with speeds typical of them (people: 1 to 1.6 m/s)."""
 _STRIDE_M, _TALL_M, _PEDALS_M = 1.4, 1.75, 4.5
 """A cycle of two steps of a person this tall; what a turn of the pedals goes."""
 

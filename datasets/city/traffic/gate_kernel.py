@@ -1,21 +1,28 @@
 """Compiled: who may enter where lanes meet.
 
 Whoever comes near a gate asks for the right to it: its signal must be green, behind it there must be room for the whole
-body even if whoever is ahead brakes, and nobody may have the right to a stretch that meets it. Gates too near to each
-other to stop between them are asked for at once. Who waits longest asks first, and after a while is waited for.
+body even when those ahead have closed up, and nobody may have the right to a stretch that meets it. Gates too near to
+each other to stop between them are asked for at once. Who waits longest asks first, and after a while is waited for.
+Who turns left asks after everybody else; vehicles that don't ask so early that nobody turns just before them.
 """
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import Network
+from fbench.datasets.city.traffic.network import DRIVE, Network
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader
+from fbench.datasets.city.traffic.room_kernel import has_room, is_clear
 from fbench.datasets.city.traffic.state import HERE, WINDOW, State
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.kernels import kernel
 
-_ASK_MPS2, _STOP_MPS2, _HARD_MPS2 = 2.0, 3.0, 5.0
-"""One asks early enough to brake as gently as this, stops at yellow where this is enough, and expects no more."""
-_PATIENCE_S = 4.0
+_ASK_MPS2, _STOP_MPS2 = 2.0, 3.0
+"""One asks early enough to brake as gently as this, and stops at yellow where this is enough."""
+_ASK_S = 4.0
+"""Vehicles that go straight on or turn right ask at least so long before."""
+_PATIENCE_S, _LEFT_PATIENCE_S = 4.0, 7.0
+"""After how long one is waited for, and who turns left."""
+_FIRST = 1e6
+_AT_LINE_M = 3.0
 _LONGEST_CHAIN = 8
 
 
@@ -63,12 +70,12 @@ def give_rights(net: Network, state: State, taken: Occupancy, time_s: float, ste
         k, g, _ = first_gate(net, state, i)
         num_before = num
         last, end, num = _chain(net, state, i, k, g, blocked, blocker, num, time_s)
-        free = last >= 0 and _has_room(net, state, taken, i, last, end)
-        clear = free and _is_clear(net, state, i, k, g, last, end, first, who, to, blocked, blocker, num_before)
+        free = last >= 0 and has_room(net, state, taken, i, last, end)
+        clear = free and is_clear(net, state, i, k, g, last, end, first, who, to, blocked, blocker, num_before)
         if clear:
             state.movers[i]["right_to_m"] = state.movers[i]["base_m"] + end
             state.movers[i]["waited_s"] = 0.0
-        elif not free or state.movers[i]["waited_s"] < _PATIENCE_S:
+        elif not free or state.movers[i]["waited_s"] < _patience_s(net, state.way[i, k]):
             num = num_before
 
 
@@ -83,7 +90,7 @@ def _take_back(net: Network, state: State, i: int, time_s: float) -> None:
         if state.movers[i]["base_m"] + offset > state.movers[i]["right_to_m"]:
             return
         ahead = offset - front - state.movers[i]["margin_m"]
-        if net.lanes[lane]["signal"] >= 0 and ahead > 0.0 and shows(net, lane, time_s) < 2:
+        if net.lanes[lane]["signal"] >= 0 and ahead > 0.0 and not _may_ask(net, state, i, k + 1, ahead, time_s):
             v = state.movers[i]["speed_mps"]
             if v * v / (2 * _STOP_MPS2) < ahead:
                 state.movers[i]["right_to_m"] = state.movers[i]["base_m"] + offset
@@ -130,10 +137,10 @@ def _asking(net: Network, state: State, taken: Occupancy, time_s: float, step_s:
     for i in range(len(state.movers)):
         k, g, ahead = first_gate(net, state, i)
         v = state.movers[i]["speed_mps"]
-        if g < 0 or ahead > v * v / (2 * _ASK_MPS2) + v + 3.0:
+        if g < 0 or ahead > _ask_m(net, state.way[i, k], v):
             state.movers[i]["waited_s"] = 0.0
             continue
-        if net.gates[g]["from_m"] <= 0.0 and shows(net, state.way[i, k - 1], time_s) < 2 and k > HERE:
+        if net.gates[g]["from_m"] <= 0.0 and k > HERE and not _may_ask(net, state, i, k, ahead, time_s):
             state.movers[i]["waited_s"] = 0.0
             continue
         gap, n = leader(net, state, taken, i, 0, ahead + 1.0)
@@ -142,12 +149,36 @@ def _asking(net: Network, state: State, taken: Occupancy, time_s: float, step_s:
             continue
         state.movers[i]["waited_s"] = state.movers[i]["waited_s"] + step_s if v < 0.5 else 0.0
         row, rank = num, 1000.0 * state.movers[i]["waited_s"] - ahead
+        if state.movers[i]["waited_s"] < _patience_s(net, state.way[i, k]) - _PATIENCE_S:
+            rank -= _FIRST
         while row > 0 and key[row - 1] < rank:
             found[row], key[row] = found[row - 1], key[row - 1]
             row -= 1
         found[row], key[row] = i, rank
         num += 1
     return found[:num]
+
+
+@kernel
+def _may_ask(net: Network, state: State, i: int, k: int, ahead: float, time_s: float) -> bool:
+    """Whether the signal before the lane at place `k` allows it: at yellow only to turn left, from the line."""
+    now = shows(net, state.way[i, k - 1], time_s)
+    holds: bool = now == 2 or (now == 1 and ahead < _AT_LINE_M and net.lanes[state.way[i, k]]["turns_left"] > 0)
+    return holds
+
+
+@kernel
+def _patience_s(net: Network, lane: int) -> float:
+    return _LEFT_PATIENCE_S if net.lanes[lane]["turns_left"] else _PATIENCE_S
+
+
+@kernel
+def _ask_m(net: Network, lane: int, v: float) -> float:
+    """How far before a gate on a lane one asks for the right to it."""
+    gently = v * v / (2 * _ASK_MPS2) + v + 3.0
+    if net.lanes[lane]["kind"] != DRIVE or net.lanes[lane]["turns_left"]:
+        return gently
+    return max(gently, _ASK_S * v)
 
 
 @kernel
@@ -193,73 +224,3 @@ def _chain(
             return -1, end, num
         offset += net.lanes[lane]["length_m"]
     return -1, end, num
-
-
-@kernel
-def _has_room(net: Network, state: State, taken: Occupancy, i: int, last: int, end: float) -> bool:
-    """Whether the body fits behind `end` whatever those ahead do: they may brake to a stand."""
-    needed = state.movers[i]["length_m"] + 0.5
-    offset = 0.0
-    for k in range(HERE, WINDOW):
-        lane = state.way[i, k]
-        if k > last and offset > end + 60.0:
-            return True
-        for row in range(taken.first[lane], taken.first[lane + 1]):
-            n = taken.who[row]
-            at = taken.at_m[row] + offset
-            if n == i or at <= state.movers[i]["at_m"]:
-                continue
-            rear, v = at - 0.5 * state.movers[n]["length_m"], state.movers[n]["speed_mps"]
-            if rear < end and not _goes_to(state, n, state.way[i, last]):
-                continue
-            if rear + v * v / (2 * _HARD_MPS2) - needed - state.movers[i]["standing_gap_m"] >= end:
-                return True
-            if rear >= end:
-                return False
-            needed += state.movers[n]["length_m"] + state.movers[n]["standing_gap_m"]
-        offset += net.lanes[lane]["length_m"]
-    return True
-
-
-@kernel
-def _goes_to(state: State, n: int, lane: int) -> bool:
-    for k in range(HERE - 1, WINDOW):  # noqa: SIM110  # no generators in kernels
-        if state.way[n, k] == lane:
-            return True
-    return False
-
-
-@kernel
-def _is_clear(
-    net: Network, state: State, i: int, k: int, g: int, last: int, end: float,
-    first: Array, who: Array, behind: Float64, lanes: Array, whos: Array, num: int,
-) -> bool:  # fmt: skip
-    """Whether nobody has, or was just given, a right to what meets the gates from `g` to `end`."""
-    for m in range(k, last + 1):
-        lane = state.way[i, m]
-        for gate in range(net.lanes[lane]["gate_from"], net.lanes[lane]["gate_to"]):
-            if m == k and gate < g:
-                continue
-            for c in range(net.gates[gate]["conflict_from"], net.gates[gate]["conflict_to"]):
-                other = net.conflicts[c]["lane"]
-                for row in range(first[other], first[other + 1]):
-                    n = who[row]
-                    if (
-                        n != i
-                        and behind[row] < net.conflicts[c]["to_m"]
-                        and _may_reach(net, state, n, other, net.conflicts[c]["from_m"], behind[row])
-                    ):
-                        return False
-                for row in range(num):
-                    if lanes[row] == other and whos[row] != i:
-                        return False
-    return True
-
-
-@kernel
-def _may_reach(net: Network, state: State, n: int, lane: int, from_m: float, rear: float) -> bool:
-    """Whether a mover's right goes beyond `from_m` of a lane, of which its rear is at `rear`."""
-    begin = state.movers[n]["base_m"] + state.movers[n]["at_m"] - 0.5 * state.movers[n]["length_m"] - rear
-    front = rear + state.movers[n]["length_m"]
-    holds: bool = state.movers[n]["right_to_m"] > begin + from_m + 1e-6 or front > from_m
-    return holds

@@ -12,8 +12,8 @@ from fbench.replay.arrays import Array, Float64
 
 DRIVE, BIKE, WALK = 0, 1, 2
 KINDS = {"drive": DRIVE, "bike": BIKE, "walk": WALK}
-_LATERAL_MPS2 = 1.9
-"""Lateral acceleration that drivers accept in curves; 2 is comfortable."""
+_LATERAL_MPS2 = 2.8
+"""Lateral acceleration that drivers accept in curves (chosen; about 2 is comfortable, 3 and more is felt as brisk)."""
 _SLOWING_MPS2 = 1.2
 """How hard they brake before a curve."""
 _CRAWL_MPS = 1.0
@@ -25,9 +25,10 @@ ALONG, CURVE = 5, 6
 LANE = np.dtype([
     ("length_m", "f8"), ("speed_mps", "f8"), ("longest_m", "f8"), ("kind", "i8"), ("left", "i8"), ("right", "i8"),
     ("signal", "i8"), ("point_from", "i8"), ("point_to", "i8"), ("next_from", "i8"), ("next_to", "i8"),
-    ("split_from", "i8"), ("split_to", "i8"), ("gate_from", "i8"), ("gate_to", "i8"),
+    ("split_from", "i8"), ("split_to", "i8"), ("gate_from", "i8"), ("gate_to", "i8"), ("turns_left", "i8"),
 ])  # fmt: skip
-"""A lane; -1 for no neighbour and no signal; `_from` and `_to` are rows of the other arrays."""
+"""A lane; -1 for no neighbour and no signal; `_from` and `_to` are rows of the other arrays. turns_left: crosses
+oncoming traffic, which goes first."""
 NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])
 """A successor, and how often it is chosen."""
 GROUP = np.dtype([("green_from_s", "f8"), ("green_s", "f8")])
@@ -65,7 +66,7 @@ def network_of(city_map: CityMap) -> Network:
     groups = zip(signals.green_from_s, signals.green_s, strict=True)
     return Network(
         np.concatenate([_path(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)]),
-        _lanes(lanes, along, usable_lengths(lanes, along, tangents), split_starts, gate_starts),
+        _lanes(lanes, along, tangents, split_starts, gate_starts),
         np.array(nexts, NEXT), splits, gates, conflicts,
         np.array(list(groups), GROUP), float(signals.cycle_s), float(signals.yellow_s),
     )  # fmt: skip
@@ -75,7 +76,9 @@ def _path(lane: Lane, along: Float64, tangent: Float64) -> Float64:
     return np.column_stack([lane.points_m, tangent, along, _curve_speeds(along, tangent)])
 
 
-def _lanes(lanes: tuple[Lane, ...], along: list[Float64], longest: Float64, splits: Array, gates: Array) -> Array:
+def _lanes(
+    lanes: tuple[Lane, ...], along: list[Float64], tangents: list[Float64], splits: Array, gates: Array
+) -> Array:
     result = np.zeros(len(lanes), LANE)
     starts = {
         "point": np.cumsum([0, *(len(a) for a in along)]),
@@ -87,7 +90,10 @@ def _lanes(lanes: tuple[Lane, ...], along: list[Float64], longest: Float64, spli
         result[f"{name}_from"], result[f"{name}_to"] = rows[:-1], rows[1:]
     result["length_m"] = [a[-1] for a in along]
     result["kind"] = [KINDS[lane.kind] for lane in lanes]
-    result["speed_mps"], result["longest_m"] = [lane.speed_mps for lane in lanes], longest
+    result["speed_mps"] = [lane.speed_mps for lane in lanes]
+    result["longest_m"] = usable_lengths(lanes, along, tangents)
+    result["turns_left"] = [lane.kind == "drive" and lane.in_junction and _turns_left(t)
+                            for lane, t in zip(lanes, tangents, strict=True)]  # fmt: skip
     for name in ("left", "right", "signal"):
         result[name] = [-1 if getattr(lane, name) is None else getattr(lane, name) for lane in lanes]
     return result
@@ -154,5 +160,11 @@ def _curve_speeds(along: Float64, tangent: Float64) -> Float64:
 
 
 def _weight(tangent: Float64) -> float:
-    """Straight on is chosen twice as often as a turn."""
-    return 2.0 if (tangent[0] * tangent[-1]).sum() > 0.7 else 1.0
+    """Straight on is chosen most often; who turns left holds up those behind, so few do."""
+    if (tangent[0] * tangent[-1]).sum() > 0.7:
+        return 4.0
+    return 0.25 if _turns_left(tangent) else 1.5
+
+
+def _turns_left(tangent: Float64) -> bool:
+    return float(tangent[0, 0] * tangent[-1, 1] - tangent[0, 1] * tangent[-1, 0]) > 0.7

@@ -31,11 +31,26 @@ def overlaps(p: Float64, q: Float64, size_p: Float64, size_q: Float64, margin: f
 
 
 @kernel
+def _by_x(at: Float64) -> Array:
+    """Rows in ascending x: an insertion sort, because compiling numpy's takes seconds."""
+    order = np.empty(len(at), np.int64)
+    for i in range(len(at)):
+        row = i
+        while row > 0 and at[order[row - 1], 0] > at[i, 0]:
+            order[row] = order[row - 1]
+            row -= 1
+        order[row] = i
+    return order
+
+
+@kernel
 def near_pairs(at: Float64, sizes: Float64) -> Array:
     """Pairs (M, 2) of bodies whose boxes along the axes touch."""
-    order = np.argsort(at[:, 0], kind="mergesort")
-    reach = 0.5 * np.sqrt(sizes[:, 0] ** 2 + sizes[:, 1] ** 2)
-    longest = reach.max()
+    order = _by_x(at)
+    reach, longest = np.empty(len(at)), 0.0
+    for i in range(len(at)):
+        reach[i] = 0.5 * np.sqrt(sizes[i, 0] * sizes[i, 0] + sizes[i, 1] * sizes[i, 1])
+        longest = max(longest, reach[i])
     found = np.empty((len(at) * 16, 2), np.int64)
     num = 0
     for m in range(len(order)):

@@ -24,7 +24,7 @@ class TrafficParams:
         ConfigError: where a number is negative or a share above 1.
     """
 
-    vehicles_per_km: float = 10.0
+    vehicles_per_km: float = 16.0
     """Moving motor vehicles on each km of drive lane outside junctions."""
     bicycles_per_km: float = 7.0
     """On each km of bike lane."""
@@ -50,5 +50,5 @@ class TrafficParams:
         """Typical traffic of a world."""
         dense = density == "dense"
         if world == "highway":
-            return cls(10.0 if dense else 4.0, mix=HIGHWAY_MIX, longest_m=20.0, speed_spread=0.1)
-        return cls(20.0, 14.0, 11.0, 0.3) if dense else cls()
+            return cls(14.0 if dense else 7.0, mix=HIGHWAY_MIX, longest_m=20.0, speed_spread=0.1)
+        return cls(29.0, 14.0, 11.0, 0.3) if dense else cls()

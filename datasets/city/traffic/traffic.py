@@ -25,6 +25,8 @@ __all__ = ["Traffic", "TrafficParams"]
 STEP_S: Final = 0.1
 _WARM_UP_STEPS: Final = 450
 """Steps before the log begins, so that queues and gaps are as they always are."""
+_WALKERS: Final = 24
+"""Different pedestrians in a world: each has the meshes of a whole gait."""
 _EGO_LENGTH_M: Final = (4.3, 4.7)
 
 
@@ -114,7 +116,11 @@ def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:
     kinds = ["car", *(names[k] for k in draw.choice(len(names), num - 1, p=shares / shares.sum()))]
     kinds += ["bicycle"] * round(params.bicycles_per_km * km["bike"])
     kinds += ["pedestrian"] * round(params.pedestrians_per_km * km["walk"])
-    return [_body(kind, params.longest_m, seed, i) for i, kind in enumerate(kinds)]
+    walkers = [_body("pedestrian", params.longest_m, seed, i) for i in range(min(_WALKERS, kinds.count("pedestrian")))]
+    return [
+        walkers[i % _WALKERS] if kind == "pedestrian" else _body(kind, params.longest_m, seed, i)
+        for i, kind in enumerate(kinds)
+    ]
 
 
 def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:

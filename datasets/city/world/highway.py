@@ -18,7 +18,7 @@ _STANDING_M = 14.0
 
 
 def highway_layout(seed: int) -> Layout:
-    """Lay out the ring: two straights of 1.2 km and two half circles."""
+    """Lay out the ring: two straights of 0.9 km and two half circles."""
     no_signals = SignalPlan(60.0, np.zeros(0), np.zeros(0))
     bays_m = _drawn_bays(seed)
     city_map = CityMap(

@@ -7,6 +7,7 @@ from fbench.datasets.city.world.highway_lanes import (
     LENGTH_M,
     MEDIAN_M,
     PAVED_M,
+    RADIUS_M,
     ring_heading,
     ring_points,
 )
@@ -69,7 +70,7 @@ def _chain(
     kind: Kind, from_m: float, to_m: float, left_m: float, width_height_m: tuple[float, float]
 ) -> list[Placement]:
     """Pieces end to end along the ring, each a chord."""
-    num = int(np.ceil((to_m - from_m) * max(1.0, 1 - left_m / 375) / BARRIER_M))
+    num = int(np.ceil((to_m - from_m) * max(1.0, 1 - left_m / RADIUS_M) / BARRIER_M))
     ends = ring_points(np.linspace(from_m, to_m, num + 1), left_m)
     middle, way = (ends[:-1] + ends[1:]) / 2, np.diff(ends, axis=0)
     yaw, length = np.arctan2(way[:, 1], way[:, 0]), np.sqrt((way * way).sum(axis=1))

@@ -1,8 +1,9 @@
 """The urban world: a closed grid of streets with junctions, blocks and all that stands there.
 
 A junction, outwards from the crossing street's drive lanes: kerbs bend up to 6.5 m, people cross from 7.2 to 10.8 m,
-vehicles wait at 12.5 m. One approach after the other is green, then all crossings: see `urban_signals`. Right turns of
-cars and bicycles are arcs about one centre, bicycles inside; left turns are as wide as fits, 12.4 m and more.
+vehicles wait at 12.5 m. Approaches that face each other are green together, then the others, then all crossings: see
+`urban_signals`. Right turns of cars and bicycles are arcs about one centre, bicycles inside; left turns are as wide as
+fits, 12.4 m and more.
 """
 
 from fbench.datasets.city.world.buildings import block_placements

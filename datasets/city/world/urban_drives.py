@@ -11,7 +11,7 @@ AVENUE_LONGEST_M = 7.0
 """Longer vehicles stay off avenues: turning, they would swing into the lane beside them."""
 BESIDE_BIKES_LONGEST_M = 8.0
 """Longer vehicles don't turn left beside a bike lane: their rear would swing into it."""
-_STREET_MPS, _AVENUE_MPS, _BIKE_MPS = 11.1, 13.9, 5.0
+_STREET_MPS, _AVENUE_MPS, _BIKE_MPS = 13.9, 13.9, 5.0
 _LATERAL_MPS2 = 2.0
 """Comfortable lateral acceleration in turns: v = sqrt(a R)."""
 _ARC_END_M = 7.5

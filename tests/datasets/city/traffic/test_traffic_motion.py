@@ -45,7 +45,7 @@ def test_velocity_and_yaw_rate_are_derivatives(scene: Scene) -> None:
     h = 1e-4
     for time_s in (1.234, 7.777, 33.351, 60.05, 80.962):
         a, m, b = (scene.motion.at(time_s + d) for d in (-h, 0, h))
-        assert np.abs((b.position_m - a.position_m) / (2 * h) - m.velocity_mps).max() < 2e-3
+        assert np.abs((b.position_m - a.position_m) / (2 * h) - m.velocity_mps).max() < 1e-3
         assert np.abs(turned(a.yaw_rad, b.yaw_rad) / (2 * h) - m.yaw_rate_radps).max() < 5e-3
 
 

@@ -107,7 +107,7 @@ def test_barriers_follow_the_highway_without_gaps(highway: Layout) -> None:
     nearest = [np.hypot(*(lanes - p.position_m[:2]).T).min() for p in barriers[::5]]
     assert min(nearest) > 2.0  # half a lane, and room for a mirror
     total = sum(p.size_lwh_m[0] for p in barriers)
-    ring = 2 * 1200 + 2 * np.pi * 375
+    ring = 2 * 900 + 2 * np.pi * 500
     assert total == pytest.approx(4 * ring, rel=0.01)
     assert all(p.position_m[2] <= 0 for p in barriers)
 
@@ -117,4 +117,4 @@ def test_curves_of_the_highway_are_wide(highway: Layout) -> None:
         steps = np.diff(lane.points_m[:, :2], axis=0)
         turned = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))))
         radius = np.linalg.norm(steps[1:], axis=1) / np.maximum(turned, 1e-12)
-        assert radius.min() >= 350
+        assert radius.min() >= 480
