@@ -9,9 +9,12 @@ from scipy.spatial.transform import Rotation
 from fbench.replay.data import CameraModel, Mount, Rig
 from fbench.replay.geometry.transforms import quaternion
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(ge=-1000, le=1000)]
+Altitude = Annotated[float, Field(ge=-90, le=90)]
+Rate = Annotated[float, Field(ge=0.1, le=1000)]
+Reach = Annotated[float, Field(gt=0, le=1000)]
+NotNegative = Annotated[float, Field(ge=0, le=1000)]
+Late = Annotated[float, Field(ge=0, le=60_000)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Three = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
@@ -20,6 +23,9 @@ POSE = "pose"
 """Name of the stream of poses, which no sensor may have."""
 _OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: the camera's x right, y down, z forward in axes x forward, y left, z up."""
+MAX_RAYS = 5_000_000
+"""Of one message of a LiDAR or radar: more take more memory than a small computer has."""
+MAX_PIXELS = 16_000_000
 
 
 class SensorSpec(BaseModel):
@@ -31,12 +37,12 @@ class SensorSpec(BaseModel):
     """In body coordinates; the origin lies on the ground in the middle of the vehicle."""
     yaw_pitch_roll_deg: Three = (0.0, 0.0, 0.0)
     """R = Rz(yaw) Ry(pitch) Rx(roll) of axes x forward, y left, z up: a positive pitch looks down."""
-    rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
-    phase_ms: NotNegative = 0.0
+    rate_hz: Rate
+    phase_ms: Late = 0.0
     """When the first message is measured."""
-    latency_ms: NotNegative
+    latency_ms: Late
     """From stamp to arrival, at least."""
-    jitter_ms: NotNegative = 0.0
+    jitter_ms: Late = 0.0
     """Arrival is later by up to so much, evenly distributed."""
     loss: Share = 0.0
     """How often a message never arrives."""
@@ -55,9 +61,9 @@ class SensorSpec(BaseModel):
 class CameraSpec(SensorSpec):
     """A pinhole camera."""
 
-    rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 10.0
-    latency_ms: NotNegative = 15.0
-    jitter_ms: NotNegative = 2.0
+    rate_hz: Rate = 10.0
+    latency_ms: Late = 15.0
+    jitter_ms: Late = 2.0
     size_wh: Annotated[tuple[int, int], Field(strict=False)] = (800, 600)
     fov_deg: Annotated[float, Field(gt=1, lt=170)] = 90.0
     """Horizontal field of view."""
@@ -71,6 +77,8 @@ class CameraSpec(SensorSpec):
     def _has_pixels(self) -> Self:
         if not all(16 <= pixels <= 8192 for pixels in self.size_wh):
             raise ValueError("size_wh must be 16 to 8192 px each")
+        if self.size_wh[0] * self.size_wh[1] > MAX_PIXELS:
+            raise ValueError(f"size_wh must be at most {MAX_PIXELS} px in all")
         return self
 
     def model(self) -> CameraModel:
@@ -83,15 +91,16 @@ class CameraSpec(SensorSpec):
 class LidarSpec(SensorSpec):
     """A spinning LiDAR: one beam after the other, channel by channel, all around."""
 
-    rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 20.0
-    latency_ms: NotNegative = 10.0
-    jitter_ms: NotNegative = 2.0
+    rate_hz: Annotated[float, Field(ge=0.5, le=1000)] = 20.0
+    """A turn takes at most 2 s, so that times in it fit into `PointCloud.offset_ns`."""
+    latency_ms: Late = 10.0
+    jitter_ms: Late = 2.0
     channels: Annotated[int, Field(ge=1, le=1024)] = 128
     points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 1_000_000
     """Shots, whether anything comes back or not."""
-    range_m: Positive = 100.0
-    upper_deg: Number = 30.0
-    lower_deg: Number = -20.0
+    range_m: Reach = 100.0
+    upper_deg: Altitude = 30.0
+    lower_deg: Altitude = -20.0
     noise_m: NotNegative = 0.01
     """Standard deviation of the range."""
     dropout: Share = 0.0
@@ -99,18 +108,25 @@ class LidarSpec(SensorSpec):
     motion: bool = False
     """Whether the vehicle and all others move while it turns; else everything stands still at the stamp."""
 
+    @model_validator(mode="after")
+    def _has_channels_and_not_too_many_shots(self) -> Self:
+        if self.lower_deg > self.upper_deg:
+            raise ValueError("lower_deg must not be above upper_deg")
+        _require_rays(self.points_per_s / self.rate_hz)
+        return self
+
 
 class RadarSpec(SensorSpec):
     """A radar of many echoes."""
 
-    rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 20.0
-    latency_ms: NotNegative = 5.0
-    jitter_ms: NotNegative = 2.0
+    rate_hz: Rate = 20.0
+    latency_ms: Late = 5.0
+    jitter_ms: Late = 2.0
     horizontal_fov_deg: Annotated[float, Field(gt=0, le=180)] = 100.0
     vertical_fov_deg: Annotated[float, Field(gt=0, le=120)] = 50.0
     points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 250_000
     """Rays, whether an echo comes back or not."""
-    range_m: Positive = 100.0
+    range_m: Reach = 100.0
     range_resolution_m: NotNegative = 0.1
     azimuth_resolution_deg: NotNegative = 0.5
     altitude_resolution_deg: NotNegative = 0.5
@@ -124,10 +140,20 @@ class RadarSpec(SensorSpec):
     """Standard deviations."""
     merge_cells: bool = False
     """Whether echoes that can't be told apart become one."""
-    clutter: NotNegative = 0.0
+    clutter: Annotated[float, Field(ge=0, le=100_000)] = 0.0
     """False echoes a scan, on average."""
     multipath: Share = 0.0
     """Share of strong echoes of road users that come a second time, by a detour."""
+
+    @model_validator(mode="after")
+    def _has_not_too_many_rays(self) -> Self:
+        _require_rays(self.points_per_s / self.rate_hz)
+        return self
+
+
+def _require_rays(num: float) -> None:
+    if num > MAX_RAYS:
+        raise ValueError(f"points_per_s / rate_hz must be at most {MAX_RAYS}")
 
 
 class RigSpec(BaseModel):
@@ -138,7 +164,7 @@ class RigSpec(BaseModel):
     cameras: dict[Name, CameraSpec] = {}
     lidars: dict[Name, LidarSpec] = {}
     radars: dict[Name, RadarSpec] = {}
-    pose_rate_hz: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)] = 100.0
+    pose_rate_hz: Rate = 100.0
     """Of the poses of the ego vehicle, which arrive 1 ms after their stamps."""
 
     @property

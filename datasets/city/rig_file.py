@@ -95,6 +95,8 @@ def _first(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         model = RigSpec if len(place) < 3 else _TABLES[place[0]]
         return f"unknown key '{'.'.join(place)}'{did_you_mean(place[-1], model.model_fields)}"
+    if first["type"] == "value_error":  # of several fields together
+        return f"{'.'.join(place) or 'rig'}: {first['ctx']['error']}"
     got = str(first["input"])
     shown = got if len(got) <= 60 else f"{got[:60]}..."
-    return f"{'.'.join(place) or 'rig'}: {first['msg']}, got {shown}" if place else first["msg"]
+    return f"{'.'.join(place)}: {first['msg']}, got {shown}" if place else first["msg"]

@@ -1,9 +1,12 @@
 """What a simulated log is made from: nothing else decides a byte of it."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
+
+import numpy as np
 
 from fbench.datasets.city.conditions import CONDITIONS, Condition
 from fbench.datasets.city.rig import RigSpec, thesis_rig
@@ -51,14 +54,15 @@ class CitySpec:
     @property
     def log_id(self) -> str:
         """Equal specs give equal ids."""
-        text = f"{VERSION} {self.world} {self.seconds!r} {self.seed} {self.truth_range_m!r} {self.condition!r} "
-        digest = blake2b((text + self.rig.model_dump_json()).encode(), digest_size=8)
+        lengths = f"{float(self.seconds)!r} {self.seed} {float(self.truth_range_m)!r}"
+        rig = json.dumps(self.rig.model_dump(mode="json"), sort_keys=True)  # in a file, sensors come in any order
+        digest = blake2b(f"{VERSION} {self.world} {lengths} {self.condition!r} {rig}".encode(), digest_size=8)
         return f"city-{digest.hexdigest()}"
 
     @property
     def metadata(self) -> dict[str, str]:
         """What the log says of its making."""
-        weather = {f"weather.{name}": f"{value:g}" for name, value in asdict(self.condition.weather).items()}
+        weather = {f"weather.{name}": _shortest(value) for name, value in asdict(self.condition.weather).items()}
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
@@ -72,6 +76,11 @@ class CitySpec:
             **weather,
             **{f"lidar.{name}.motion": _motion(spec.motion) for name, spec in sorted(self.rig.lidars.items())},
         }
+
+
+def _shortest(value: float) -> str:
+    """All digits that tell a number from its neighbours, and no more."""
+    return np.format_float_positional(value, trim="-")
 
 
 def _motion(is_in_sweep: bool) -> str:

@@ -26,8 +26,9 @@ def simulate(
         int, typer.Option(metavar="N", help="Another seed, another world; the same one, the same bytes.")
     ] = 0,
     split: Annotated[
-        Literal["dev", "test"], typer.Option(help="Of a suite: seeds to develop on, or those to report.")
-    ] = "dev",
+        Literal["dev", "test"] | None,
+        typer.Option(help="Of a suite: seeds to develop on (dev, unless said otherwise), or those to report."),
+    ] = None,
     rig: Annotated[
         Path | None, typer.Option("--rig", metavar="FILE", help="TOML with the sensors; else the thesis's rig.")
     ] = None,
@@ -42,7 +43,9 @@ def simulate(
     threads: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=256, help="Messages made at once; changes no byte.")
     ] = None,
-    form: Annotated[Literal["mcap", "parquet"], typer.Option(help="Of a suite's logs.")] = "mcap",
+    form: Annotated[
+        Literal["mcap", "parquet"] | None, typer.Option(help="Of a suite's logs; mcap, unless said otherwise.")
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
     json: Json = False,
 ) -> None:

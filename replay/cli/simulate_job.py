@@ -27,10 +27,11 @@ class SimulateJob:
 
     wish: "CityWish"
     out: Path
-    split: "Split" = "dev"
+    split: "Split | None" = None
+    """Of a suite; `dev` unless said otherwise."""
     threads: int | None = None
-    form: Literal["mcap", "parquet"] = "mcap"
-    """Of a suite's logs."""
+    form: Literal["mcap", "parquet"] | None = None
+    """Of a suite's logs; `mcap` unless said otherwise."""
     overwrite: bool = False
     as_json: bool = False
 
@@ -58,6 +59,10 @@ def run_simulation(job: SimulateJob) -> None:
 
 
 def _one_log(job: SimulateJob) -> tuple["CitySpec", Path]:
+    if job.split is not None or job.form is not None:
+        raise ConfigError(
+            f"{'--form' if job.split is None else '--split'}: only of a suite; here --seed and --out say it"
+        )
     spec = job.wish.spec()
     if not job.out.absolute().parent.is_dir():
         raise ConfigError(f"{job.out}: can't be written (no folder {job.out.absolute().parent})")
@@ -74,13 +79,13 @@ def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
     specs = [
         (replace(job.wish, world=scene.world, condition=scene.condition, seed=seed).spec(), scene.name(seed))
         for scene in SUITE
-        for seed in SEEDS[job.split]
+        for seed in SEEDS[job.split or "dev"]
     ]
     try:
         job.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
-    yield from ((spec, job.out / f"{name}.{job.form}") for spec, name in specs)
+    yield from ((spec, job.out / f"{name}.{job.form or 'mcap'}") for spec, name in specs)
 
 
 def _content(spec: "CitySpec", log: ImportedLog) -> dict[str, object]:
