@@ -56,4 +56,4 @@ def demo_spec() -> CitySpec:
     radar scans are lost.
     """
     rig = with_value(thesis_rig(), "radar.loss=0.05")
-    return CitySpec("urban", condition("traffic"), seconds=5.0, seed=SEEDS["dev"][0], rig=rig)
+    return CitySpec("urban", condition("clear"), seconds=5.0, seed=SEEDS["dev"][2], rig=rig)

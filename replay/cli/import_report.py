@@ -21,7 +21,7 @@ _ALIKE = 3
 def log_line(log: ImportedLog) -> str:
     """Return what became of a sequence."""
     if log.state == "there":
-        return f"{log.path} is there already, from an equal import"
+        return f"{log.path} is there already, made the same way"
     skipped = f", {log.num_skipped} skipped" if log.num_skipped else ""
     if log.written is None:
         return f"{log.path} isn't written{skipped}"

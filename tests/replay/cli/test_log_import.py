@@ -104,7 +104,7 @@ def test_bad_input_ends_the_import_unless_it_is_skipped(toys, source):
     result = toys("-o", "logs", "--skip-bad")
     assert result.code == 4
     lines = result.out.splitlines()
-    assert lines[0] == "a: logs/a.mcap is there already, from an equal import"
+    assert lines[0] == "a: logs/a.mcap is there already, made the same way"
     assert lines[1].endswith(" MB, 1 skipped")
     assert lines[2] == "c: logs/c.mcap isn't written, 1 skipped"
     assert "sweeps: 3..4" in lines
