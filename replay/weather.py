@@ -52,6 +52,7 @@ class Weather:
             value, (low, high) = getattr(self, field.name), _LIMITS[field.name]
             if not low <= value <= high:  # also where it isn't a number
                 raise ConfigError(f"Weather.{field.name}: expected {low:g} to {high:g}, got {value!r}")
+            object.__setattr__(self, field.name, float(value))  # 5 and 5.0 are written down alike
 
 
 def fog_extinction_per_m(weather: Weather) -> float:

@@ -34,8 +34,8 @@ CONDITIONS: Mapping[str, Condition] = {
         Condition("overcast", Weather(visibility_m=15_000.0, lux=_OVERCAST_LUX)),
     )
 }
-"""By name. Visibilities are levels of Foggy Cityscapes and Dong et al. (CVPR 2023), rain rates those of heavy and
-violent showers, illuminances those of the sky that the name says.
+"""By name. Visibilities in fog are the two densest levels of Dong et al. (CVPR 2023), rain rates those of heavy and
+violent showers, illuminances those of the sky that the name says; the rest is chosen.
 """
 
 

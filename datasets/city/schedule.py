@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 from fbench.datasets.city.rig import POSE, RigSpec, SensorSpec
 from fbench.replay.draws import generator
@@ -47,7 +48,7 @@ def plans(rig: RigSpec, seconds: float, seed: int) -> Iterator[Plan]:
     reference = rig.specs[rig.reference]
     from_ns = START_NS
     last_ns: int | None = None
-    for stamp_ns in (*_stamps(reference.rate_hz, reference.phase_ms, START_NS, end_ns), end_ns):
+    for stamp_ns in chain(_stamps(reference.rate_hz, reference.phase_ms, START_NS, end_ns), [end_ns]):
         if last_ns is not None:
             to_ns = (last_ns + stamp_ns) // 2 if stamp_ns < end_ns else end_ns
             yield _plan(rig, seed, last_ns, from_ns, to_ns)

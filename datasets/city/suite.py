@@ -17,7 +17,6 @@ SEEDS: Mapping[Split, tuple[int, ...]] = {
 """Seeds to develop, train and tune on, and those to report figures of. No pipeline may be tuned on the test seeds; they
 never change.
 """
-SUITE_SECONDS = 10.0
 
 
 @dataclass(frozen=True)

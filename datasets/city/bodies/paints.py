@@ -42,13 +42,15 @@ GLASS = Skin("glass", linear("1a2024"))
 CHROME = Skin("metal", linear("b9bdc1"))
 STEEL = Skin("metal", linear("85898d"))
 PLATE = Skin("plate", linear("e8e8e2"))
+_SPREAD: Final = 0.12
+"""How much lighter or darker a thing may be than its colour in a table."""
 
 
-def pick(draw: np.random.Generator, shares: dict[str, float], spread: float = 0.12) -> Rgb:
+def pick(draw: np.random.Generator, shares: dict[str, float]) -> Rgb:
     """Draw a colour by its share, a little lighter or darker than in the table."""
     codes, weights = list(shares), np.array(list(shares.values()))
     bounds = np.cumsum(weights / weights.sum())
     code = codes[min(int(np.searchsorted(bounds, draw.random(), side="right")), len(codes) - 1)]
-    factor = 1 + spread * (2 * draw.random() - 1)
+    factor = 1 + _SPREAD * (2 * draw.random() - 1)
     red, green, blue = (min(1.0, value * factor) for value in linear(code))
     return red, green, blue

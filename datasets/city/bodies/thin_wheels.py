@@ -9,11 +9,11 @@ from fbench.datasets.city.shapes import Skin
 from fbench.replay.arrays import Array
 
 
-def thin_wheel(x_m: float, radius_m: float, width_m: float, rim: Skin, tyre_share: float = 0.5) -> list[Mesh]:
-    """Return a bicycle's wheel at `x_m`, with spokes; `tyre_share` of the ring's depth is rubber."""
+def thin_wheel(x_m: float, radius_m: float, width_m: float, rim: Skin) -> list[Mesh]:
+    """Return a bicycle's wheel at `x_m`, with spokes; half of the ring's depth is rubber."""
     half, depth = width_m / 2, 1.8 * width_m
-    rows = np.array([(radius_m, 0.0), (radius_m - tyre_share * depth, half), (radius_m - depth, 0),
-                     (radius_m - tyre_share * depth, -half), (radius_m, 0.0)])  # fmt: skip
+    rows = np.array([(radius_m, 0.0), (radius_m - 0.5 * depth, half), (radius_m - depth, 0),
+                     (radius_m - 0.5 * depth, -half), (radius_m, 0.0)])  # fmt: skip
     ring = _ring(x_m, radius_m, rows, 18, np.array([0, 1, 1, 0]), rim)
     return [ring, *_spokes(x_m, radius_m, radius_m - depth, 0.005, 4, rim)]
 

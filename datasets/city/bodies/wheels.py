@@ -10,15 +10,17 @@ from fbench.datasets.city.mesh import Mesh
 from fbench.datasets.city.shapes import Skin
 
 _SIDES: Final = 15
+_RIM_SHARE: Final = 0.66
+"""Of the wheel's radius."""
 _GAP: Final = 3
 """Every so manyth sector of the rim is a gap between spokes."""
 
 
-def wheel(radius_m: float, width_m: float, rim: Skin, rim_share: float = 0.66) -> Mesh:
+def wheel(radius_m: float, width_m: float, rim: Skin) -> Mesh:
     """Return a wheel that stands on the ground under the origin, its outer side towards +y."""
     angle = np.arange(_SIDES) * (2 * np.pi / _SIDES) - np.pi / 2
     half = width_m / 2
-    rows = [(1.0, -half), (1.0, 0.8 * half), (rim_share, half)]
+    rows = [(1.0, -half), (1.0, 0.8 * half), (_RIM_SHARE, half)]
     rings = np.stack([
         np.column_stack([-share * radius_m * np.cos(angle), np.full(_SIDES, y), share * radius_m * np.sin(angle)])
         for share, y in rows

@@ -22,7 +22,6 @@ COLORS: dict[str, Rgb] = {
     "grass": (0.07, 0.125, 0.035),
     "soil": (0.14, 0.1, 0.065),
     "concrete": (0.33, 0.32, 0.3),
-    "brick": (0.26, 0.12, 0.08),
 }
 """Albedo, linear: asphalt and grass as published for dry road surfaces and lawns, the rest by eye."""
 _OTHER: Rgb = (0.3, 0.3, 0.3)

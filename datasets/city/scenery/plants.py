@@ -1,4 +1,4 @@
-"""Trees, bushes and hedges: dark cores with many leaf clusters around them."""
+"""Trees and bushes: dark cores with many leaf clusters around them."""
 
 from collections.abc import Sequence
 from typing import TypeAlias
@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 
 from fbench.datasets.city.mesh import Mesh, merged
-from fbench.datasets.city.shapes import Rgb, Skin, Three, box, cylinder, loft, mesh
+from fbench.datasets.city.shapes import Rgb, Skin, Three, cylinder, loft, mesh
 from fbench.replay.arrays import Array, Float32, Float64
 
 Blob: TypeAlias = tuple[Three, Three]
@@ -36,24 +36,6 @@ def bush(rng: np.random.Generator) -> Mesh:
     """Return a bush in a box of 1 x 1 x 1."""
     blobs: list[Blob] = [((float(x), float(y), 0.45), (0.34, 0.34, 0.5)) for x, y in rng.uniform(-0.15, 0.15, (3, 2))]
     return _within(_foliage(blobs, 70, 0.29, _LEAVES[int(rng.integers(3))], 1.0, rng), 0.0)
-
-
-def hedge(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
-    """Return a cut hedge along x that fills a box."""
-    length, width, height = size_lwh_m
-    core = box((0.0, 0.0, 0.45 * height), (length - 0.2, width * 0.75, 0.9 * height), _dark(_LEAVES[0]))
-    num = int(np.clip(26 * length * (2 * height + width) / 3, 24, 900))
-    face = rng.choice(3, num, p=np.array([height, height, width]) / (2 * height + width))
-    along, across = rng.uniform(-0.5, 0.5, num), rng.uniform(-0.5, 0.5, num)
-    up = rng.uniform(0.0, 1.0, num)
-    y = np.where(face == 0, 0.5, np.where(face == 1, -0.5, across))
-    points = np.column_stack([along * length, y * width, np.where(face == 2, 1.0, up) * height])
-    normals = np.eye(3)[[1, 1, 2]][face] * np.where(face == 1, -1.0, 1.0)[:, None]
-    half = np.array([length, width, height]) / 2
-    leaves = _cards(points, normals, np.full((num, 1), 0.3), _LEAVES[0], up, 1.0, rng)
-    vertices = np.clip(leaves.vertices_m, [-half[0], -half[1], 0], [half[0], half[1], height])
-    return merged([core, _slim(Mesh(vertices.astype(np.float32), leaves.triangles, leaves.material, leaves.color,
-                                    leaves.lamp))])  # fmt: skip
 
 
 def _crown_blobs(species: int, rng: np.random.Generator) -> tuple[list[Blob], float]:
@@ -155,14 +137,6 @@ def _within(leaves: Mesh, foot: float) -> Mesh:
     size = np.array([1.0, 1.0, 1.0 - foot])
     fitted = (v - low) / (high - low) * size + np.array([-0.5, -0.5, foot])
     return Mesh(fitted.astype(np.float32), leaves.triangles, leaves.material, leaves.color, leaves.lamp)
-
-
-def _slim(leaves: Mesh) -> Mesh:
-    """Leave out triangles that cutting made flat."""
-    a, b, c = (leaves.vertices_m[leaves.triangles[:, i]].astype(np.float64) for i in range(3))
-    n = np.cross(b - a, c - a)
-    keep = (n * n).sum(axis=1) > 1e-8
-    return Mesh(leaves.vertices_m, leaves.triangles[keep], leaves.material[keep], leaves.color[keep], leaves.lamp[keep])
 
 
 def _colored(whole: Mesh, color: Array) -> Mesh:

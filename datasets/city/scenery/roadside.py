@@ -1,10 +1,10 @@
-"""What stands beside roads: guard rails, concrete barriers, fences, noise walls, gantries."""
+"""What stands beside roads: guard rails, concrete barriers, noise walls, gantries."""
 
 import numpy as np
 
 from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.scenery.quads import Quads, blocks, joined, on_wall, quads_mesh, upright
-from fbench.datasets.city.shapes import Rgb, Skin, Three, box, loft
+from fbench.datasets.city.shapes import Skin, Three, box, loft
 from fbench.replay.arrays import Float64
 
 _RAIL = Skin("barrier", (0.34, 0.35, 0.36))
@@ -18,21 +18,12 @@ def barrier(size_lwh_m: Three) -> Mesh:
     return _concrete(size_lwh_m) if size_lwh_m[2] >= 0.85 else _guard_rail(size_lwh_m)
 
 
-def fence(size_lwh_m: Three, variant: int, rng: np.random.Generator) -> Mesh:
-    """Return what parts lots along x: a noise wall from 2.4 m high, else boards or bars."""
+def fence(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
+    """Return a noise wall along x."""
     length, width, height = size_lwh_m
-    noisy = height >= 2.4
-    panels = max(1, round(length / (4.0 if noisy else 2.5)))
-    at = np.linspace(-length / 2 + 0.06, length / 2 - 0.06, panels + 1)
-    half = width / 2
-    if noisy:
-        quads = _noise_wall(at, half, height, rng)
-    elif variant % 2 == 0:
-        quads = _boards(at, half, height, rng)
-    else:
-        quads = _bars(at, half, height)
+    at = np.linspace(-length / 2 + 0.06, length / 2 - 0.06, max(1, round(length / 4.0)) + 1)
     # On a wall that looks to -y, u goes along x.
-    return quads_mesh(on_wall(quads, (0.0, 0.0, 0.0), -np.pi / 2))
+    return quads_mesh(on_wall(_noise_wall(at, width / 2, height, rng), (0.0, 0.0, 0.0), -np.pi / 2))
 
 
 def gantry(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
@@ -104,30 +95,6 @@ def _noise_wall(at: Float64, half: float, height: float, rng: np.random.Generato
     panels = blocks(u0, u1, low, high, -deep, deep, Skin("concrete", tint))
     posts = blocks(at - 0.06, at + 0.06, 0.0, height, -half, half, _POST)
     return joined([panels, posts])
-
-
-def _boards(at: Float64, half: float, height: float, rng: np.random.Generator) -> Quads:
-    brown: Rgb = ((0.17, 0.1, 0.055), (0.24, 0.19, 0.14), (0.11, 0.07, 0.045))[int(rng.integers(3))]
-    wood = Skin("wood", brown)
-    num = max(1, round((at[-1] - at[0]) / 0.22))
-    u = np.linspace(at[0], at[-1], num + 1)
-    top = height - 0.03 * rng.random(num)
-    boards = blocks(u[:-1] + 0.008, u[1:] - 0.008, 0.04, top, 0.1 * half, 0.6 * half, wood)
-    rails = blocks(at[0], at[-1], np.array([0.25, 0.75]) * height - 0.04, np.array([0.25, 0.75]) * height + 0.04,
-                   -0.5 * half, 0.1 * half, wood)  # fmt: skip
-    return joined([boards, rails, blocks(at - 0.05, at + 0.05, 0.0, height, -half, half, wood)])
-
-
-def _bars(at: Float64, half: float, height: float) -> Quads:
-    iron = Skin("pole", (0.03, 0.035, 0.035))
-    num = max(1, round((at[-1] - at[0]) / 0.3))
-    u = np.linspace(at[0], at[-1], num + 1)
-    return joined([
-        blocks(u - 0.012, u + 0.012, 0.08, height - 0.03, -0.3 * half, 0.3 * half, iron),
-        blocks(at[0], at[-1], np.array([0.1, height - 0.15]), np.array([0.14, height - 0.11]), -0.5 * half, 0.5 * half,
-               iron),
-        blocks(at - 0.04, at + 0.04, 0.0, height, -half, half, iron),
-    ])  # fmt: skip
 
 
 def _strut(x: float, y0: float, y1: float, low: float, top: float, rises: bool) -> Mesh:

@@ -10,7 +10,7 @@ from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.scenery.buildings import building
 from fbench.datasets.city.scenery.copies import copies
 from fbench.datasets.city.scenery.ground import ground
-from fbench.datasets.city.scenery.plants import SPECIES, bush, hedge, tree
+from fbench.datasets.city.scenery.plants import SPECIES, bush, tree
 from fbench.datasets.city.scenery.roadside import barrier, fence, gantry
 from fbench.datasets.city.scenery.signals import signal
 from fbench.datasets.city.scenery.signs import KINDS, sign
@@ -26,21 +26,21 @@ _MAX_LEAVES, _ALL_LEAVES = 320, 70_000
 _UNIT: Three = (1.0, 1.0, 1.0)
 _LOOKS: dict[Kind, int] = {
     "tree": 3 * SPECIES, "bush": 4, "lamp_post": 1, "signal": 1, "sign": len(KINDS), "bench": 1, "bin": 3,
-    "hydrant": 1, "barrier": 1, "gantry": 4, "fence": 2,
+    "hydrant": 1, "barrier": 1, "gantry": 4, "fence": 1,
 }  # fmt: skip
 """How many variants differ; buildings are each like no other."""
 _MAKERS: dict[Kind, Make] = {
     "building": lambda size, look, rng: building(size, rng),
-    "bush": lambda size, look, rng: bush(rng) if size == _UNIT else hedge(size, rng),
-    "lamp_post": lambda size, look, rng: lamp_post(size, rng),
+    "bush": lambda size, look, rng: bush(rng),
+    "lamp_post": lambda size, look, rng: lamp_post(size),
     "signal": lambda size, look, rng: signal(size),
     "sign": lambda size, look, rng: sign(size, KINDS[look]),
-    "bench": lambda size, look, rng: bench(size, rng),
+    "bench": lambda size, look, rng: bench(size),
     "bin": lambda size, look, rng: bin_(size, rng),
-    "hydrant": lambda size, look, rng: hydrant(size, rng),
+    "hydrant": lambda size, look, rng: hydrant(size),
     "barrier": lambda size, look, rng: barrier(size),
     "gantry": lambda size, look, rng: gantry(size, rng),
-    "fence": fence,
+    "fence": lambda size, look, rng: fence(size, rng),
 }
 
 
@@ -69,10 +69,10 @@ def _look(placement: Placement, index: int) -> tuple[Kind, Three, int]:
     kind, size = placement.kind, placement.size_lwh_m
     if kind == "building":
         return kind, size, index * 1000 + placement.variant % 1000
-    if kind == "tree" or (kind == "bush" and size[0] < 2.5 * size[1]):
+    if kind in ("tree", "bush"):
         size = _UNIT
     size = (round(size[0], 2), round(size[1], 2), round(size[2], 2))
-    return kind, size, 0 if kind == "fence" and size[2] >= 2.4 else placement.variant % _LOOKS[kind]
+    return kind, size, placement.variant % _LOOKS[kind]
 
 
 def _shrunk(kind: Kind, mesh: Mesh, size_lwh_m: Three) -> Mesh:

@@ -1,12 +1,10 @@
-"""Traffic signals: heads of three lamps on a post, or on an arm over the road."""
+"""Traffic signals: heads of two or three lamps on a post."""
 
 from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.shapes import Rgb, Skin, Three, box, cylinder
 
 LAMPS: tuple[Rgb, Rgb, Rgb] = ((1.0, 0.035, 0.02), (1.0, 0.5, 0.02), (0.03, 1.0, 0.42))
 """Red, yellow, green: the order of lamps in a group."""
-ARM_FROM_M = 2.5
-"""A box at least this wide holds an arm."""
 _POST = Skin("pole", (0.17, 0.18, 0.18))
 _CASE = Skin("plastic", (0.018, 0.018, 0.018))
 
@@ -14,25 +12,16 @@ _CASE = Skin("plastic", (0.018, 0.018, 0.018))
 def signal(size_lwh_m: Three) -> Mesh:
     """Return a signal for those who come towards its front (x); its lamps are numbered 0 red, 1 yellow, 2 green.
 
-    Below 3 m it is one for pedestrians, without yellow. An arm goes over the front's right (-y), where drivers on the
-    right side of a road come from: their signal stands at their right-hand kerb.
+    Below 3 m it is one for pedestrians, without yellow.
     """
     length, width, height = size_lwh_m
     deep = min(length, 0.5)
     post = -deep / 2 + 0.045
-    if width < ARM_FROM_M:
-        lamps = (0, 1, 2) if height >= 3.0 else (0, 2)
-        top = height - 0.16 * len(lamps) - 0.02
-        return merged([
-            cylinder((post, 0.0, 0.0), (post, 0.0, height), 0.045, 8, _POST),
-            *_head((post + 0.04, 0.0, top), deep / 2, min(width, 0.32), lamps),
-        ])  # fmt: skip
-    reach, level = width / 2, height - 0.5
+    lamps = (0, 1, 2) if height >= 3.0 else (0, 2)
+    top = height - 0.16 * len(lamps) - 0.02
     return merged([
-        cylinder((post, 0.0, 0.0), (post, 0.0, height), 0.1, 8, _POST, 0.07),
-        cylinder((post, 0.0, level), (post, -reach + 0.05, level + 0.15), 0.06, 8, _POST, 0.045),
-        *_head((post + 0.09, 0.0, 2.9), deep / 2, 0.32, (0, 1, 2)),
-        *_head((post + 0.06, -reach + 0.45, level - 0.05), deep / 2, 0.32, (0, 1, 2)),
+        cylinder((post, 0.0, 0.0), (post, 0.0, height), 0.045, 8, _POST),
+        *_head((post + 0.04, 0.0, top), deep / 2, min(width, 0.32), lamps),
     ])  # fmt: skip
 
 

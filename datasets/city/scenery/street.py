@@ -10,15 +10,12 @@ _DARK = Skin("pole", (0.04, 0.045, 0.045))
 _BULB = Skin("street_lamp", (1.0, 0.86, 0.65))
 
 
-def lamp_post(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
-    """Return a post whose arm reaches `length` to the front from its foot; where that is short, the lamp is on top."""
-    length, width, height = size_lwh_m
+def lamp_post(size_lwh_m: Three) -> Mesh:
+    """Return a post whose arm reaches `length` to the front from its foot."""
+    reach, width, height = size_lwh_m
     base = cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 0.9), min(0.11, width / 2), 8, _STEEL)
-    reach = length
-    if reach < 0.6:
-        return merged([base, *_lantern(height, min(width / 2, 0.3))])
     pole = cylinder((0.0, 0.0, 0.0), (0.0, 0.0, height - 0.5), 0.085, 8, _STEEL, 0.055)
-    bend = [(0.0, -0.55), (0.04, -0.35), (0.16, -0.18), (0.4, -0.08), (max(reach - 0.55, 0.45), -0.06)]
+    bend = [(0.0, -0.55), (0.04, -0.35), (0.16, -0.18), (0.4, -0.08), (reach - 0.55, -0.06)]
     arm = loft([_ring(x, height + z, slope) for (x, z), slope in zip(bend, (0.0, 0.3, 0.8, 1.3, 1.57), strict=True)],
                _STEEL)  # fmt: skip
     middle = reach - 0.35
@@ -27,7 +24,7 @@ def lamp_post(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     return merged([base, pole, arm, head, glass])
 
 
-def bench(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
+def bench(size_lwh_m: Three) -> Mesh:
     """Return a bench of wooden slats on two iron feet; one sits looking towards x."""
     length, width, height = size_lwh_m
     wood, seat = Skin("wood", (0.2, 0.11, 0.055)), 0.53 * height
@@ -56,7 +53,7 @@ def bin_(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     ])  # fmt: skip
 
 
-def hydrant(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
+def hydrant(size_lwh_m: Three) -> Mesh:
     """Return a red hydrant with three caps."""
     length, width, height = size_lwh_m
     red = Skin("paint", (0.42, 0.03, 0.025))
@@ -69,15 +66,6 @@ def hydrant(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
         cylinder((0.0, -width / 2, z), (0.0, width / 2, z), 0.55 * r, 8, Skin("metal", (0.4, 0.4, 0.38))),
         cylinder((0.0, 0.0, z), (length / 2, 0.0, z), 0.7 * r, 8, red),
     ])  # fmt: skip
-
-
-def _lantern(height: float, radius: float) -> list[Mesh]:
-    """A post with a lantern on top, as in parks."""
-    return [
-        cylinder((0.0, 0.0, 0.0), (0.0, 0.0, height - 0.5), 0.06, 8, _DARK, 0.04),
-        cylinder((0.0, 0.0, height - 0.5), (0.0, 0.0, height - 0.12), 0.5 * radius, 8, _BULB, 0.8 * radius),
-        cylinder((0.0, 0.0, height - 0.12), (0.0, 0.0, height), radius, 8, _DARK, 0.25 * radius),
-    ]
 
 
 def _ring(x: float, z: float, slope: float) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -14,13 +14,15 @@ _GHOST_DETOUR_M = (1.0, 10.0)
 _CLUTTER_FROM_M = 1.0
 _CLUTTER_DBSM = (-10.0, 5.0)
 _CLUTTER_MPS = 0.5
+"""All of these are chosen, not measured: what is published gives kinds of false echoes, but hardly figures."""
 
 
 def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
     """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each.
 
-    They come from the same direction, 1 to 10 m and 10 dB later, with once or twice the relative speed: reflected
-    once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still be found.
+    They come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed:
+    reflected once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still
+    be found.
     """
     strong = echoes[(echoes.body >= 0) & (echoes.margin_db >= GHOST_LOSS_DB)]
     chance, detour, twice = rng.random((3, len(strong)))

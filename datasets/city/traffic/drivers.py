@@ -11,7 +11,7 @@ from fbench.datasets.city.traffic.network import BIKE, DRIVE, WALK
 
 @dataclass(frozen=True)
 class Driver:
-    """IDM parameters of one mover."""
+    """What one mover is like: fields of `MOVER` of the same names, which says what they mean."""
 
     kind: int
     factor: float

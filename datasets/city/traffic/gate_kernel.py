@@ -60,7 +60,7 @@ def give_rights(net: Network, state: State, taken: Occupancy, time_s: float, ste
     """Take back rights where the signal has changed and one can still stop; then give those that are asked for."""
     for i in range(len(state.movers)):
         _take_back(net, state, i, time_s)
-    first, who, to = _holders(net, state)
+    first, who, behind = _holders(net, state)
     blocked, blocker = (
         np.empty(len(state.movers) * _LONGEST_CHAIN, np.int64),
         np.empty(len(state.movers) * _LONGEST_CHAIN, np.int64),
@@ -71,7 +71,7 @@ def give_rights(net: Network, state: State, taken: Occupancy, time_s: float, ste
         num_before = num
         last, end, num = _chain(net, state, i, k, g, blocked, blocker, num, time_s)
         free = last >= 0 and has_room(net, state, taken, i, last, end)
-        clear = free and is_clear(net, state, i, k, g, last, end, first, who, to, blocked, blocker, num_before)
+        clear = free and is_clear(net, state, i, k, g, last, first, who, behind, blocked, blocker, num_before)
         if clear:
             state.movers[i]["right_to_m"] = state.movers[i]["base_m"] + end
             state.movers[i]["waited_s"] = 0.0
@@ -99,7 +99,7 @@ def _take_back(net: Network, state: State, i: int, time_s: float) -> None:
 
 @kernel
 def _holders(net: Network, state: State) -> tuple[Array, Array, Float64]:
-    """By lane: who has a right on it, and up to where along it its rear is, as seen from the lane's beginning."""
+    """By lane: where its rows begin (L + 1,), who has a right on it, and how far along it this one's rear is."""
     num = len(state.movers)
     lanes, whos, rears = np.empty(num * WINDOW, np.int64), np.empty(num * WINDOW, np.int64), np.empty(num * WINDOW)
     first = np.zeros(len(net.lanes) + 1, np.int64)
@@ -144,7 +144,7 @@ def _asking(net: Network, state: State, taken: Occupancy, time_s: float, step_s:
             state.movers[i]["waited_s"] = 0.0
             continue
         gap, n = leader(net, state, taken, i, 0, ahead + 1.0)
-        if n >= 0 and gap < ahead and not _has_right(net, state, n, i, gap, ahead):
+        if n >= 0 and gap < ahead and not _has_right(state, n, gap, ahead):
             state.movers[i]["waited_s"] = 0.0
             continue
         state.movers[i]["waited_s"] = state.movers[i]["waited_s"] + step_s if v < 0.5 else 0.0
@@ -182,8 +182,8 @@ def _ask_m(net: Network, lane: int, v: float) -> float:
 
 
 @kernel
-def _has_right(net: Network, state: State, n: int, i: int, gap: float, ahead: float) -> bool:
-    """Whether the leader `n` of `i` may pass the gate that is `ahead` of the front of `i`."""
+def _has_right(state: State, n: int, gap: float, ahead: float) -> bool:
+    """Whether the leader `n`, `gap` before one's front, may pass the gate that is `ahead` of this front."""
     middle = gap + 0.5 * state.movers[n]["length_m"]
     allowed = state.movers[n]["right_to_m"] - state.movers[n]["base_m"] - state.movers[n]["at_m"]
     holds: bool = allowed > ahead - middle + 1e-3

@@ -44,12 +44,13 @@ def _by_x(at: Float64) -> Array:
 
 
 @kernel
-def near_pairs(at: Float64, sizes: Float64) -> Array:
-    """Pairs (M, 2) of bodies whose boxes along the axes touch."""
+def _near_pairs(now: Float64, at: Float64, sizes: Float64) -> Array:
+    """Pairs (M, 2) of bodies that may touch, whether they go on from `now` to `at` (N, 9) or stay."""
     order = _by_x(at)
     reach, longest = np.empty(len(at)), 0.0
     for i in range(len(at)):
-        reach[i] = 0.5 * np.sqrt(sizes[i, 0] * sizes[i, 0] + sizes[i, 1] * sizes[i, 1])
+        gone = np.sqrt((at[i, 0] - now[i, 0]) ** 2 + (at[i, 1] - now[i, 1]) ** 2)
+        reach[i] = 0.5 * np.sqrt(sizes[i, 0] * sizes[i, 0] + sizes[i, 1] * sizes[i, 1]) + gone + _MARGIN_M
         longest = max(longest, reach[i])
     found = np.empty((len(at) * 16, 2), np.int64)
     num = 0
@@ -69,7 +70,7 @@ def near_pairs(at: Float64, sizes: Float64) -> Array:
 def stop_before_touching(net: Network, state: State, sizes: Float64, step_s: float) -> None:
     """Stop at once who would touch another within the step: whoever is behind, else who has the higher number."""
     now, then = poses(net, state, 0.0), poses(net, state, step_s)
-    pairs = near_pairs(then, sizes)
+    pairs = _near_pairs(now, then, sizes)
     changed = True
     while changed:
         changed = False

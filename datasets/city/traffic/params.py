@@ -21,7 +21,7 @@ class TrafficParams:
     """Densities and kinds.
 
     Raises:
-        ConfigError: where a number is negative or a share above 1.
+        ConfigError: where a number is negative or above 1000, or a share above 1.
     """
 
     vehicles_per_km: float = 16.0
@@ -41,9 +41,9 @@ class TrafficParams:
 
     def __post_init__(self) -> None:
         for name in ("vehicles_per_km", "bicycles_per_km", "pedestrians_per_km", "parked_share", "speed_spread"):
-            value = getattr(self, name)
-            if not 0 <= value < (1.0001 if name == "parked_share" else 1000):
-                raise ConfigError(f"traffic {name}: expected 0 or more (shares up to 1), got {value}")
+            value, most = getattr(self, name), 1 if name == "parked_share" else 1000
+            if not 0 <= value <= most:
+                raise ConfigError(f"traffic {name}: expected 0 to {most}, got {value}")
 
     @classmethod
     def of(cls, world: Literal["urban", "highway"], density: Literal["normal", "dense"] = "normal") -> "TrafficParams":

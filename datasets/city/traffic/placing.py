@@ -66,7 +66,7 @@ def _place(
     driver: Driver,
     taken: dict[int, list[tuple[float, float]]],
     draw: np.random.Generator,
-) -> Place | None:  # fmt: skip
+) -> Place | None:
     room = np.where(_usable(net, length_m, driver), np.maximum(net.lanes["length_m"] - length_m - 2.0, 0.0), 0.0)
     room[net.lanes["length_m"] < _LEAST_LANE_M] = 0.0
     if not room.sum():
@@ -76,12 +76,9 @@ def _place(
         lane = int(np.searchsorted(edges, draw.random() * edges[-1], side="right"))
         at = 1.0 + length_m / 2 + float(draw.random()) * float(room[lane])
         speed = _START * min(driver.fastest_mps, float(net.lanes["speed_mps"][lane]) * driver.factor)
-        ends = _stops(net, lane)
-        speed = (
-            min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * (net.lanes["length_m"][lane] - at - length_m / 2))))
-            if ends
-            else speed
-        )
+        if _stops(net, lane):
+            left_m = net.lanes["length_m"][lane] - at - length_m / 2
+            speed = min(speed, float(np.sqrt(2 * _LEAVING_MPS2 * left_m)))
         gap = _FREE_M[driver.kind] + _FREE_S[driver.kind] * speed
         apart = [abs(at - other) - (length_m + long) / 2 for other, long in taken.get(lane, [])]
         if min(apart, default=np.inf) >= gap and not _in_gate(net, lane, at, length_m):
@@ -97,6 +94,7 @@ def _usable(net: Network, length_m: float, driver: Driver) -> Array:
 
 
 def _stops(net: Network, lane: int) -> bool:
+    """Whether one may have to stop at the end of a lane: a gate follows."""
     after = _after(net, lane)
     return bool((net.lanes["gate_to"][after] > net.lanes["gate_from"][after]).any())
 

@@ -45,10 +45,10 @@ def _goes_to(state: State, n: int, lane: int) -> bool:
 
 @kernel
 def is_clear(
-    net: Network, state: State, i: int, k: int, g: int, last: int, end: float,
+    net: Network, state: State, i: int, k: int, g: int, last: int,
     first: Array, who: Array, behind: Float64, lanes: Array, whos: Array, num: int,
 ) -> bool:  # fmt: skip
-    """Whether nobody has, or was just given, a right to what meets the gates from `g` to `end`."""
+    """Whether nobody has, or was just given, a right to what meets the gates from `g` to those of lane `last`."""
     for m in range(k, last + 1):
         lane = state.way[i, m]
         for gate in range(net.lanes[lane]["gate_from"], net.lanes[lane]["gate_to"]):
@@ -61,7 +61,7 @@ def is_clear(
                     if (
                         n != i
                         and behind[row] < net.conflicts[c]["to_m"]
-                        and _may_reach(net, state, n, other, net.conflicts[c]["from_m"], behind[row])
+                        and _may_reach(state, n, net.conflicts[c]["from_m"], behind[row])
                     ):
                         return False
                 for row in range(num):
@@ -71,7 +71,7 @@ def is_clear(
 
 
 @kernel
-def _may_reach(net: Network, state: State, n: int, lane: int, from_m: float, rear: float) -> bool:
+def _may_reach(state: State, n: int, from_m: float, rear: float) -> bool:
     """Whether a mover's right goes beyond `from_m` of a lane, of which its rear is at `rear`."""
     begin = state.movers[n]["base_m"] + state.movers[n]["at_m"] - 0.5 * state.movers[n]["length_m"] - rear
     front = rear + state.movers[n]["length_m"]

@@ -27,7 +27,6 @@ _LIT_SHARE, _LAMP_SPACING_M = 0.3, 40.0
 
 def highway_furniture(seed: int, bays_m: Float64) -> list[Placement]:
     """All that stands; `bays_m` (B, 2) as in `highway_patches`."""
-
     return [
         *_barriers(bays_m), *_gantries(seed, bays_m), *_signs(seed), *_lamp_posts(seed, bays_m),
         *_fences(_fence_spans(seed)), *_plants(seed),

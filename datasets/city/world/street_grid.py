@@ -149,11 +149,6 @@ class Grid:
             rings.append([self.arm[start, way] for way, start in enumerate(starts)])
         return [*rings, self._outer_ring()]
 
-    def left_cell(self, arm: Arm) -> Cell:
-        """The block on the left of an arm."""
-        (i, j), way = arm.node, arm.way
-        return (i - (way in (NORTH, WEST)), j - (way in (WEST, SOUTH)))
-
     def _outer_ring(self) -> list[Arm]:
         nx, ny = len(self.x_m) - 1, len(self.y_m) - 1
         up, right = range(ny), range(nx)

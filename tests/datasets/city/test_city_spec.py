@@ -4,12 +4,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fbench.datasets.city.conditions import Condition
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RigSpec, thesis_rig
 from fbench.datasets.city.rig_file import read_rig
 from fbench.datasets.city.spec import CitySpec
 from fbench.datasets.city.wish import CityWish
 from fbench.replay.errors import ConfigError
 from fbench.replay.geometry.camera import project
+from fbench.replay.weather import Weather
 
 
 def test_the_rig_is_that_of_the_thesis():
@@ -62,6 +64,13 @@ def test_ids_tell_specs_apart():
         CityWish(seed=1, sensors=["lidar"]).spec(),
     ]
     assert len({spec.log_id for spec in (base, *others)}) == len(others) + 1
+
+
+def test_equal_specs_have_equal_ids():
+    whole, real = (CitySpec(condition=Condition("mine", Weather(rain_mm_h=rain))) for rain in (5, 5.0))
+    assert whole == real
+    assert whole.log_id == real.log_id
+    assert whole.metadata == real.metadata
 
 
 def test_metadata_say_what_was_simulated():

@@ -1,9 +1,12 @@
 """Traffic of both worlds, simulated once."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
 from fbench.datasets.city.world.layout import Layout
 from fbench.datasets.city.world.worlds import layout
@@ -14,9 +17,9 @@ SECONDS = 90
 class Scene:
     """A world, its traffic and all states of some time, every 0.1 s."""
 
-    def __init__(self, world: str, density: str, seed: int) -> None:
-        self.layout: Layout = layout(world, seed)  # type: ignore[arg-type]
-        self.traffic = Traffic(self.layout, TrafficParams.of(world, density), seed)  # type: ignore[arg-type]
+    def __init__(self, world: WorldName, density: Literal["normal", "dense"], seed: int) -> None:
+        self.layout: Layout = layout(world, seed)
+        self.traffic = Traffic(self.layout, TrafficParams.of(world, density), seed)
         motion = self.traffic.motion(0.0, float(SECONDS))
         self.motion = motion
         self.states: list[BodyStates] = [motion.at(k / 10) for k in range(SECONDS * 10 + 1)]

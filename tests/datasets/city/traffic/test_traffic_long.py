@@ -1,12 +1,14 @@
 """No two bodies ever overlap, and traffic keeps flowing."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numba
 import numpy as np
 import pytest
 
 from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
 from fbench.datasets.city.world.worlds import layout
 
@@ -78,8 +80,10 @@ def test_the_check_matches_footprints_drawn_by_hand(x: float, y: float, yaw: flo
     ("urban", "normal", 11, 3000), ("urban", "dense", 12, 2000), ("urban", "normal", 13, 1500),
     ("highway", "normal", 14, 2000), ("highway", "dense", 15, 1500),
 ])  # fmt: skip
-def test_nobody_touches_anybody_in_hours(world: str, density: str, seed: int, seconds: int) -> None:
-    traffic = Traffic(layout(world, seed), TrafficParams.of(world, density), seed)  # type: ignore[arg-type]
+def test_nobody_touches_anybody_in_hours(
+    world: WorldName, density: Literal["normal", "dense"], seed: int, seconds: int
+) -> None:
+    traffic = Traffic(layout(world, seed), TrafficParams.of(world, density), seed)
     sizes = np.array([actor.body.size_lwh_m for actor in traffic.actors])
     moving = np.array([not actor.parked for actor in traffic.actors])
     standing, longest, speeds = np.zeros(len(sizes)), 0.0, []

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.materials import INDEX
+from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.world.layout import Layout
 from fbench.datasets.city.world.worlds import layout
 
@@ -94,8 +95,8 @@ def _digest(world: Layout) -> list[bytes]:
 
 
 @pytest.mark.parametrize("name", ["urban", "highway"])
-def test_a_seed_gives_one_world_and_another_gives_another(name: str) -> None:
-    first, again, other = (_digest(layout(name, seed)) for seed in (5, 5, 6))  # type: ignore[arg-type]
+def test_a_seed_gives_one_world_and_another_gives_another(name: WorldName) -> None:
+    first, again, other = (_digest(layout(name, seed)) for seed in (5, 5, 6))
     assert first == again
     assert first != other
 
