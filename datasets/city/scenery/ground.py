@@ -9,11 +9,9 @@ from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.scenery.quads import Quads, joined, quads_mesh, shaded
 from fbench.datasets.city.scenery.triangulation import is_convex, surface
 from fbench.datasets.city.shapes import Rgb, Skin, mesh, quad
-from fbench.datasets.city.world.layout import Patch
+from fbench.datasets.city.world.layout import GROUND_Z_M, Patch
 from fbench.replay.arrays import Array, Float64
 
-GROUND_Z_M = -0.02
-"""The grass around everything: below patches that lie at 0."""
 GROUND_SIDE_M = 4000.0
 COLORS: dict[str, Rgb] = {
     "asphalt": (0.085, 0.085, 0.09),

@@ -11,13 +11,11 @@ from fbench.datasets.city.world.highway_lanes import (
     ring_heading,
     ring_points,
 )
-from fbench.datasets.city.world.layout import Kind, Placement
+from fbench.datasets.city.world.layout import GROUND_Z_M, Kind, Placement
 from fbench.replay.arrays import Float64
 from fbench.replay.draws import generator
 
 LAMP_REACH_M, LAMP_HEIGHT_M = 3.0, 11.0
-GROUND_Z_M = -0.02
-"""The meadow around: what stands on asphalt reaches down to there too."""
 BARRIER_M = 11.9
 """Pieces of barrier: their chord is within 50 mm of the curve."""
 _MEDIAN_BARRIER_M, _RAIL_M, _FENCE_M = 0.6, 0.7, 4.0

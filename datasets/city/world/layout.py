@@ -6,6 +6,8 @@ from typing import Literal, TypeAlias
 from fbench.datasets.city.world.city_map import CityMap
 from fbench.replay.arrays import Float64
 
+GROUND_Z_M = -0.02
+"""Height of the meadow all around, just below roads."""
 Kind: TypeAlias = Literal[
     "building", "tree", "bush", "lamp_post", "signal", "sign", "bench", "bin", "hydrant", "barrier", "gantry", "fence"
 ]

@@ -7,8 +7,8 @@ import pytest
 
 from fbench.datasets.city.materials import INDEX
 from fbench.datasets.city.mesh import Mesh
-from fbench.datasets.city.scenery.ground import GROUND_SIDE_M, GROUND_Z_M, ground
-from fbench.datasets.city.world.layout import Patch
+from fbench.datasets.city.scenery.ground import GROUND_SIDE_M, ground
+from fbench.datasets.city.world.layout import GROUND_Z_M, Patch
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.errors import ConfigError
 
