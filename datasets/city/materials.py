@@ -35,7 +35,7 @@ MATERIALS = (
     Material("brick", 0.30, -8.0, 40.0, texture="brick"),
     Material("plaster", 0.50, -9.0, 40.0, texture="concrete"),
     Material("window", 0.08, -10.0, 15.0, gloss=0.08),
-    Material("lit_window", 0.08, -10.0, 15.0, gloss=0.08, emits=0.003),
+    Material("lit_window", 0.08, -10.0, 15.0, gloss=0.08, emits=0.0015),
     Material("roof", 0.25, -10.0, 40.0, texture="tiles"),
     Material("paint", 0.45, 3.0, 25.0, gloss=0.05),
     Material("glass", 0.06, -10.0, 15.0, gloss=0.08),

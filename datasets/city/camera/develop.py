@@ -21,6 +21,8 @@ _SOFT = 0.04
 """Share of a pixel's light that falls on each of its four neighbours."""
 _GLARE = 0.035
 """Share of what is brighter than white that lens and sensor spread around."""
+_PER_BYTES = 1 / math.sqrt(4 * (256 * 256 - 1) / 12)
+"""One over the standard deviation of the sum of four random bytes."""
 
 
 def tone(linear: Array) -> Float64:
@@ -52,7 +54,7 @@ def averaged(first: Float32, more: Float32, pixels: Array) -> None:
 def developed(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Generator) -> Array:
     """Return the image (H, W, 3) uint8 of linear light (H, W, 3)."""
     glare = glare_of(light_in, float(spec.model().K[0, 0]) / 60)
-    noise = rng.standard_normal(light_in.shape, np.float32)
+    noise = rng.integers(0, 0xFFFFFFFF, light_in.shape, np.uint32, endpoint=True)
     slope = (float(tone(np.array(_MID_GREY + 1e-4))) - float(tone(np.array(_MID_GREY - 1e-4)))) / 2e-4
     sigma = spec.noise / slope * light.noise_gain**0.5
     curve = (255 * tone(np.arange(_STEPS + 2) * (_CURVE_END / _STEPS))).astype(np.float32)
@@ -74,16 +76,28 @@ def _exposed(light_in: Array, glare: Array, noise: Array, curve: Array, sigma: f
     darker = vignetting / (cu * cu + cv * cv)
     for v in range(height):
         above, below = max(v - 1, 0), min(v + 1, height - 1)
+        i, lower, down = _between(v, glare.shape[0])
         for u in range(width):
             left, right = max(u - 1, 0), min(u + 1, width - 1)
+            j, farther, along = _between(u, glare.shape[1])
             keep = 1 - darker * ((u - cu) * (u - cu) + (v - cv) * (v - cv))
             for c in range(3):
                 around = light_in[above, u, c] + light_in[below, u, c] + light_in[v, left, c] + light_in[v, right, c]
                 level = (1 - 4 * _SOFT) * light_in[v, u, c] + _SOFT * around
-                level = keep * (level + _GLARE * _at(glare, v, u, c))
-                level += sigma * math.sqrt(_READ + (1 - _READ) * level / _MID_GREY) * noise[v, u, c]
+                upper = glare[i, j, c] + along * (glare[i, farther, c] - glare[i, j, c])
+                under = glare[lower, j, c] + along * (glare[lower, farther, c] - glare[lower, j, c])
+                level = keep * (level + _GLARE * (upper + down * (under - upper)))
+                level += sigma * math.sqrt(_READ + (1 - _READ) / _MID_GREY * level) * _normal(noise[v, u, c])
                 image[v, u, c] = _toned(curve, level)
     return image
+
+
+@kernel
+def _normal(bits: int) -> float:
+    """Return a number of (almost) the standard normal distribution, within 3.5, from 32 random bits: the sum of four
+    evenly distributed ones.
+    """
+    return ((bits & 255) + ((bits >> 8) & 255) + ((bits >> 16) & 255) + (bits >> 24) - 510) * _PER_BYTES
 
 
 @kernel
@@ -94,11 +108,8 @@ def _toned(curve: Array, level: float) -> int:
 
 
 @kernel
-def _at(glare: Array, v: int, u: int, c: int) -> float:
-    """Glare at a pixel, between the middles of the larger ones."""
-    y, x = max(0.0, (v + 0.5) / SHRINK - 0.5), max(0.0, (u + 0.5) / SHRINK - 0.5)
-    i, j = int(y), int(x)
-    below, right = min(i + 1, glare.shape[0] - 1), min(j + 1, glare.shape[1] - 1)
-    a, b = y - i, x - j
-    upper = glare[i, j, c] * (1 - b) + glare[i, right, c] * b
-    return float(upper * (1 - a) + (glare[below, j, c] * (1 - b) + glare[below, right, c] * b) * a)
+def _between(pixel: int, num: int) -> tuple[int, int, float]:
+    """Return which two of `num` larger pixels lie around a pixel's middle, and how far on from the first it is."""
+    place = max(0.0, (pixel + 0.5) / SHRINK - 0.5)
+    first = int(place)
+    return first, min(first + 1, num - 1), place - first

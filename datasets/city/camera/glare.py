@@ -40,16 +40,17 @@ def _excess(image: Array) -> tuple[Array, bool]:
 def _spread(image: Array, radius: int) -> Array:
     """Blur by three running means, almost a Gaussian."""
     for _ in range(3):
-        image = _mean_across(_mean_across(image, radius).transpose(1, 0, 2).copy(), radius).transpose(1, 0, 2).copy()
+        image = mean_across(mean_across(image, radius), radius)
     return image
 
 
 @kernel
-def _mean_across(image: Array, radius: int) -> Array:
-    height, width = image.shape[:2]
-    result = np.empty_like(image)
+def mean_across(image: Array, radius: int) -> Array:
+    """Average over pixels side by side; the result is turned, so that the second time goes along the other axis."""
+    height, width, channels = image.shape
+    result = np.empty((width, height, channels), np.float32)
     for v in range(height):
-        for c in range(3):
+        for c in range(channels):
             total = 0.0
             for u in range(-radius, width):
                 if u + radius < width:
@@ -57,5 +58,5 @@ def _mean_across(image: Array, radius: int) -> Array:
                 if u - radius - 1 >= 0:
                     total -= image[v, u - radius - 1, c]
                 if u >= 0:
-                    result[v, u, c] = max(0.0, total) / (2 * radius + 1)
+                    result[u, v, c] = max(0.0, total) / (2 * radius + 1)
     return result

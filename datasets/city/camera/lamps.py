@@ -15,11 +15,16 @@ from fbench.replay.arrays import Array, Float64
 from fbench.replay.data import VEHICLES
 from fbench.replay.kernels import kernel
 
-_STREET_CD, _STREET_REACH_M = 1_800.0, 26.0
+_STREET_CD, _STREET_REACH_M = 1_800.0, 20.0
 """Some 25 lx below a lamp of 8 m."""
-_BEAM_CD, _BEAM_REACH_M = 14_000.0, 60.0
+_BEAM_CD, _BEAM_REACH_M = 14_000.0, 50.0
 """A low beam at its brightest, of two lamps together; UN R112 has 10,000 to 20,000 cd a lamp below the cut-off."""
 _BEAM_HEIGHT_M = 0.7
+_CONE_END = 0.2
+"""Cosine of the angle from below at which the cone of street lamps ends."""
+_WIDEST = 0.75
+"""Tangent of the angle to the side at which beams end."""
+_AT_WIDEST = math.exp(-6 * _WIDEST * _WIDEST)
 
 
 class Lamps(NamedTuple):
@@ -43,7 +48,7 @@ def lamps_of(actors: tuple[Actor, ...], states: BodyStates, street_lamps_m: Floa
                              states.position_m[cars, 2] + _BEAM_HEIGHT_M])  # fmt: skip
     position = np.concatenate([street, front])
     middle = position[:, :2] + np.concatenate([np.zeros((len(street), 2)), heading * (_BEAM_REACH_M / 2)])
-    radius = np.repeat([_STREET_REACH_M, _BEAM_REACH_M / 2 + 1], [len(street), len(cars)])
+    radius = np.repeat([_STREET_REACH_M, _BEAM_REACH_M / 2], [len(street), len(cars)])
     ego = states.position_m[EGO]
     near = grid_around(float(ego[0]), float(ego[1]), middle, radius)
     return Lamps(position, np.concatenate([np.zeros((len(street), 2)), heading]), near)
@@ -60,39 +65,50 @@ def add_lamplight(light_on: Array, hits: HitArrays, origin: Array, lamps: Lamps)
             continue
         r = float(range_m[i])
         x, y, z = origin[0] + r * direction[i, 0], origin[1] + r * direction[i, 1], origin[2] + r * direction[i, 2]
-        cell = cell_of(x_m, y_m, x, y)
+        nx, ny, nz = float(normal[i, 0]), float(normal[i, 1]), float(normal[i, 2])
+        cell, red, green, blue = cell_of(x_m, y_m, x, y), 0.0, 0.0, 0.0
         for k in range(start[cell], start[cell + 1] if cell >= 0 else start[cell]):
             n = items[k]
             dx, dy, dz = position[n, 0] - x, position[n, 1] - y, position[n, 2] - z
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz + 0.05)
-            facing = (dx * normal[i, 0] + dy * normal[i, 1] + dz * normal[i, 2]) / distance
+            facing, distance2 = dx * nx + dy * ny + dz * nz, dx * dx + dy * dy + dz * dz + 0.05
+            if facing <= 0:
+                continue
             hx, hy = heading[n, 0], heading[n, 1]
-            is_street = hx == 0 and hy == 0
-            if facing > 0:
-                level = _street(dz / distance, distance) if is_street else _beam(dx, dy, dz, hx, hy)
-                level *= facing / (distance * distance)
-                light_on[i, 0] += level * (1.25 if is_street else 1.0)
-                light_on[i, 1] += level * (0.95 if is_street else 0.97)
-                light_on[i, 2] += level * (0.58 if is_street else 0.88)
+            if hx == 0 and hy == 0:
+                level = _street(dz, distance2) * facing
+                red, green, blue = red + 1.25 * level, green + 0.95 * level, blue + 0.58 * level
+            else:
+                level = _beam(dx, dy, dz, hx, hy, distance2) * facing
+                red, green, blue = red + level, green + 0.97 * level, blue + 0.88 * level
+        light_on[i, 0] += red
+        light_on[i, 1] += green
+        light_on[i, 2] += blue
 
 
 @kernel
-def _street(down: float, distance_m: float) -> float:
-    """Luminous intensity of a street lamp, with a cone that ends at some 75 degrees, and no step at its reach."""
-    cone = min(1.0, max(0.0, (down - 0.2) / 0.25))
-    end = max(0.0, 1 - distance_m / _STREET_REACH_M)
-    return _STREET_CD / DAYLIGHT_LUX * cone * min(1.0, 4 * end)
+def _street(dz: float, distance2: float) -> float:
+    """Illuminance by a street lamp `dz` above, divided by its distance squared, of a plane at a right angle to the
+    vector towards it: with a cone that ends at some 75 degrees, and no step at its reach.
+    """
+    if dz <= 0 or dz * dz <= _CONE_END * _CONE_END * distance2 or distance2 >= _STREET_REACH_M * _STREET_REACH_M:
+        return 0.0
+    distance = math.sqrt(distance2)
+    cone = min(1.0, (dz / distance - _CONE_END) / 0.25)
+    end = min(1.0, 4 * (1 - distance / _STREET_REACH_M))
+    return float(_STREET_CD / DAYLIGHT_LUX * cone * end / (distance2 * distance))
 
 
 @kernel
-def _beam(dx: float, dy: float, dz: float, hx: float, hy: float) -> float:
-    """Luminous intensity of low beams towards a point, from which they lie at (dx, dy, dz): a cut-off 1 % below the
-    horizon, little light far below it, so that the road is lit evenly, and wide to the sides.
+def _beam(dx: float, dy: float, dz: float, hx: float, hy: float, distance2: float) -> float:
+    """The same of low beams from which a point is seen at (dx, dy, dz): a cut-off 1 % below the horizon, little light
+    far below it, so that the road is lit evenly, and wide to the sides.
     """
     ahead = -(dx * hx + dy * hy)
-    if ahead <= 0.3:
+    side = dx * hy - dy * hx
+    if ahead <= 0.3 or abs(side) >= _WIDEST * ahead or ahead >= _BEAM_REACH_M:
         return 0.0
-    aside, below = (dx * hy - dy * hx) / ahead, dz / ahead
+    aside, below = side / ahead, dz / ahead
     over = 0.02 + 0.98 * min(1.0, max(0.0, (below + 0.004) / 0.018))
-    end = min(1.0, max(0.0, 4 * (1 - ahead / _BEAM_REACH_M)))
-    return _BEAM_CD / DAYLIGHT_LUX * over * math.exp(-7 * max(below, 0.0)) * math.exp(-6 * aside * aside) * end
+    end = min(1.0, 4 * (1 - ahead / _BEAM_REACH_M))
+    shape = (math.exp(-6 * aside * aside) - _AT_WIDEST) * math.exp(-7 * max(below, 0.0))
+    return float(_BEAM_CD / DAYLIGHT_LUX * over * shape * end / (distance2 * math.sqrt(distance2)))

@@ -106,7 +106,7 @@ def _exposure(illuminance: float) -> float:
 
 def _duskiness(lux: float) -> float:
     """Return how much darker than day images of twilight are: lamps are to stand out before it is night."""
-    return 1 - 0.45 * math.exp(-(math.log10(max(lux, 1e-3) / 150) ** 2))
+    return 1 - 0.62 * math.exp(-(math.log10(max(lux, 1e-3) / 150) ** 2))
 
 
 def _mix(a: Rgb, b: Rgb, share: float) -> Rgb:

@@ -2,7 +2,29 @@
 
 from math import floor
 
+import numpy as np
+
+from fbench.replay.arrays import Array, Float32
 from fbench.replay.kernels import kernel
+
+_SIDE = 128
+"""After so many values smooth noise repeats itself; sums of octaves hide it."""
+_LAST = _SIDE - 1
+
+
+def _mixed(h: Array) -> Array:
+    """Turn whole numbers (N,) into others that look random."""
+    h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
+    h = ((h ^ (h >> 13)) * 3266489917) & 0xFFFFFFFF
+    return np.asarray(h ^ (h >> 16))
+
+
+def _values() -> Float32:
+    number = _mixed(np.arange(1, _SIDE * _SIDE + 1, dtype=np.int64) * 73856093 & 0xFFFFFFFF)
+    return np.asarray((number & 0xFFFFFF) * (2.0 / 0xFFFFFF) - 1.0, np.float32)
+
+
+_VALUES = _values()
 
 
 @kernel
@@ -20,11 +42,13 @@ def value_noise(u: float, v: float, salt: int) -> float:
     """Return smooth noise from -1 to 1 with one value a unit square."""
     x, y = floor(u), floor(v)
     a, b = u - x, v - y
-    i, j = int(x), int(y)
     a, b = a * a * (3 - 2 * a), b * b * (3 - 2 * b)
-    low = hashed(i, j, salt) * (1 - a) + hashed(i + 1, j, salt) * a
-    high = hashed(i, j + 1, salt) * (1 - a) + hashed(i + 1, j + 1, salt) * a
-    return low * (1 - b) + high * b
+    i, j = int(x) + salt * 37, int(y) + salt * 59
+    left, right = i & _LAST, (i + 1) & _LAST
+    lower, upper = (j & _LAST) * _SIDE, ((j + 1) & _LAST) * _SIDE
+    low = _VALUES[lower + left] * (1 - a) + _VALUES[lower + right] * a
+    high = _VALUES[upper + left] * (1 - a) + _VALUES[upper + right] * a
+    return float(low * (1 - b) + high * b)
 
 
 @kernel

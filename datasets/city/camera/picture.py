@@ -2,13 +2,17 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from fbench.datasets.city.camera.develop import averaged, developed, jpeg
 from fbench.datasets.city.camera.edges import edge_pixels, jittered
 from fbench.datasets.city.camera.lamps import lamps_of
 from fbench.datasets.city.camera.light import Light, light_of
-from fbench.datasets.city.camera.samples import Eye, Samples, sample
+from fbench.datasets.city.camera.rain import add_streaks
+from fbench.datasets.city.camera.samples import Eye, Samples, first_samples, more_samples
 from fbench.datasets.city.camera.shade import Scene, radiances
 from fbench.datasets.city.camera.surfaces import surfaces_of
+from fbench.datasets.city.camera.wet import NOTHING, mirrored_samples, spread_mirrored
 from fbench.datasets.city.motion import EGO, BodyStates
 from fbench.datasets.city.rays.hits import RayCaster
 from fbench.datasets.city.rig import CameraSpec
@@ -53,10 +57,11 @@ def picture(
     lamps = lamps_of(caster.actors, states, street_lamps_m, light)
     scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(seed))
     uv = eye.pixels()
-    samples = sample(caster, states, eye, uv, light)
-    linear = _smoothed(caster, states, eye, uv, light, samples, scene)
+    samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
-    rgb = developed(linear.reshape(height, width, 3), spec, light, generator(seed, "camera", sensor, stamp_ns))
+    linear = _smoothed(caster, states, eye, uv, light, samples, scene).reshape(height, width, 3)
+    add_streaks(linear, model, body_T_sensor, states, weather, light, seed, stamp_ns)
+    rgb = developed(linear, spec, light, generator(seed, "camera", sensor, stamp_ns))
     image = Image(sensor, stamp_ns, log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
     return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
 
@@ -65,12 +70,24 @@ def _smoothed(
     caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, samples: Samples, scene: Scene
 ) -> Float32:
     """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
-    linear = radiances(samples, scene)
-    pixels = edge_pixels(samples, eye.model.size_wh[0])
+    mirror = _mirror(caster, states, eye, samples, scene)
+    linear = radiances(samples, scene, mirror)
+    width = eye.model.size_wh[0]
+    pixels = edge_pixels(samples, linear, width)
     if len(pixels):
-        more = radiances(sample(caster, states, eye, jittered(uv, pixels), light), scene)
-        averaged(linear, more, pixels)
+        more = more_samples(caster, states, eye, jittered(uv, pixels, width), light, samples, pixels)
+        there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
+        averaged(linear, radiances(more, scene, there), pixels)
     return linear
+
+
+def _mirror(caster: RayCaster, states: BodyStates, eye: Eye, samples: Samples, scene: Scene) -> Float32:
+    """What wet ground mirrors (N, 4), or nothing (0, 4) where it is dry."""
+    found = mirrored_samples(caster, states, samples, eye.model.size_wh[0]) if scene.light.wet > 0 else None
+    if found is None:
+        return NOTHING
+    seen, index = found
+    return spread_mirrored(radiances(seen, scene, NOTHING), index, eye.model.size_wh)
 
 
 def _with_truth(image: Image, rgb: Array, samples: Samples, depth_m: Float32) -> Picture:

@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.datasets.city.camera.light import Light
+from fbench.datasets.city.camera.sunlight import sunlit_between, sunlit_pixels
 from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.rays.hits import MISS, Hits, RayCaster, Rays
+from fbench.datasets.city.rays.hits import Hits, RayCaster, Rays
 from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data import CameraModel
 from fbench.replay.kernels import kernel
 
 RANGE_M = 1_500.0
-_SHADOW_RANGE_M = 250.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,8 @@ class Samples:
     hits: Hits
     material: Array
     """(N,) uint8."""
+    normal: Float32
+    """(N, 3) for shading: round where bodies are."""
     lit: Bool
     """(N,) whether the sun shines there."""
 
@@ -72,45 +74,27 @@ class Samples:
     def arrays(self) -> HitArrays:
         """What a kernel needs of them."""
         hits = self.hits
-        return HitArrays(self.rays.direction, hits.range_m, hits.body, hits.triangle, hits.normal, self.material,
+        return HitArrays(self.rays.direction, hits.range_m, hits.body, hits.triangle, self.normal, self.material,
                          self.lit)  # fmt: skip
 
 
-def sample(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
-    """Look through pixels (N, 2)."""
-    rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
+def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
+    """Look through all pixels (N, 2), row by row."""
+    rays = Rays(np.ascontiguousarray(eye.world_T_camera[None, :3, 3]), eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
-    return Samples(rays, hits, caster.material(hits, states), _sunlit(caster, states, rays, hits, light))
+    lit = sunlit_pixels(caster, states, rays, hits, light, eye.model.size_wh[0])
+    return Samples(rays, hits, caster.material(hits, states), caster.smoothed(rays, hits, states), lit)
 
 
-def _sunlit(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light) -> Bool:
-    lit = np.zeros(len(hits.body), bool)
-    if light.direct[1] < 0.02 * light.ambient[1]:
-        return lit
-    index, start = _facing(rays.origin_m[0], rays.direction, hits.range_m, hits.body, hits.normal, np.array(light.sun))
-    if len(index):
-        toward = np.broadcast_to(np.array(light.sun, np.float32), (len(index), 3))
-        lit[index] = ~caster.blocked(Rays(start, np.ascontiguousarray(toward), _SHADOW_RANGE_M), states)
-    return lit
-
-
-@kernel
-def _facing(
-    origin: Array, direction: Array, range_m: Array, body: Array, normal: Array,
-    sun: Array,
-) -> tuple[Int64, Float64]:  # fmt: skip
-    """Indices of hits that face the sun, and points just above them."""
-    index, start = np.empty(len(body), np.int64), np.empty((len(body), 3))
-    num = 0
-    for i in range(len(body)):
-        if body[i] == MISS or normal[i, 0] * sun[0] + normal[i, 1] * sun[1] + normal[i, 2] * sun[2] <= 0:
-            continue
-        lift = 0.01 + 1e-4 * range_m[i]
-        for axis in range(3):
-            start[num, axis] = origin[axis] + direction[i, axis] * np.float64(range_m[i]) + lift * normal[i, axis]
-        index[num] = i
-        num += 1
-    return index[:num], start[:num]
+def more_samples(
+    caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, first: Samples, pixels: Int64
+) -> Samples:
+    """Look through further places (n E, 2), n in each of `pixels` (E,)."""
+    rays = Rays(first.rays.origin_m, eye.directions(uv), RANGE_M)
+    hits = caster.cast(rays, states)
+    width = eye.model.size_wh[0]
+    lit = sunlit_between(caster, states, rays, hits, light, first.hits, first.lit, pixels, width)
+    return Samples(rays, hits, caster.material(hits, states), caster.smoothed(rays, hits, states), lit)
 
 
 @kernel

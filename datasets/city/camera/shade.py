@@ -17,10 +17,12 @@ from fbench.replay.arrays import Array, Float32, Float64
 from fbench.replay.kernels import kernel
 
 _TABLE: Float64 = np.column_stack([GLOSS, RETRO, WETTABLE])
-_WET_DARKER, _WET_GLOSS = 0.45, 0.03
-"""How much darker wet ground is, and what it mirrors at normal incidence (water: 0.02)."""
+_WET_DARKER, _WET_GLOSS = 0.5, 0.02
+"""How much darker wet ground is, and what it mirrors at normal incidence, as water does."""
 _BRIGHTEST = 60.0
 """In the image, white being 1: brighter lamps are no brighter."""
+_HUE_KEPT = 6.0
+"""Lamps brighter than this keep their colour: red lights aren't white, as sensors with a wide range show them."""
 
 
 class Scene(NamedTuple):
@@ -35,21 +37,26 @@ class Scene(NamedTuple):
     """Of clouds."""
 
 
-def radiances(samples: Samples, scene: Scene) -> Float32:
-    """Return how bright (N, 3) samples are in the image, linear; white is 1."""
+def radiances(samples: Samples, scene: Scene, mirror: Float32) -> Float32:
+    """Return how bright (N, 3) samples are in the image, linear; white is 1.
+
+    `mirror` (N, 4) is what wet ground mirrors, in the same unit, and whether that is known; (0, 4): nowhere.
+    """
     hits, origin = samples.arrays, samples.rays.origin_m[0]
     albedo, shine = colors(scene.surfaces, hits, EMITS)
     factor = patterns(hits, origin, scene.surfaces.place, scene.pixel_rad, TEXTURES)
     light_on = daylight(hits, origin, scene.light, scene.surfaces)
     if scene.light.is_dark:
         add_lamplight(light_on, hits, origin, scene.lamps)
-    return _radiances(hits, albedo, shine, factor, light_on, scene.light, scene.salt, _TABLE, scene.surfaces.place[0])
+    return _radiances(
+        hits, albedo, shine, factor, light_on, mirror, scene.light, scene.salt, _TABLE, scene.surfaces.place[0]
+    )
 
 
 @kernel
 def _radiances(
-    hits: HitArrays, albedo: Array, shine: Array, factor: Array, light_on: Array, light: Light, salt: int,
-    table: Array, ego: Array,
+    hits: HitArrays, albedo: Array, shine: Array, factor: Array, light_on: Array, mirror: Float32,
+    light: Light, salt: int, table: Array, ego: Array,
 ) -> Float32:  # fmt: skip
     range_m, body, direction, normal = hits.range_m, hits.body, hits.direction, hits.normal
     material, lit = hits.material, hits.lit
@@ -69,10 +76,18 @@ def _radiances(
                      albedo[i, 2] * (light_on[i, 2] * level + own))  # fmt: skip
             gloss = max(table[m, 0], _WET_GLOSS * wet)
             if gloss > 0 and shine[i] == 0:
-                color = _glossed(light, color, gloss, wet, (x, y, z), n, lit[i])
+                share, back = _glossed(light, gloss, wet, (x, y, z), n, lit[i])
+                if wet > 0 and len(mirror) and mirror[i, 3] > 0:
+                    scale = 1 / light.exposure
+                    back = (mirror[i, 0] * scale, mirror[i, 1] * scale, mirror[i, 2] * scale)
+                color = _blend(color, back, share)
             color = _blend(light.airlight, color, math.exp(-light.extinction_per_m * r))
+        most = max(color[0], color[1], color[2]) * light.exposure
         for c in range(3):
-            result[i, c] = min(_BRIGHTEST, color[c] * light.exposure)
+            level = color[c] * light.exposure
+            if most > _HUE_KEPT and level < most:
+                level *= 1 - (1 - _HUE_KEPT / most) * (1 - (level / most) ** 2)
+            result[i, c] = min(_BRIGHTEST, level)
     return result
 
 
@@ -82,20 +97,20 @@ def _blend(a: Rgb, b: Rgb, share: float) -> Rgb:
 
 
 @kernel
-def _glossed(light: Light, color: Rgb, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> Rgb:
-    """Add what a smooth surface mirrors, more of it at grazing incidence (Schlick); wet ground is rough."""
+def _glossed(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> tuple[float, Rgb]:
+    """Return which share a smooth surface mirrors (Schlick), and what; wet ground is rough."""
     facing = max(0.02, -(ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2]))
     share = gloss + (1 - gloss) * (1 - facing) ** 5 * (0.8 if wet == 0 else 0.6 * wet)
     x, y, z = ray[0] + 2 * facing * n[0], ray[1] + 2 * facing * n[1], ray[2] + 2 * facing * n[2]
-    return _blend(color, _mirrored(light, x, y, z, lit), share)
+    return share, _mirrored(light, x, y, z, lit)
 
 
 @kernel
 def _returned(ahead_m: float, aside_m: float) -> float:
     """Luminance with which reflectors send back the own headlights."""
-    if ahead_m < 1 or abs(aside_m) > 0.7 * ahead_m:
+    if ahead_m < 1 or abs(aside_m) > ahead_m:
         return 0.0
-    return 0.0007 / (1 + (ahead_m / 15) ** 2)
+    return float(0.0007 * (1 - (aside_m / ahead_m) ** 2) ** 3 / (1 + (ahead_m / 15) ** 2))
 
 
 @kernel

@@ -54,6 +54,9 @@ TEXTURES = np.array([_TEXTURES[material.texture] for material in MATERIALS], np.
 _OCTAVES = 4
 _FEWEST_PX = 1.4
 """Size of the finest grains that are drawn."""
+_COARSEST_M = 1.0
+"""Grains of twice this size are none: larger patterns are stains."""
+_ROOT_OF_2 = math.sqrt(2)
 
 
 @kernel
@@ -110,16 +113,20 @@ def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m:
 @kernel
 def _grain(finest_m: float, u: float, v: float, minor_m: float, major_m: float, salt: int) -> float:
     """Sum octaves from about two pixels up; what a pixel averages over many grains keeps the root of their number."""
-    level = max(0.0, math.log2(_FEWEST_PX * minor_m / finest_m))
-    first = math.floor(level)
-    size, total = finest_m * 2.0**first, 0.0
+    first, size, wanted = 0, finest_m, _FEWEST_PX * minor_m
+    while 2 * size <= wanted:
+        first, size = first + 1, 2 * size
+    scale, shown, total = 1 / size, math.sqrt(size / major_m), 0.0
     for octave in range(_OCTAVES):
-        weight = min(1.0, math.sqrt(size / major_m))
-        if octave == 0 and level > 0:
-            weight *= 1 - (level - first)
+        weight = min(1.0, shown) * min(1.0, 2.0 - size / _COARSEST_M)
+        if weight <= 0:
+            break
+        if octave == 0 and wanted > size:
+            weight *= 2 - wanted / size
         shift = 17.0 * (first + octave)
-        total += weight * value_noise(u / size + shift, v / size - shift, salt + int(first) + octave)
-        size *= 2
+        total += weight * value_noise(u * scale + shift, v * scale - shift, salt + first + octave)
+        scale, size = 0.5 * scale, 2 * size
+        shown *= _ROOT_OF_2
     return total
 
 

@@ -10,9 +10,12 @@ from fbench.datasets.city.rays.culling import cones_of_blocks, merge_nearer, ray
 from fbench.datasets.city.rays.facing import facing_normals
 from fbench.datasets.city.rays.hits import MISS, STATIC, Hits, Rays
 from fbench.datasets.city.rays.scenes import Scene, unit_normals
+from fbench.datasets.city.rays.smooth import round_normals, rounding
 from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64
 
 _NO_MATERIAL = 255
+_NO_OFFSETS: Float64 = np.zeros(0)
+_NO_OFFSETS.setflags(write=False)  # like those of rays: kernels are compiled for one kind of array only
 
 
 class EmbreeCaster:
@@ -31,6 +34,7 @@ class EmbreeCaster:
         starts = np.cumsum([0, *(len(mesh) for mesh in meshes)])
         self._starts = {mesh: int(start) for mesh, start in zip(phases, starts[1:-1], strict=True)}
         self._normals = np.concatenate([unit_normals(mesh) for mesh in meshes])
+        self._rounding = rounding(tuple(phases))
         self._materials = np.append(merged(meshes).material, np.uint8(_NO_MATERIAL))
 
     @property
@@ -78,6 +82,15 @@ class EmbreeCaster:
         first = np.append(self._first(states), [len(self._materials), 0])  # MISS (with triangle -1) and STATIC
         return np.asarray(self._materials[first[hits.body] + hits.triangle])
 
+    def smoothed(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
+        """Normals (N, 3) as if bodies were round where their triangles meet at small angles."""
+        bodies = np.column_stack([states.position_m, states.yaw_rad])
+        first = self._first(states) - len(self._static)
+        return round_normals(
+            hits.body, hits.triangle, hits.range_m, rays.direction, rays.origin_m[0], hits.normal, bodies, first,
+            self._rounding,
+        )  # fmt: skip
+
     def _others(self, states: BodyStates) -> list[tuple[int, Scene]]:
         scenes = ((i, self._scenes[self._mesh(i, states)]) for i in range(EGO + 1, len(self._actors)))
         return [(i, scene) for i, scene in scenes if not scene.is_empty]
@@ -98,7 +111,7 @@ class _Aim:
         self.bodies: Float64 = np.column_stack(
             [states.position_m, states.yaw_rad, states.velocity_mps, states.yaw_rate_radps]
         )
-        self.offset_s: Float64 = np.zeros(0) if rays.offset_s is None else rays.offset_s
+        self.offset_s: Float64 = _NO_OFFSETS if rays.offset_s is None else rays.offset_s
         self._rays = rays
         self._starts = starts_of_blocks(rays.direction)
         self._blocks = cones_of_blocks(self._starts, rays.origin_m, rays.direction, self.offset_s)

@@ -70,3 +70,9 @@ class RayCaster(Protocol):
     def material(self, hits: Hits, states: BodyStates) -> Array:
         """Indices (N,) uint8 into `MATERIALS` of what was hit; 255 where nothing was."""
         ...
+
+    def smoothed(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
+        """Normals (N, 3) like `Hits.normal`, as if bodies were round where their triangles meet at small angles: for
+        shading. All rays have one origin and no offset.
+        """
+        ...
