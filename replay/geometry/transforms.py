@@ -44,6 +44,14 @@ def transform(dst_T_src: Float64, xyz: Array) -> Float64:
         return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
 
 
+def chained(a_T_b: Float64, b_T_c: Float64) -> Float64:
+    """Return `a_T_c` (4, 4), written as sums of products like `transform`."""
+    result = np.eye(4)
+    result[:3, :3] = [[sum(a_T_b[i, k] * b_T_c[k, j] for k in range(3)) for j in range(3)] for i in range(3)]
+    result[:3, 3] = transform(a_T_b, b_T_c[None, :3, 3])[0]
+    return result
+
+
 def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:
     """Return yaw, pitch, roll [rad] with R = Rz(yaw) Ry(pitch) Rx(roll)."""
     yaw, pitch, roll = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_euler("ZYX")

@@ -19,6 +19,7 @@ from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.arrays import Array, Float32, Float64, Int64
 from fbench.replay.data import Image
 from fbench.replay.draws import generator
+from fbench.replay.geometry.transforms import chained
 from fbench.replay.weather import Weather
 
 
@@ -53,7 +54,7 @@ def picture(
     for all cameras.
     """
     light, model = light_of(weather), spec.model()
-    eye = Eye(model, states.world_T_body(EGO) @ body_T_sensor)
+    eye = Eye(model, chained(states.world_T_body(EGO), body_T_sensor))
     lamps = lamps_of(caster.actors, states, street_lamps_m, light)
     scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(seed))
     uv = eye.pixels()

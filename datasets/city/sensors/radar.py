@@ -16,7 +16,7 @@ from fbench.datasets.city.sensors.radar_resolution import merged_cells, noisy, s
 from fbench.replay.arrays import Array, Float64, freeze_fields
 from fbench.replay.data import RadarScan
 from fbench.replay.draws import generator
-from fbench.replay.geometry.transforms import transform
+from fbench.replay.geometry.transforms import chained
 from fbench.replay.weather import Weather, radar_loss_db
 
 _BLIND_M = 0.2
@@ -61,7 +61,7 @@ def scan(
     """
     view = looks(spec, generator(seed, "radar", sensor, stamp_ns))
     normals = generator(seed, "radar", sensor, stamp_ns, "noise").standard_normal((5, len(view.azimuth_rad)))
-    world_T_sensor = _composed(states.world_T_body(EGO), body_T_sensor)
+    world_T_sensor = chained(states.world_T_body(EGO), body_T_sensor)
     received = _received(caster, states, spec, weather, view, world_T_sensor, normals[4])
     found = np.flatnonzero(received.margin_db >= 0)
     echoes = noisy(received[found], spec, normals[:4, found])
@@ -122,14 +122,6 @@ def _scan(echoes: Echoes, sensor: str, stamp_ns: int, log_ns: int) -> Scan:
         altitude_rad=polar[2],
     )
     return Scan(message, echoes.body, echoes.true_range_m)
-
-
-def _composed(world_T_body: Float64, body_T_sensor: Float64) -> Float64:
-    """Chain two transforms without BLAS."""
-    result = np.eye(4)
-    result[:3, :3] = _turned(world_T_body, body_T_sensor[:3, :3].T).T
-    result[:3, 3] = transform(world_T_body, body_T_sensor[None, :3, 3])[0]
-    return result
 
 
 def _turned(dst_T_src: Float64, vectors: Float64) -> Float64:

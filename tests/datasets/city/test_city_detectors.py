@@ -23,13 +23,15 @@ WEIGHTS = {
     "DEIMv2-Femto": "deimv2_femto/deimv2_hgnetv2_femto_coco.onnx",
     "YOLOX-Nano": "yolox_nano/yolox_nano.onnx",
 }
+SECONDS, NUM_SEEDS = 1.0, 1
+"""More of both give firmer figures."""
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 
 
 def mono_log(world: WorldName, seed: int) -> tuple[dict[int, Image], dict[int, Boxes2D]]:
-    """Images and truth of 3 s, by stamp."""
+    """Images and truth, by stamp."""
     rig = RigSpec(cameras={"camera": thesis_rig().cameras["camera"]})
-    log = CityRecording(CitySpec(world, condition("clear"), seconds=3.0, seed=seed, rig=rig), "log")
+    log = CityRecording(CitySpec(world, condition("clear"), seconds=SECONDS, seed=seed, rig=rig), "log")
     images: dict[int, Image] = {}
     truth: dict[int, Boxes2D] = {}
     for item in log.items():
@@ -72,7 +74,7 @@ def test_detectors_find_some_near_vehicles(shared: Path, capsys: pytest.CaptureF
     detectors = {n: CameraDetector(CameraParams(shared / "weights" / f, SCORE)) for n, f in WEIGHTS.items()}
     counts = {(name, world): Counter[str]() for name in detectors for world in WORLDS}
     for world in WORLDS:
-        for seed in SEEDS["dev"][:4]:
+        for seed in SEEDS["dev"][:NUM_SEEDS]:
             images, truth = mono_log(world, seed)
             for stamp_ns, image in images.items():
                 pixels = decode(image)
@@ -83,5 +85,5 @@ def test_detectors_find_some_near_vehicles(shared: Path, capsys: pytest.CaptureF
         sys.stdout.writelines(figures(f"{name}, {world}", c) for (name, world), c in counts.items())
     for name in detectors:
         total = counts[name, "urban"] + counts[name, "highway"]
-        assert 0 < total["found"] <= total["near"]
-        assert 0 < total["right"] <= total["detections"]
+        assert total["found"] >= 0.3 * total["near"] > 0
+        assert total["right"] >= 0.7 * total["detections"] > 0

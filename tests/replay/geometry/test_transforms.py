@@ -3,7 +3,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion, transform, wrap_angle, yaw_pitch_roll
+from fbench.replay.geometry.transforms import (
+    chained,
+    inverse,
+    pose_matrix,
+    quaternion,
+    transform,
+    wrap_angle,
+    yaw_pitch_roll,
+)
 
 angles = st.floats(-1.5, 1.5)
 
@@ -50,3 +58,9 @@ def test_points_that_are_not_finite_stay_so_without_a_warning(value):
     turned = pose_matrix([0, 0, 0], [0.5, 0.5, 0.5, 0.5]) * 2
     moved = transform(turned, np.array([[1.0, 2, 3], [value, value, -value]]))
     assert np.isfinite(moved).all(axis=1).tolist() == [True, False]
+
+
+def test_chained_transforms_are_the_product_of_matrices():
+    a = pose_matrix([1.0, -2, 3], [0.1, 0.2, 0.3, 0.9])
+    b = pose_matrix([0.5, 4, -1], [-0.7, 0.1, 0.2, 0.4])
+    np.testing.assert_allclose(chained(a, b), a @ b, atol=1e-15)
