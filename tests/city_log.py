@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RadarSpec, RigSpec
-from fbench.datasets.city.spec import CitySpec
+from fbench.datasets.city.spec import CitySpec, WorldName
 from fbench.replay.imports.run import write_recording
 from fbench.replay.logs.convert.target import Target
 
@@ -27,15 +27,15 @@ SMALL_RIG = RigSpec(
 )  # fmt: skip
 
 
-def write_city_log(out: Path, seconds: float = 3.0, seed: int = 0) -> None:
-    """Write a log of the urban world on a clear day; each is simulated once a process."""
-    out.write_bytes(_content(seconds, seed))
+def write_city_log(out: Path, seconds: float = 3.0, seed: int = 0, world: WorldName = "urban") -> None:
+    """Write a log of a clear day; each is simulated once a process."""
+    out.write_bytes(_content(seconds, seed, world))
 
 
 @cache
-def _content(seconds: float, seed: int) -> bytes:
+def _content(seconds: float, seed: int, world: WorldName) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "city.mcap"
-        spec = CitySpec(seconds=seconds, seed=seed, rig=SMALL_RIG)
+        spec = CitySpec(world, seconds=seconds, seed=seed, rig=SMALL_RIG)
         write_recording(CityRecording(spec, "city"), Target(path), lambda name, done, total: None)
         return path.read_bytes()

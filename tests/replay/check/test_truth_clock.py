@@ -33,7 +33,7 @@ SPEED_MPS = 10.0
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("demo") / "city.mcap"
-    write_city_log(path, seconds=8.0)
+    write_city_log(path, seconds=8.0, seed=2, world="highway")
     return path
 
 
