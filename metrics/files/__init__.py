@@ -1,0 +1,1 @@
+"""Truth and results of other systems, from files."""

@@ -1,0 +1,1 @@
+"""The detection and tracking benchmarks of nuScenes."""

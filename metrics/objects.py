@@ -1,0 +1,76 @@
+"""Boxes of one sequence as columns: what every metric, matcher and profile reads."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Float64, Int64, Text, freeze_fields
+from fbench.replay.errors import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Objects:
+    """N boxes of one side, truth or estimates, in the order of their steps; a field is `None` where nobody knows it.
+
+    A box has a rectangle in an image, a solid in space, or both (KITTI's rows have both).
+    """
+
+    step: Int64
+    """(N,) ascending index of the step (one frame, or one camera's image of a frame) that each box belongs to."""
+    label: Text
+    """(N,) class in the words of the profile's source, lower case; empty where the class isn't known."""
+    track_id: Int64
+    """(N,) negative where there is none."""
+    score: Float64
+    """(N,) 0 where there is none."""
+    xyxy_px: Float64 | None = None
+    """(N, 4) left, top, right, bottom [px]; NaN where there is none."""
+    center_m: Float64 | None = None
+    """(N, 3) middle of the solid [m], z up, in body or world coordinates, the same for both sides."""
+    size_lwh_m: Float64 | None = None
+    """(N, 3) length along heading, width, height [m]."""
+    yaw_rad: Float64 | None = None
+    """(N,) heading about z."""
+    velocity_mps: Float64 | None = None
+    """(N, 3), NaN where unknown."""
+    distance_m: Float64 | None = None
+    """(N,) from the body's origin, NaN where unknown."""
+    range_rate_mps: Float64 | None = None
+    """(N,) change of distance, positive when receding; NaN where unknown."""
+    occlusion: Float64 | None = None
+    """(N,) in the source's own levels; NaN where unknown."""
+    truncation: Float64 | None = None
+    """(N,) in the source's own measure; NaN where unknown."""
+    visibility: Float64 | None = None
+    """(N,) visible share, 0 to 1; NaN where unknown."""
+    num_points: Int64 | None = None
+    """(N,) LiDAR and radar points in the box; negative where unknown."""
+    attribute: Text | None = None
+    sources: Array | None = None
+    """(N,) uint8, bits of `Source`."""
+    ignore: Array | None = None
+    """(N,) bool: neither a hit nor a miss."""
+
+    def __post_init__(self) -> None:
+        one, three, text = ("f8", ("N",)), ("f8", ("N", 3)), ("U", ("N",))
+        freeze_fields(
+            self, step=("i8", ("N",)), label=text, track_id=("i8", ("N",)), score=one, xyxy_px=("f8", ("N", 4)),
+            center_m=three, size_lwh_m=three, yaw_rad=one, velocity_mps=three, distance_m=one, range_rate_mps=one,
+            occlusion=one, truncation=one, visibility=one, num_points=("i8", ("N",)), attribute=text,
+            sources=("u1", ("N",)), ignore=("?", ("N",)),
+        )  # fmt: skip
+        if len(self.step) and (np.diff(self.step) < 0).any():
+            raise DataError("Objects.step: expected ascending")
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    def __getitem__(self, rows: Array | slice) -> Self:
+        """Select rows by mask, index array or slice; keep them in order."""
+        named = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return replace(self, **{name: value[rows] for name, value in named if value is not None})
+
+    def starts(self, num_steps: int) -> Int64:
+        """Offsets (num_steps + 1,) of the rows of each step: step s has rows `starts[s]:starts[s + 1]`."""
+        return np.searchsorted(self.step, np.arange(num_steps + 1)).astype(np.int64)

@@ -1,0 +1,1 @@
+"""Every profile under its name."""
