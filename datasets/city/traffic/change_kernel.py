@@ -9,11 +9,11 @@ import numpy as np
 from fbench.datasets.city.traffic.follow_kernel import behind, far
 from fbench.datasets.city.traffic.gate_kernel import first_gate
 from fbench.datasets.city.traffic.idm import free_acceleration
-from fbench.datasets.city.traffic.network import DRIVE, Network
-from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, beside, last_on, leader, neighbour
+from fbench.datasets.city.traffic.network import DRIVE, Roads
+from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, beside, last_on, leader, leader_beside, neighbour
 from fbench.datasets.city.traffic.path_kernel import curve
-from fbench.datasets.city.traffic.state import AXLE, CHANGE, CHANGE_S, HERE, NUM_CHOICES, WINDOW, State
-from fbench.replay.arrays import Array
+from fbench.datasets.city.traffic.state import AXLE, CHANGE_S, HERE, WINDOW
+from fbench.replay.arrays import Array, Float64
 from fbench.replay.kernels import kernel
 
 _EVERY = 10
@@ -28,158 +28,125 @@ _APART_M = 40.0
 
 
 @kernel
-def change_lanes(net: Network, state: State, taken: Occupancy, step: int) -> None:
-    """Let those change lanes who gain by it and are in nobody's way."""
-    changed = np.empty(len(state.movers), np.int64)
+def change_lanes(roads: Roads, gates: Array, movers: Array, way: Array, taken: Occupancy, step: int) -> int:
+    """Let those change lanes who gain by it and are in nobody's way; return how many. Their ways end there."""
+    path, lanes = roads.path, roads.lanes
+    changed = np.empty(len(movers), np.int64)
     num = 0
-    for i in range(len(state.movers)):
-        if (step + i) % _EVERY or not _may_think(net, state, i):
+    for i in range(len(movers)):
+        if (step + i) % _EVERY or not _may_think(lanes, gates, movers[i], way[i]):
             continue
-        side = _better_side(net, state, taken, i)
-        if side == 0 or _near_another(net, state, i, changed[:num]):
+        side = _better_side(roads, movers, way[i], taken, i)
+        if side == 0 or _near_another(path, lanes, movers, way, i, changed[:num]):
             continue
-        _begin(net, state, i, side)
+        _begin(path, lanes, movers[i], way[i], side)
         changed[num] = i
         num += 1
+    return num
 
 
 @kernel
-def _may_think(net: Network, state: State, i: int) -> bool:
+def _may_think(lanes: Array, gates: Array, me: np.void, way: Array) -> bool:
     """Not while changing or slow, and not with a gate or the end of the neighbours near."""
-    lane, v = state.way[i, HERE], state.movers[i]["speed_mps"]
-    if (
-        net.lanes[lane]["kind"] != DRIVE
-        or v < _SLOWEST_MPS
-        or (net.lanes[lane]["left"] < 0 and net.lanes[lane]["right"] < 0)
-    ):
+    lane, v = lanes[way[HERE]], me["speed_mps"]
+    if lane["kind"] != DRIVE or v < _SLOWEST_MPS or (lane["left"] < 0 and lane["right"] < 0):
         return False
-    rear = state.movers[i]["base_m"] + state.movers[i]["at_m"] - 0.5 * state.movers[i]["length_m"]
-    if rear < state.movers[i]["side_from_m"] + state.movers[i]["side_for_m"] + _REST_S * v:
+    rear = me["base_m"] + me["at_m"] - 0.5 * me["length_m"]
+    if rear < me["side_from_m"] + me["side_for_m"] + _REST_S * v:
         return False
-    _, _, ahead = first_gate(net, state, i)
-    holds: bool = ahead > 5.0 * v + 10.0 and state.movers[i]["at_m"] > 0.5 * state.movers[i]["length_m"]
+    _, _, ahead = first_gate(lanes, gates, me, way)
+    holds: bool = ahead > 5.0 * v + 10.0 and me["at_m"] > 0.5 * me["length_m"]
     return holds
 
 
 @kernel
-def _better_side(net: Network, state: State, taken: Occupancy, i: int) -> int:
-    """1 for left, -1 for right, 0 to stay."""
-    v = state.movers[i]["speed_mps"]
-    gap, n = leader(net, state, taken, i, 0, far(v))
-    now = _wanted(net, state, i, 0, behind(state, i, v, gap, n))
+def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int) -> int:
+    """1 for left, -1 for right, 0 to stay; `way` (WINDOW,) is the mover's own."""
+    lanes, me = roads.lanes, movers[i]
+    v = me["speed_mps"]
+    gap, n = leader(roads, movers, way, taken, i, far(v))
+    now = _wanted(lanes[way[HERE]], me, behind(movers, i, v, gap, n))
     best, best_gain = 0, _THRESHOLD_MPS2
     for side in (-1, 1):
-        lane = neighbour(net, state.way[i, HERE], side)
-        if lane < 0 or state.movers[i]["length_m"] > net.lanes[lane]["longest_m"]:
+        lane = neighbour(lanes[way[HERE]], side)
+        if lane < 0 or me["length_m"] > lanes[lane]["longest_m"]:
             continue
-        if side == 1 and state.movers[i]["keeps_right"] and net.lanes[lane]["left"] < 0:
+        if side == 1 and me["keeps_right"] and lanes[lane]["left"] < 0:
             continue
-        gap, n = leader(net, state, taken, i, side, far(v))
-        then = behind(state, i, v, gap, n)
-        if gap < state.movers[i]["standing_gap_m"] + 0.5 * v * state.movers[i]["headway_s"] or then > _SAFE_MPS2:
+        gap, n = leader_beside(roads, movers, way, taken, i, side, far(v))
+        then = behind(movers, i, v, gap, n)
+        if gap < me["standing_gap_m"] + 0.5 * v * me["headway_s"] or then > _SAFE_MPS2:
             continue
-        loss = _loss_behind(net, state, taken, i, side)
-        gain = _wanted(net, state, i, side, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
+        loss = _loss_behind(roads.path, lanes, movers, way, taken, i, side)
+        gain = _wanted(lanes[lane], me, then) - now - _POLITENESS * loss - side * _BIAS_MPS2
         if loss < _SAFE_MPS2 and gain > best_gain:
             best, best_gain = side, gain
     return best
 
 
 @kernel
-def _wanted(net: Network, state: State, i: int, side: int, less: float) -> float:
-    """Acceleration on the lane beside (0: on this one), where whoever is ahead takes `less` away."""
-    lane, v = neighbour(net, state.way[i, HERE], side), state.movers[i]["speed_mps"]
-    allowed = min(state.movers[i]["fastest_mps"], net.lanes[lane]["speed_mps"] * state.movers[i]["factor"])
-    return free_acceleration(v, allowed, state.movers[i]["acceleration_mps2"], state.movers[i]["braking_mps2"]) - less
+def _wanted(lane: np.void, me: np.void, less: float) -> float:
+    """Acceleration on a lane, where whoever is ahead takes `less` away."""
+    allowed = min(me["fastest_mps"], lane["speed_mps"] * me["factor"])
+    return free_acceleration(me["speed_mps"], allowed, me["acceleration_mps2"], me["braking_mps2"]) - less
 
 
 @kernel
-def _loss_behind(net: Network, state: State, taken: Occupancy, i: int, side: int) -> float:
+def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: Occupancy, i: int, side: int) -> float:
     """How much less the next one behind on the other lane would accelerate; infinite where there is no room."""
-    offset = 0.0
+    me, offset = movers[i], 0.0
     for k in range(HERE, -1, -1):
+        if way[k] < 0:
+            return 0.0
         if k < HERE:
-            offset += net.lanes[state.way[i, k]]["length_m"]
-        lane = neighbour(net, state.way[i, k], side)
+            offset += lanes[way[k]]["length_m"]
+        lane = neighbour(lanes[way[k]], side)
         if lane < 0:
             return 0.0
-        s = beside(net, state.way[i, k], lane, state.movers[i]["at_m"] + offset)
+        s = beside(path, lanes[way[k]], lanes[lane], me["at_m"] + offset)
         row = last_on(taken, lane, s, i)
         if row >= 0:
             n = taken.who[row]
-            gap = s - taken.at_m[row] - 0.5 * (state.movers[i]["length_m"] + state.movers[n]["length_m"])
-            v = state.movers[n]["speed_mps"]
-            if gap < state.movers[n]["standing_gap_m"] + 0.5 * v * state.movers[n]["headway_s"]:
+            other = movers[n]
+            gap = s - taken.at_m[row] - 0.5 * (me["length_m"] + other["length_m"])
+            v = other["speed_mps"]
+            if gap < other["standing_gap_m"] + 0.5 * v * other["headway_s"]:
                 return np.inf
-            return behind(state, n, v, gap, i)
-        if state.movers[i]["at_m"] + offset > far(state.movers[i]["speed_mps"]):
+            return behind(movers, n, v, gap, i)
+        if me["at_m"] + offset > far(me["speed_mps"]):
             return 0.0
     return 0.0
 
 
 @kernel
-def _near_another(net: Network, state: State, i: int, changed: Array) -> bool:
+def _near_another(path: Float64, lanes: Array, movers: Array, way: Array, i: int, changed: Array) -> bool:
     a, b = np.empty(9), np.empty(9)
-    curve(net, state.way[i, HERE], state.movers[i]["at_m"], a)
+    curve(path, lanes[way[i, HERE]], movers[i]["at_m"], a)
     for n in changed:
-        curve(net, state.way[n, HERE], state.movers[n]["at_m"], b)
+        curve(path, lanes[way[n, HERE]], movers[n]["at_m"], b)
         if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 < _APART_M * _APART_M:
             return True
     return False
 
 
 @kernel
-def _begin(net: Network, state: State, i: int, side: int) -> None:
+def _begin(path: Float64, lanes: Array, me: np.void, way: Array, side: int) -> None:
     """Go on along the neighbour, beside it at first."""
     work, there = np.empty(9), np.empty(9)
-    old, s = state.way[i, HERE], state.movers[i]["at_m"]
-    curve(net, old, s, work)
-    lane = neighbour(net, old, side)
-    at = beside(net, old, lane, s)
-    curve(net, lane, at, there)
+    old, s = lanes[way[HERE]], me["at_m"]
+    curve(path, old, s, work)
+    lane = lanes[neighbour(lanes[way[HERE]], side)]
+    at = beside(path, old, lane, s)
+    curve(path, lane, at, there)
     norm = np.sqrt(there[3] ** 2 + there[4] ** 2)
-    aside = ((work[0] - there[0]) * -there[4] + (work[1] - there[1]) * there[3]) / norm
-    state.movers[i]["base_m"] += s - at
-    state.movers[i]["right_to_m"] = max(state.movers[i]["base_m"] + at + 0.5 * state.movers[i]["length_m"], 0.0)
-    state.movers[i]["at_m"] = at
-    state.movers[i]["side_m"] = aside
-    state.movers[i]["side_from_m"] = state.movers[i]["base_m"] + at + AXLE * state.movers[i]["length_m"]
-    state.movers[i]["side_for_m"] = CHANGE_S * state.movers[i]["speed_mps"]
+    me["side_m"] = ((work[0] - there[0]) * -there[4] + (work[1] - there[1]) * there[3]) / norm
+    me["base_m"] += s - at
+    me["right_to_m"] = max(me["base_m"] + at + 0.5 * me["length_m"], 0.0)
+    me["at_m"] = at
+    me["side_from_m"] = me["base_m"] + at + AXLE * me["length_m"]
+    me["side_for_m"] = CHANGE_S * me["speed_mps"]
     for k in range(HERE + 1):
-        beside_it = neighbour(net, state.way[i, k], side)
-        state.way[i, k] = beside_it if beside_it >= 0 else state.way[i, k]
+        beside_it = neighbour(lanes[way[k]], side) if way[k] >= 0 else -1
+        way[k] = beside_it if beside_it >= 0 else way[k]
     for k in range(HERE + 1, WINDOW):
-        state.way[i, k] = -1
-    extend(net, state, i)
-    state.counters[CHANGE] += 1
-
-
-@kernel
-def extend(net: Network, state: State, i: int) -> None:
-    """Choose lanes for the places of a way that are -1, each after the one before."""
-    for k in range(1, WINDOW):
-        if state.way[i, k] < 0:
-            drawn = state.choices[i, state.movers[i]["num_chosen"] % NUM_CHOICES]
-            state.movers[i]["num_chosen"] += 1
-            state.way[i, k] = chosen(net, state.way[i, k - 1], state.movers[i]["length_m"], drawn)
-
-
-@kernel
-def chosen(net: Network, lane: int, length_m: float, drawn: float) -> int:
-    """Choose a successor that bodies of this length may use."""
-    first, last = net.lanes[lane]["next_from"], net.lanes[lane]["next_to"]
-    total = 0.0
-    for n in range(first, last):
-        if net.lanes[net.nexts[n]["lane"]]["longest_m"] >= length_m:
-            total += net.nexts[n]["weight"]
-    if total == 0.0:
-        found: int = net.nexts[first + int(drawn * (last - first))]["lane"]
-        return found
-    left = drawn * total
-    for n in range(first, last):
-        if net.lanes[net.nexts[n]["lane"]]["longest_m"] >= length_m:
-            left -= net.nexts[n]["weight"]
-            found = net.nexts[n]["lane"]
-            if left < 0.0:
-                return found
-    return found
+        way[k] = -1

@@ -3,10 +3,9 @@
 import numpy as np
 
 from fbench.datasets.city.traffic.network import DRIVE, Network
-from fbench.datasets.city.traffic.occupancy_kernel import leader, left_side, occupancy
-from fbench.datasets.city.traffic.path_kernel import poses
+from fbench.datasets.city.traffic.occupancy_kernel import leader, left_sides
 from fbench.datasets.city.traffic.state import HERE, State
-from fbench.datasets.city.traffic.step_kernel import advance, decide
+from fbench.datasets.city.traffic.step import advance, decide, occupied, poses_of
 from fbench.replay.arrays import Array, Float64
 
 _TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
@@ -25,12 +24,12 @@ def best_ego(net: Network, state: State, cars: Array, step: int, step_s: float) 
     """Choose among movers, after a trial of some seconds: who moves on, in company, and isn't far from the middle."""
     trial, sizes = State(*(field.copy() for field in state)), sizes_of(state)
     motor = np.flatnonzero(state.movers["kind"] == DRIVE)
-    here = poses(net, state, 0.0)
+    here = poses_of(net, state, 0.0)
     company, speed, slowest = np.zeros(len(cars)), np.zeros(len(cars)), np.full(len(cars), np.inf)
     num = int(_TRIAL_S / step_s)
     for k in range(num):
         if k % _EVERY == 0:
-            company += np.minimum(_company(poses(net, trial, 0.0), cars, motor), _ENOUGH) * _EVERY / num
+            company += np.minimum(_company(poses_of(net, trial, 0.0), cars, motor), _ENOUGH) * _EVERY / num
         decide(net, trial, sizes, step + k, step_s)
         v = trial.movers["speed_mps"][cars]
         speed += v / num
@@ -68,12 +67,12 @@ def _border(here: Float64) -> Float64:
 
 def _has_room(net: Network, state: State, cars: Array) -> Array:
     """Which cars (K,) are not changing lanes and have nobody just before or behind them."""
-    taken, room = occupancy(net, state), np.zeros(len(cars), bool)
+    taken, sides, room = occupied(net, state), left_sides(state.movers), np.zeros(len(cars), bool)
     for row, i in enumerate(cars):
-        ahead, _ = leader(net, state, taken, i, 0, 50.0)
+        ahead, _ = leader(net.roads, state.movers, state.way[i], taken, i, 50.0)
         same = taken.first[state.way[i, HERE]], taken.first[state.way[i, HERE] + 1]
         who, at = taken.who[slice(*same)], taken.at_m[slice(*same)]
         behind = at[(who != i) & (at <= state.movers["at_m"][i])]
         gap = state.movers["at_m"][i] - behind.max(initial=-np.inf) - _LONGEST_M
-        room[row] = ahead > _FREE_M and gap > _FREE_M and left_side(state, i) == 0
+        room[row] = ahead > _FREE_M and gap > _FREE_M and sides[i] == 0
     return room

@@ -34,6 +34,16 @@ NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])
 GROUP = np.dtype([("green_from_s", "f8"), ("green_s", "f8")])
 
 
+class Roads(NamedTuple):
+    """What one needs to find who is ahead; fields of `Network`. Kernels take what they need: a whole `Network` as an
+    argument takes them much longer to compile.
+    """
+
+    path: Float64
+    lanes: Array
+    splits: Array
+
+
 class Network(NamedTuple):
     """A map, prepared."""
 
@@ -53,6 +63,11 @@ class Network(NamedTuple):
     """Of `GROUP`: signals."""
     cycle_s: float
     yellow_s: float
+
+    @property
+    def roads(self) -> Roads:
+        """Some of the fields."""
+        return Roads(self.path, self.lanes, self.splits)
 
 
 def network_of(city_map: CityMap) -> Network:

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import ALONG, Network
+from fbench.datasets.city.traffic.network import ALONG, Roads
 from fbench.datasets.city.traffic.path_kernel import segment, sideways
-from fbench.datasets.city.traffic.state import AXLE, HERE, WINDOW, State
+from fbench.datasets.city.traffic.state import AXLE, HERE, WINDOW
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.kernels import kernel
 
@@ -25,67 +25,74 @@ class Occupancy(NamedTuple):
 
 
 @kernel
-def beside(net: Network, lane: int, other: int, s: float) -> float:
+def beside(path: Float64, lane: np.void, other: np.void, s: float) -> float:
     """Where along `other`, which runs beside `lane`, one is at `s` of it."""
     if s <= 0.0:
         return s
-    if s >= net.lanes[lane]["length_m"]:
-        value: float = net.lanes[other]["length_m"] + s - net.lanes[lane]["length_m"]
+    if s >= lane["length_m"]:
+        value: float = other["length_m"] + s - lane["length_m"]
         return value
-    i = segment(net, lane, s)
-    j = net.lanes[other]["point_from"] + i - net.lanes[lane]["point_from"]
-    share = (s - net.path[i, ALONG]) / (net.path[i + 1, ALONG] - net.path[i, ALONG])
-    value = net.path[j, ALONG] + share * (net.path[j + 1, ALONG] - net.path[j, ALONG])
+    i = segment(path, lane, s)
+    j = other["point_from"] + i - lane["point_from"]
+    share = (s - path[i, ALONG]) / (path[i + 1, ALONG] - path[i, ALONG])
+    value = path[j, ALONG] + share * (path[j + 1, ALONG] - path[j, ALONG])
     return value  # noqa: RET504  # typed above
 
 
 @kernel
-def left_side(state: State, i: int) -> int:
+def left_side(me: np.void) -> int:
     """On which side of its new lane a mover still is: 1 left, -1 right, 0 neither."""
-    rear = state.movers[i]["base_m"] + state.movers[i]["at_m"] - AXLE * state.movers[i]["length_m"]
-    rest, _ = sideways((rear - state.movers[i]["side_from_m"]) / state.movers[i]["side_for_m"])
-    side = state.movers[i]["side_m"] * rest
+    rear = me["base_m"] + me["at_m"] - AXLE * me["length_m"]
+    rest, _ = sideways((rear - me["side_from_m"]) / me["side_for_m"])
+    side = me["side_m"] * rest
     if side > _BESIDE_M:
         return 1
     return -1 if side < -_BESIDE_M else 0
 
 
 @kernel
-def neighbour(net: Network, lane: int, side: int) -> int:
-    """Lane to the left (1), to the right (-1) or itself (0); -1 for none."""
-    if side == 0:
-        return lane
-    found: int = net.lanes[lane]["left"] if side > 0 else net.lanes[lane]["right"]
+def left_sides(movers: Array) -> Array:
+    """See `left_side`; (N,)."""
+    sides = np.empty(len(movers), np.int64)
+    for i in range(len(movers)):
+        sides[i] = left_side(movers[i])
+    return sides
+
+
+@kernel
+def neighbour(lane: np.void, side: int) -> int:
+    """Lane to the left (1) or to the right (-1) of one; -1 for none."""
+    found: int = lane["left"] if side > 0 else lane["right"]
     return found
 
 
 @kernel
-def occupancy(net: Network, state: State) -> Occupancy:
+def occupancy(path: Float64, lanes: Array, movers: Array, way: Array) -> Occupancy:
     """Find who is where."""
-    num = len(state.movers)
-    lanes, whos, ats = np.empty(num * 16, np.int64), np.empty(num * 16, np.int64), np.empty(num * 16)
+    num = len(movers)
+    most = 2 * num * WINDOW  # each is on a lane once, and on those beside it
+    on, whos, ats = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most)
     count = 0
     for i in range(num):
-        rear, front = (
-            state.movers[i]["at_m"] - 0.5 * state.movers[i]["length_m"],
-            state.movers[i]["at_m"] + 0.5 * state.movers[i]["length_m"],
-        )
-        side = left_side(state, i)
+        me = movers[i]
+        rear, front = me["at_m"] - 0.5 * me["length_m"], me["at_m"] + 0.5 * me["length_m"]
+        side = left_side(me)
         k, offset = HERE, 0.0
         while offset > rear and k > 0:
             k -= 1
-            offset -= net.lanes[state.way[i, k]]["length_m"]
-        while k < WINDOW and offset < front and count < len(lanes) - 2:
-            lane = state.way[i, k]
-            lanes[count], whos[count], ats[count] = lane, i, state.movers[i]["at_m"] - offset
+            offset -= lanes[way[i, k]]["length_m"]
+        while k < WINDOW and offset < front:
+            lane = way[i, k]
+            on[count], whos[count], ats[count] = lane, i, me["at_m"] - offset
             count += 1
-            old = neighbour(net, lane, side)
+            old = neighbour(lanes[lane], side)
             if side != 0 and old >= 0:
-                lanes[count], whos[count], ats[count] = old, i, beside(net, lane, old, state.movers[i]["at_m"] - offset)
+                on[count], whos[count] = old, i
+                ats[count] = beside(path, lanes[lane], lanes[old], me["at_m"] - offset)
                 count += 1
-            offset += net.lanes[lane]["length_m"]
+            offset += lanes[lane]["length_m"]
             k += 1
-    return _sorted(len(net.lanes), lanes[:count], whos[:count], ats[:count])
+    return _sorted(len(lanes), on[:count], whos[:count], ats[:count])
 
 
 @kernel
@@ -127,41 +134,59 @@ def last_on(taken: Occupancy, lane: int, s: float, i: int) -> int:
 
 
 @kernel
-def leader(net: Network, state: State, taken: Occupancy, i: int, side: int, far_m: float) -> tuple[float, int]:
-    """Net gap to whoever is next on a mover's way, or on the lanes left (1) or right (-1) of it, and who; -1: none."""
+def leader(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, far_m: float) -> tuple[float, int]:
+    """Net gap to whoever is next on a mover's way (WINDOW,), and who; -1: none."""
+    lanes, me = roads.lanes, movers[i]
     best, who, offset = np.inf, -1, 0.0
     for k in range(HERE, WINDOW):
-        lane = neighbour(net, state.way[i, k], side)
-        if lane < 0 or offset - state.movers[i]["at_m"] > far_m:
+        if offset - me["at_m"] > far_m:
             break
-        here = state.movers[i]["at_m"] - offset
-        s = here if side == 0 else beside(net, state.way[i, k], lane, here)
-        row = next_on(taken, lane, s, i)
+        s = me["at_m"] - offset
+        row = next_on(taken, way[k], s, i)
         if row >= 0:
             n = taken.who[row]
-            gap = taken.at_m[row] - s - 0.5 * (state.movers[n]["length_m"] + state.movers[i]["length_m"])
+            gap = taken.at_m[row] - s - 0.5 * (movers[n]["length_m"] + me["length_m"])
             if gap < best:
                 best, who = gap, n
-        if side == 0:
-            gap, n = _parting(net, state, taken, i, lane, here)
-            if gap < best:
-                best, who = gap, n
+        gap, n = _parting(roads, movers, taken, way[k], s, i)
+        if gap < best:
+            best, who = gap, n
         if row >= 0:
             break
-        offset += net.lanes[state.way[i, k]]["length_m"]
+        offset += lanes[way[k]]["length_m"]
     return best, who
 
 
 @kernel
-def _parting(net: Network, state: State, taken: Occupancy, i: int, lane: int, s: float) -> tuple[float, int]:
+def leader_beside(
+    roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, side: int, far_m: float
+) -> tuple[float, int]:
+    """Net gap to whoever is next on the lanes left (1) or right (-1) of a mover's way, and who; -1: none."""
+    lanes, me = roads.lanes, movers[i]
+    offset = 0.0
+    for k in range(HERE, WINDOW):
+        lane = neighbour(lanes[way[k]], side)
+        if lane < 0 or offset - me["at_m"] > far_m:
+            break
+        s = beside(roads.path, lanes[way[k]], lanes[lane], me["at_m"] - offset)
+        row = next_on(taken, lane, s, i)
+        if row >= 0:
+            n = taken.who[row]
+            return taken.at_m[row] - s - 0.5 * (movers[n]["length_m"] + me["length_m"]), n
+        offset += lanes[way[k]]["length_m"]
+    return np.inf, -1
+
+
+@kernel
+def _parting(roads: Roads, movers: Array, taken: Occupancy, lane: int, s: float, i: int) -> tuple[float, int]:
     """The next who has just turned off to a lane that begins where this one does."""
     best, who = np.inf, -1
-    for m in range(net.lanes[lane]["split_from"], net.lanes[lane]["split_to"]):
-        other = net.splits[m]["lane"]
-        for row in range(taken.first[other], taken.first[other + 1]):
+    for m in range(roads.lanes[lane]["split_from"], roads.lanes[lane]["split_to"]):
+        other = roads.splits[m]
+        for row in range(taken.first[other["lane"]], taken.first[other["lane"] + 1]):
             n, at = taken.who[row], taken.at_m[row]
-            if n != i and at > s and at - 0.5 * state.movers[n]["length_m"] < net.splits[m]["until_m"]:
-                gap = at - s - 0.5 * (state.movers[n]["length_m"] + state.movers[i]["length_m"])
+            if n != i and at > s and at - 0.5 * movers[n]["length_m"] < other["until_m"]:
+                gap = at - s - 0.5 * (movers[n]["length_m"] + movers[i]["length_m"])
                 if gap < best:
                     best, who = gap, n
     return best, who

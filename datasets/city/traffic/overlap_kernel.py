@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import Network
-from fbench.datasets.city.traffic.path_kernel import poses
-from fbench.datasets.city.traffic.state import EMERGENCY, State
 from fbench.replay.arrays import Array, Float64
 from fbench.replay.kernels import kernel
 
-_MARGIN_M = 0.05
+MARGIN_M = 0.05
+_DRIVES_MPS = 0.3
+"""Who is slower hardly notices that it is stopped."""
 
 
 @kernel
@@ -31,69 +30,37 @@ def overlaps(p: Float64, q: Float64, size_p: Float64, size_q: Float64, margin: f
 
 
 @kernel
-def _by_x(at: Float64) -> Array:
-    """Rows in ascending x: an insertion sort, because compiling numpy's takes seconds."""
-    order = np.empty(len(at), np.int64)
-    for i in range(len(at)):
-        row = i
-        while row > 0 and at[order[row - 1], 0] > at[i, 0]:
-            order[row] = order[row - 1]
-            row -= 1
-        order[row] = i
-    return order
+def stop_before_touching(movers: Array, now: Float64, then: Float64, sizes: Float64, pairs: Array) -> int:
+    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number.
 
-
-@kernel
-def _near_pairs(now: Float64, at: Float64, sizes: Float64) -> Array:
-    """Pairs (M, 2) of bodies that may touch, whether they go on from `now` to `at` (N, 9) or stay."""
-    order = _by_x(at)
-    reach, longest = np.empty(len(at)), 0.0
-    for i in range(len(at)):
-        gone = np.sqrt((at[i, 0] - now[i, 0]) ** 2 + (at[i, 1] - now[i, 1]) ** 2)
-        reach[i] = 0.5 * np.sqrt(sizes[i, 0] * sizes[i, 0] + sizes[i, 1] * sizes[i, 1]) + gone + _MARGIN_M
-        longest = max(longest, reach[i])
-    found = np.empty((len(at) * 16, 2), np.int64)
-    num = 0
-    for m in range(len(order)):
-        i = order[m]
-        for n in range(m + 1, len(order)):
-            j = order[n]
-            if at[j, 0] - at[i, 0] > reach[i] + longest or num == len(found):
-                break
-            if at[j, 0] - at[i, 0] < reach[i] + reach[j] and abs(at[j, 1] - at[i, 1]) < reach[i] + reach[j]:
-                found[num, 0], found[num, 1] = i, j
-                num += 1
-    return found[:num]
-
-
-@kernel
-def stop_before_touching(net: Network, state: State, sizes: Float64, step_s: float) -> None:
-    """Stop at once who would touch another within the step: whoever is behind, else who has the higher number."""
-    now, then = poses(net, state, 0.0), poses(net, state, step_s)
-    pairs = _near_pairs(now, then, sizes)
-    changed = True
+    `now` and `then` (N, 9) are poses at the step's beginning and end; rows of `then` become those of `now` for who is
+    stopped. `pairs` (M, 2) are those of `near_pairs`. Returns how many of those who were stopped drove.
+    """
+    num, changed = 0, True
     while changed:
         changed = False
         for m in range(len(pairs)):
             i, j = pairs[m, 0], pairs[m, 1]
-            if state.movers[i]["frozen"] and state.movers[j]["frozen"]:
+            if movers[i]["frozen"] and movers[j]["frozen"]:
                 continue
-            margin = 0.0 if state.movers[i]["frozen"] or state.movers[j]["frozen"] else _MARGIN_M
+            margin = 0.0 if movers[i]["frozen"] or movers[j]["frozen"] else MARGIN_M
             if not overlaps(then[i], then[j], sizes[i], sizes[j], margin):
                 continue
-            who = _yields(state, now, i, j)
-            state.movers[who]["frozen"] = True
-            state.movers[who]["braking"] = True
-            then[who] = now[who]
-            if state.movers[who]["speed_mps"] > 0.3:
-                state.counters[EMERGENCY] += 1
+            who = _yields(movers, now, i, j)
+            movers[who]["frozen"] = True
+            movers[who]["braking"] = True
+            for k in range(now.shape[1]):  # an assignment of the row takes a second more to compile
+                then[who, k] = now[who, k]
+            if movers[who]["speed_mps"] > _DRIVES_MPS:
+                num += 1
             changed = True
+    return num
 
 
 @kernel
-def _yields(state: State, now: Float64, i: int, j: int) -> int:
-    if state.movers[i]["frozen"] or state.movers[j]["frozen"]:
-        return j if state.movers[i]["frozen"] else i
+def _yields(movers: Array, now: Float64, i: int, j: int) -> int:
+    if movers[i]["frozen"] or movers[j]["frozen"]:
+        return j if movers[i]["frozen"] else i
     dx, dy = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
     i_sees = dx * np.cos(now[i, 6]) + dy * np.sin(now[i, 6])
     j_sees = -dx * np.cos(now[j, 6]) - dy * np.sin(now[j, 6])

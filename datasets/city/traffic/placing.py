@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fbench.datasets.city.actor import Actor, Body
-from fbench.datasets.city.traffic.change_kernel import extend
+from fbench.datasets.city.traffic.advance_kernel import extend
 from fbench.datasets.city.traffic.drivers import Driver, drawn_driver
 from fbench.datasets.city.traffic.network import Network
 from fbench.datasets.city.traffic.state import HERE, MOVER, NUM_CHOICES, WINDOW, State
@@ -123,19 +123,18 @@ def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list
     movers["side_from_m"], movers["side_for_m"] = -1e9, 1.0
     choices = np.array([draw.random(NUM_CHOICES) for draw in draws]).reshape(len(bodies), NUM_CHOICES)
     state = State(movers, _ways(net, places), choices, np.zeros(2, np.int64))
-    for i in range(len(bodies)):
-        extend(net, state, i)
+    extend(net.lanes, net.nexts, movers, state.way, choices)
     return state
 
 
 def _ways(net: Network, places: list[Place]) -> Array:
-    """Lanes behind each mover, the first that lead there; those ahead are -1."""
-    before = np.zeros(len(net.lanes["length_m"]), np.int64)
+    """Lanes behind each mover, the first that lead there, -1 where none does; those ahead are -1."""
+    before = np.full(len(net.lanes), -1)
     for lane in range(len(before) - 1, -1, -1):
         before[_after(net, lane)] = lane
     ways = np.full((len(places), WINDOW), -1, np.int64)
     for i, place in enumerate(places):
         ways[i, HERE] = place.lane
-        for k in range(HERE - 1, -1, -1):
-            ways[i, k] = before[ways[i, k + 1]]
+        for k in range(HERE, 0, -1):
+            ways[i, k - 1] = before[ways[i, k]] if ways[i, k] >= 0 else -1
     return ways

@@ -6,8 +6,8 @@ import numpy as np
 
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.traffic.network import Network
-from fbench.datasets.city.traffic.path_kernel import poses
 from fbench.datasets.city.traffic.state import State
+from fbench.datasets.city.traffic.step import poses_of
 from fbench.datasets.city.world.city_map import SignalPlan
 from fbench.replay.arrays import Bool, Float64
 from fbench.replay.errors import ConfigError
@@ -39,7 +39,7 @@ class PlayedMotion:
         step = step_of(time_s, self.step_s)
         state = self.states[min(max(step - self.first_step, 0), len(self.states) - 1)]
         since = max(time_s - step * self.step_s, 0.0)
-        moving, still = poses(self.net, state, since), np.zeros(len(self.parked))
+        moving, still = poses_of(self.net, state, since), np.zeros(len(self.parked))
         return BodyStates(
             float(time_s),
             np.concatenate([moving[:, :3], self.parked[:, :3]]),

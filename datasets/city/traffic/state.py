@@ -51,7 +51,9 @@ class State(NamedTuple):
     movers: Array
     """(N,) of `MOVER`."""
     way: Array
-    """(N, WINDOW) lanes in the order of travel."""
+    """(N, WINDOW) lanes in the order of travel; -1 far behind where the first one has none that leads to it. Movers
+    begin wholly on their lane, so no body is there.
+    """
     choices: Float64
     """(N, NUM_CHOICES) from 0 to below 1."""
     counters: Array

@@ -13,7 +13,7 @@ from fbench.datasets.city.traffic.params import TrafficParams
 from fbench.datasets.city.traffic.placing import parked, placed
 from fbench.datasets.city.traffic.played import PlayedMotion, step_of
 from fbench.datasets.city.traffic.state import CHANGE, EMERGENCY, State
-from fbench.datasets.city.traffic.step_kernel import advance, decide
+from fbench.datasets.city.traffic.step import advance, decide
 from fbench.datasets.city.world.city_map import CityMap
 from fbench.datasets.city.world.layout import Layout
 from fbench.replay.arrays import Array

@@ -22,6 +22,8 @@ def line_of(lane: Lane) -> tuple[np.ndarray, np.ndarray]:
 
 def test_nobody_passes_a_red_light(urban: Scene) -> None:
     city_map, front, passed = urban.layout.map, fronts(urban), 0
+    yaw = np.array([s.yaw_rad for s in urban.states[1:]])
+    cos, sin = np.cos(yaw), np.sin(yaw)
     for lane in city_map.lanes:
         if lane.signal is None:
             continue
@@ -29,7 +31,7 @@ def test_nobody_passes_a_red_light(urban: Scene) -> None:
         left = np.array([-ahead[1], ahead[0]])
         along, aside = (front - end) @ ahead, np.abs((front - end) @ left)
         over = (along[:-1] < 0) & (along[1:] >= 0) & (aside[1:] < 0.7) & (along[1:] < 3)
-        facing = np.array([np.cos(s.yaw_rad) * ahead[0] + np.sin(s.yaw_rad) * ahead[1] for s in urban.states[1:]]) > 0.9
+        facing = cos * ahead[0] + sin * ahead[1] > 0.9
         for step, _ in np.argwhere(over & facing):
             now = city_map.signals.is_green(step / 10) | city_map.signals.is_yellow(step / 10)
             assert now[lane.signal]
