@@ -49,7 +49,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compiled(function: Callable[P, R], cache: bool) -> Callable[P, R]:
-    compiled: Callable[P, R] = numba.njit(fastmath=False, parallel=False, nogil=True)(function)
+    compiled: Callable[P, R] = numba.njit(fastmath=False, parallel=False, nogil=True, no_cfunc_wrapper=True)(function)
     if cache and isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
         compiled._cache = _ForgivingCache(function)  # type: ignore[attr-defined]  # as its `enable_caching` does
     return compiled

@@ -6,6 +6,7 @@ from typing import assert_never
 import numpy as np
 
 from fbench.datasets.city.camera.picture import picture
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.measured import Measured, counted, seen_bodies
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.hits import RayCaster
@@ -32,24 +33,23 @@ class Surroundings:
 
 def measure(around: Surroundings, states: BodyStates, spec: CameraSpec | LidarSpec | RadarSpec, slot: Slot) -> Measured:
     """Return what a sensor measures at the instant of `states`, and of which bodies."""
-    mount = around.rig.body_T_sensor(slot.sensor)
-    num = len(around.caster.actors)
+    now, num = _instant(around, states, slot), len(around.caster.actors)
     match spec:
         case CameraSpec():
-            shot = picture(
-                around.caster, states, spec, slot.sensor, mount, around.street_lamps_m, around.weather, around.seed,
-                slot.stamp_ns, slot.log_ns,
-            )  # fmt: skip
+            shot = picture(now, spec)
             return Measured(shot.image, np.zeros(num, np.int64), seen_bodies(shot.body, shot.alone))
         case LidarSpec():
-            turn = sweep(
-                around.caster, states, spec, slot.sensor, mount, around.weather, around.seed, slot.stamp_ns, slot.log_ns
-            )
+            turn = sweep(now, spec)
             return Measured(turn.cloud, counted(turn.body, num))
         case RadarSpec():
-            echoes = scan(
-                around.caster, states, spec, slot.sensor, mount, around.weather, around.seed, slot.stamp_ns, slot.log_ns
-            )
+            echoes = scan(now, spec)
             return Measured(echoes.message, counted(echoes.body, num))
         case _:
             assert_never(spec)
+
+
+def _instant(around: Surroundings, states: BodyStates, slot: Slot) -> Instant:
+    return Instant(
+        around.caster, states, around.weather, around.street_lamps_m, around.seed, slot.sensor,
+        around.rig.body_T_sensor(slot.sensor), slot.stamp_ns, slot.log_ns,
+    )  # fmt: skip

@@ -35,20 +35,21 @@ def _share(hit: Array, rays: Int64 | None, body: int) -> float:
 def _rays_over(caster: RayCaster, states: BodyStates, i: int, origin: Float64) -> Float32:
     """Unit vectors (`_GRID` squared, 3) evenly over the angles that the box of body `i` takes."""
     length, width, height = caster.actors[i].body.size_lwh_m
-    signs = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (0, 1)], np.float64)
-    local = signs * [length / 2, width / 2, height]
-    cos, sin = np.cos(states.yaw_rad[i]), np.sin(states.yaw_rad[i])
-    x = local[:, 0] * cos - local[:, 1] * sin
-    y = local[:, 0] * sin + local[:, 1] * cos
-    corners = np.stack([x, y, local[:, 2]], axis=1) + states.position_m[i] - origin
-    middle = corners.mean(axis=0)
-    heading = np.arctan2(middle[1], middle[0])
-    turned = np.arctan2(corners[:, 1], corners[:, 0]) - heading
-    azimuth = (turned + np.pi) % (2 * np.pi) - np.pi
-    altitude = np.arctan2(corners[:, 2], np.hypot(corners[:, 0], corners[:, 1]))
+    to_body, cos, sin = states.position_m[i] - origin, np.cos(states.yaw_rad[i]), np.sin(states.yaw_rad[i])
+    x, y = _outermost(-cos * to_body[0] - sin * to_body[1], sin * to_body[0] - cos * to_body[1], length, width)
+    x, y = x * cos - y * sin + to_body[0], x * sin + y * cos + to_body[1]
+    heading = np.arctan2(to_body[1], to_body[0])
+    azimuth = (np.arctan2(y, x) - heading + np.pi) % (2 * np.pi) - np.pi
+    altitude = np.arctan2(to_body[2] + np.array([[0.0], [height]]), np.hypot(x, y))
     steps = (np.arange(_GRID) + 0.5) / _GRID
     across = heading + azimuth.min() + steps * (azimuth.max() - azimuth.min())
     up = altitude.min() + steps * (altitude.max() - altitude.min())
     a, e = np.meshgrid(across, up)
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
     return rays.reshape(-1, 3).astype(np.float32)
+
+
+def _outermost(x_m: float, y_m: float, length_m: float, width_m: float) -> tuple[Float64, Float64]:
+    """Corners of a footprint, and its point nearest to (x, y), where its box looks tallest: (5,) each, in its axes."""
+    x, y = length_m / 2, width_m / 2
+    return np.array([-x, -x, x, x, np.clip(x_m, -x, x)]), np.array([-y, y, -y, y, np.clip(y_m, -y, y)])

@@ -60,9 +60,9 @@ def _with_weather(under: Condition, setting: str) -> Condition:
 
 def _chosen(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
     names = chosen_sensors(rig.names, make_sensors(patterns))
-    return rig.model_copy(
-        update={
-            kind: {name: spec for name, spec in getattr(rig, kind).items() if name in names}
-            for kind in ("cameras", "lidars", "radars")
-        }
+    return RigSpec(
+        cameras={name: spec for name, spec in rig.cameras.items() if name in names},
+        lidars={name: spec for name, spec in rig.lidars.items() if name in names},
+        radars={name: spec for name, spec in rig.radars.items() if name in names},
+        pose_rate_hz=rig.pose_rate_hz,
     )

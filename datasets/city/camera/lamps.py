@@ -24,6 +24,8 @@ _CONE_END = 0.2
 """Cosine of the angle from below at which the cone of street lamps ends."""
 _WIDEST = 0.75
 """Tangent of the angle to the side at which beams end."""
+_BEAM_DISC_M = 0.5 * _BEAM_REACH_M * (1 + _WIDEST * _WIDEST)
+"""Radius of the disc around a beam, whose middle is as far ahead of the lamps."""
 _AT_WIDEST = math.exp(-6 * _WIDEST * _WIDEST)
 
 
@@ -47,8 +49,8 @@ def lamps_of(actors: tuple[Actor, ...], states: BodyStates, street_lamps_m: Floa
     front = np.column_stack([states.position_m[cars, :2] + heading * (length / 2)[:, None],
                              states.position_m[cars, 2] + _BEAM_HEIGHT_M])  # fmt: skip
     position = np.concatenate([street, front])
-    middle = position[:, :2] + np.concatenate([np.zeros((len(street), 2)), heading * (_BEAM_REACH_M / 2)])
-    radius = np.repeat([_STREET_REACH_M, _BEAM_REACH_M / 2], [len(street), len(cars)])
+    middle = position[:, :2] + np.concatenate([np.zeros((len(street), 2)), heading * _BEAM_DISC_M])
+    radius = np.repeat([_STREET_REACH_M, _BEAM_DISC_M], [len(street), len(cars)])
     ego = states.position_m[EGO]
     near = grid_around(float(ego[0]), float(ego[1]), middle, radius)
     return Lamps(position, np.concatenate([np.zeros((len(street), 2)), heading]), near)

@@ -7,20 +7,19 @@ import numpy as np
 from fbench.datasets.city.camera.develop import averaged, developed, jpeg
 from fbench.datasets.city.camera.edges import edge_pixels, jittered
 from fbench.datasets.city.camera.lamps import lamps_of
-from fbench.datasets.city.camera.light import Light, light_of
+from fbench.datasets.city.camera.light import light_of
 from fbench.datasets.city.camera.rain import add_streaks
 from fbench.datasets.city.camera.samples import Eye, Samples, first_samples, more_samples
 from fbench.datasets.city.camera.shade import Scene, radiances
 from fbench.datasets.city.camera.surfaces import surfaces_of
 from fbench.datasets.city.camera.wet import NOTHING, mirrored_samples, spread_mirrored
-from fbench.datasets.city.motion import EGO, BodyStates
+from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.hits import RayCaster
 from fbench.datasets.city.rig import CameraSpec
-from fbench.replay.arrays import Array, Float32, Float64, Int64
+from fbench.replay.arrays import Array, Float32, Int64
 from fbench.replay.data import Image
 from fbench.replay.draws import generator
-from fbench.replay.geometry.transforms import chained
-from fbench.replay.weather import Weather
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,40 +42,33 @@ class Picture:
     """As `Hits.alone`, with pixels v * W + u."""
 
 
-def picture(
-    caster: RayCaster, states: BodyStates, spec: CameraSpec, sensor: str, body_T_sensor: Float64,
-    street_lamps_m: Float64, weather: Weather, seed: int, stamp_ns: int, log_ns: int,
-) -> Picture:  # fmt: skip
+def picture(now: Instant, spec: CameraSpec) -> Picture:
     """Take an image: one ray through the centre of each pixel, more where edges need it.
 
-    `body_T_sensor` (4, 4) moves points from camera coordinates (x right, y down, z forward) to those of the ego
-    vehicle; street lamps (L, 3) are in the world. The noise is that of (seed, sensor, stamp); the rest is the same
-    for all cameras.
+    The camera's coordinates are x right, y down, z forward. The noise is its own; the rest is the same for all cameras.
     """
-    light, model = light_of(weather), spec.model()
-    eye = Eye(model, chained(states.world_T_body(EGO), body_T_sensor))
-    lamps = lamps_of(caster.actors, states, street_lamps_m, light)
-    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(seed))
+    light, model = light_of(now.weather), spec.model()
+    caster, states, eye = now.caster, now.states, Eye(model, now.world_T_sensor)
+    lamps = lamps_of(caster.actors, states, now.street_lamps_m, light)
+    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(now.seed))
     uv = eye.pixels()
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
-    linear = _smoothed(caster, states, eye, uv, light, samples, scene).reshape(height, width, 3)
-    add_streaks(linear, model, body_T_sensor, states, weather, light, seed, stamp_ns)
-    rgb = developed(linear, spec, light, generator(seed, "camera", sensor, stamp_ns))
-    image = Image(sensor, stamp_ns, log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
+    linear = _smoothed(caster, states, eye, uv, samples, scene).reshape(height, width, 3)
+    add_streaks(linear, now, model, light)
+    rgb = developed(linear, spec, light, now.draws("camera"))
+    image = Image(now.sensor, now.stamp_ns, now.log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
     return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
 
 
-def _smoothed(
-    caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light, samples: Samples, scene: Scene
-) -> Float32:
+def _smoothed(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, samples: Samples, scene: Scene) -> Float32:
     """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
     mirror = _mirror(caster, states, eye, samples, scene)
     linear = radiances(samples, scene, mirror)
     width = eye.model.size_wh[0]
     pixels = edge_pixels(samples, linear, width)
     if len(pixels):
-        more = more_samples(caster, states, eye, jittered(uv, pixels, width), light, samples, pixels)
+        more = more_samples(caster, states, eye, jittered(uv, pixels, width), scene.light, samples, pixels)
         there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
         averaged(linear, radiances(more, scene, there), pixels)
     return linear

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from fbench.datasets.city.camera.light import Light
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.motion import EGO, BodyStates
 from fbench.replay.arrays import Float32, Float64
 from fbench.replay.data import CameraModel
 from fbench.replay.draws import generator
 from fbench.replay.kernels import kernel
-from fbench.replay.weather import Weather
 
 _REACH_M, _NEAREST_M = 4.0, 0.3
 """Farther drops are too faint to be told apart: they are part of the air's extinction."""
@@ -22,30 +22,33 @@ _LIGHT = 0.95
 """A drop shows nearly all that is in front of it, most of it sky (Garg and Nayar 2007)."""
 
 
-def add_streaks(
-    linear: Float32, model: CameraModel, body_T_sensor: Float64, states: BodyStates, weather: Weather, light: Light,
-    seed: int, stamp_ns: int,
-) -> None:  # fmt: skip
+def add_streaks(linear: Float32, now: Instant, model: CameraModel, light: Light) -> None:
     """Draw the drops of an instant over the light (H, W, 3) of an image, in place.
 
     Drops belong to the instant, not to the camera: both of a stereo pair show the same ones.
     """
-    if weather.rain_mm_h <= 0:
+    rain_mm_h = now.weather.rain_mm_h
+    if rain_mm_h <= 0:
         return
-    rng = generator(seed, "camera", "rain", stamp_ns)
-    slope_per_mm = 4.1 * weather.rain_mm_h**-0.21
+    rng = generator(now.seed, "camera", "rain", now.stamp_ns)
+    slope_per_mm = 4.1 * rain_mm_h**-0.21
     expected = (2 * _REACH_M) ** 3 * _PER_M3_MM / slope_per_mm * math.exp(-slope_per_mm * _SMALLEST_MM)
     num = int(rng.poisson(expected))
     diameter_mm = np.minimum(_SMALLEST_MM + rng.exponential(1 / slope_per_mm, num), 5.0)
     place = rng.uniform(-_REACH_M, _REACH_M, (num, 3))
-    cos, sin = math.cos(states.yaw_rad[EGO]), math.sin(states.yaw_rad[EGO])
-    vx, vy = states.velocity_mps[EGO, :2]
-    drift = np.array([-(cos * vx + sin * vy), -(cos * vy - sin * vx)])
+    drift = _drift_mps(now.states)
     bright = _LIGHT * np.array(light.horizon) * light.exposure
-    center = body_T_sensor[:3, 3]
-    rotation, K = np.ascontiguousarray(body_T_sensor[:3, :3]), model.K
+    center = now.body_T_sensor[:3, 3]
+    rotation, K = np.ascontiguousarray(now.body_T_sensor[:3, :3]), model.K
     place = center + (place - center + _REACH_M) % (2 * _REACH_M) - _REACH_M  # the same rain around every camera
     _draw(linear, place - center, diameter_mm, drift, rotation, K[0, 0], K[0, 2], K[1, 2], bright)
+
+
+def _drift_mps(states: BodyStates) -> Float64:
+    """How fast still air passes the ego vehicle (2,), in its axes x and y."""
+    cos, sin = math.cos(states.yaw_rad[EGO]), math.sin(states.yaw_rad[EGO])
+    vx, vy = states.velocity_mps[EGO, :2]
+    return np.array([-(cos * vx + sin * vy), -(cos * vy - sin * vx)])
 
 
 @kernel

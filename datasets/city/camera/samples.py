@@ -80,7 +80,7 @@ class Samples:
 
 def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, light: Light) -> Samples:
     """Look through all pixels (N, 2), row by row."""
-    rays = Rays(np.ascontiguousarray(eye.world_T_camera[None, :3, 3]), eye.directions(uv), RANGE_M)
+    rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
     lit = sunlit_pixels(caster, states, rays, hits, light, eye.model.size_wh[0])
     return Samples(rays, hits, caster.material(hits, states), caster.smoothed(rays, hits, states), lit)

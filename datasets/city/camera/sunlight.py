@@ -86,7 +86,7 @@ def _unsure(facing: Bool, body: Array, triangle: Array, lit: Bool, width: int) -
             continue
         same, bright = 0, 0
         for j in (i - width, i - 1, i + 1, i + width):
-            if 0 <= j < len(body) and body[j] == body[i] and triangle[j] == triangle[i]:
+            if _is_there(i, j, len(body), width) and body[j] == body[i] and triangle[j] == triangle[i]:
                 same += 1
                 bright += lit[j]
         if same >= _MOST_SAME and (bright == 0 or bright == same):
@@ -109,7 +109,8 @@ def _unsure_between(
             continue
         same, bright, i = 0, 0, pixels[k // each]
         for j in (i - width, i - 1, i, i + 1, i + width):
-            if 0 <= j < len(first_body) and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
+            there = _is_there(i, j, len(first_body), width)
+            if there and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
                 same += 1
                 bright += first_lit[j]
         if same > 0 and (bright == 0 or bright == same):
@@ -118,6 +119,12 @@ def _unsure_between(
             index[num] = k
             num += 1
     return index[:num]
+
+
+@kernel
+def _is_there(i: int, j: int, num: int, width: int) -> bool:
+    """Tell whether the pixel `j` after, before, above or below `i` is in the image, not at the other end of a row."""
+    return 0 <= j < num and not (j == i - 1 and i % width == 0) and not (j == i + 1 and j % width == 0)
 
 
 @kernel

@@ -34,7 +34,7 @@ def mirrored_samples(
     """
     origin = samples.rays.origin_m[0]
     index, start, direction = _reflected(samples.arrays, origin, WETTABLE, width)
-    if not len(index) or width < 4:
+    if not len(index):
         return None
     found = caster.cast(Rays(start, direction, _RANGE_M), states)
     seen, range_m = _as_seen(origin, start, direction, found.range_m)
@@ -46,13 +46,17 @@ def mirrored_samples(
 
 def spread_mirrored(linear: Float32, index: Int64, size_wh: tuple[int, int]) -> Float32:
     """Spread mirrored light (M, 3) of pixels (M,) over the image: (N, 4), the last 1 where there is any."""
-    return _spread(linear, index, size_wh[0], size_wh[1])
+    width, height = size_wh
+    small = _halved(linear, index, width, height)
+    for _ in range(2):
+        small = mean_across(mean_across(small, _ASIDE_PX), _UPRIGHT_PX)
+    return _doubled(small, width, height)
 
 
 @kernel
 def _reflected(hits: HitArrays, origin: Float64, wettable: Float64, width: int) -> tuple[Int64, Float64, Float32]:
     body, normal, direction, material, range_m = hits.body, hits.normal, hits.direction, hits.material, hits.range_m
-    most = len(body) // 4 + width
+    most = ((len(body) // width + 1) // 2) * ((width + 1) // 2)
     index, num = np.empty(most, np.int64), 0
     start, away = np.empty((most, 3)), np.empty((most, 3), np.float32)
     for i in range(len(body)):
@@ -88,26 +92,38 @@ def _as_seen(origin: Float64, start: Float64, direction: Float32, range_m: Float
 
 
 @kernel
-def _spread(linear: Float32, index: Int64, width: int, height: int) -> Float32:
+def _halved(linear: Float32, index: Int64, width: int, height: int) -> Float32:
+    """Return mirrored light at half the image's width and height, (h, w, 4); the last 1 where there is any."""
     small = np.zeros(((height + 1) // 2, (width + 1) // 2, 4), np.float32)
     for k in range(len(index)):
         v, u = index[k] // width // 2, index[k] % width // 2
         for c in range(3):
             small[v, u, c] = min(_BRIGHTEST, linear[k, c])
         small[v, u, 3] = 1
-    for _ in range(2):
-        small = mean_across(mean_across(small, _ASIDE_PX), _UPRIGHT_PX)
+    return small
+
+
+@kernel
+def _doubled(small: Float32, width: int, height: int) -> Float32:
     result = np.zeros((height * width, 4), np.float32)
     for v in range(height):
-        i, b = min(v // 2, small.shape[0] - 2), 0.5 * (v % 2)
+        i, b = _between(v, small.shape[0])
         for u in range(width):
-            j, a = min(u // 2, small.shape[1] - 2), 0.5 * (u % 2)
+            j, a = _between(u, small.shape[1])
             weight = _mixed(small, i, j, a, b, 3)
             if weight > _LEAST:
                 for c in range(3):
                     result[v * width + u, c] = _mixed(small, i, j, a, b, c) / weight
                 result[v * width + u, 3] = 1
     return result
+
+
+@kernel
+def _between(pixel: int, num: int) -> tuple[int, float]:
+    """Return which of `num` larger pixels is before a pixel, with one behind it, and how far it is from there on."""
+    place = min(0.5 * pixel, num - 1.0)
+    first = min(int(place), num - 2)
+    return first, place - first
 
 
 @kernel

@@ -48,13 +48,22 @@ def cones_of_blocks(starts: Int64, origin_m: Float64, direction: Float32, offset
             block[0:3] = origin_m[0]
         else:
             for axis in range(3):
-                block[axis] = 0.5 * (origin_m[first:end, axis].min() + origin_m[first:end, axis].max())
+                block[axis] = _between(origin_m, axis, first, end)
             block[3] = _farthest(origin_m, block, first, end)
         angle = _cone(direction, block, first, end)
         block[7], block[8] = math.cos(angle), math.sin(angle)
         for k in range(first, end if len(offset_s) else first):
             block[9] = max(block[9], abs(offset_s[k]))
     return blocks
+
+
+@kernel
+def _between(origin_m: Float64, axis: int, first: int, end: int) -> float:
+    """Return the middle between the least and the most."""
+    least = most = origin_m[first, axis]
+    for k in range(first + 1, end):
+        least, most = min(least, origin_m[k, axis]), max(most, origin_m[k, axis])
+    return float(0.5 * (least + most))
 
 
 @kernel
@@ -132,7 +141,7 @@ def rays_at_body(
                 )
             u = cos * direction[k, 0] + sin * direction[k, 1]
             v = cos * direction[k, 1] - sin * direction[k, 0]
-            w = float(direction[k, 2])
+            w = np.float64(direction[k, 2])
             if _meets_sphere(x - box[0], y - box[1], z - box[2], u, v, w, box) and _meets_box(
                 x - box[0], y - box[1], z - box[2], u, v, w, box, range_m
             ):

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from fbench.datasets.city.actor import Actor
 from fbench.datasets.city.mesh import Mesh
 from fbench.datasets.city.motion import BodyStates
@@ -26,6 +28,9 @@ class Rays:
     """(N,) how long after the states' instant each is shot; bodies move on at constant velocity and turn rate."""
 
     def __post_init__(self) -> None:
+        # kernels are compiled for contiguous arrays only
+        object.__setattr__(self, "origin_m", np.ascontiguousarray(self.origin_m))
+        object.__setattr__(self, "direction", np.ascontiguousarray(self.direction))
         freeze_fields(self, origin_m=("f8", ("M", 3)), direction=("f4", ("N", 3)), offset_s=("f8", ("N",)))
 
 

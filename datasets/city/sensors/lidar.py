@@ -4,17 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import MISS, RayCaster, Rays
+from fbench.datasets.city.rays.hits import MISS, Rays
 from fbench.datasets.city.rig import LidarSpec
 from fbench.datasets.city.sensors.lidar_echoes import Echoes, echoes
 from fbench.datasets.city.sensors.lidar_firing import Firing, firing
 from fbench.datasets.city.sensors.lidar_reflection import reflectivity
 from fbench.replay.arrays import Array, Float64, freeze_fields
 from fbench.replay.data import PointCloud
-from fbench.replay.draws import generator
 from fbench.replay.geometry.transforms import transform
-from fbench.replay.weather import Weather
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,54 +30,32 @@ class Sweep:
         freeze_fields(self, body=("i4", ("N",)), range_m=("f8", ("N",)))
 
 
-def sweep(
-    caster: RayCaster,
-    states: BodyStates,
-    spec: LidarSpec,
-    sensor: str,
-    body_T_sensor: Float64,
-    weather: Weather,
-    seed: int,
-    stamp_ns: int,
-    log_ns: int,
-) -> Sweep:
-    """Return what a LiDAR measures in the turn that ends at `stamp_ns`, in its own coordinates at each shot.
+def sweep(now: Instant, spec: LidarSpec) -> Sweep:
+    """Return what a LiDAR measures in the turn that ends at an instant, in its own coordinates at each shot.
 
     Ranges have normal noise of `noise_m`; intensity is the received power corrected for range, 0 to 1. Without
     `motion` nothing moves in the turn and the cloud is as if compensated, though `offset_ns` still says when each point
-    was shot; else it is raw.
-
-    Args:
-        caster: the world.
-        states: of all bodies at `stamp_ns`.
-        spec: what the sensor is like.
-        sensor: its name.
-        body_T_sensor: (4, 4) its mount.
-        weather: how far and how well it sees; light plays no part.
-        seed: of all noise.
-        stamp_ns: end of the turn.
-        log_ns: when the message arrives.
+    was shot; else it is raw. Light plays no part.
     """
     shots = firing(spec)
-    rays = _rays(states, spec, body_T_sensor, shots)
-    hits = caster.cast(rays, states)
+    rays = _rays(now.states, spec, now.body_T_sensor, shots)
+    hits = now.caster.cast(rays, now.states)
     true_m = hits.range_m.astype(np.float64)
-    reflected = reflectivity(hits, caster.material(hits, states), rays.direction)
-    air = generator(seed, "lidar air", sensor, stamp_ns)
-    received = echoes(true_m, reflected, weather, spec.range_m, air)
-    own = generator(seed, "lidar", sensor, stamp_ns)
+    reflected = reflectivity(hits, now.caster.material(hits, now.states), rays.direction)
+    received = echoes(true_m, reflected, now.weather, spec.range_m, now.draws("lidar air"))
+    own = now.draws("lidar")
     measured_m = received.range_m + spec.noise_m * own.standard_normal(len(true_m))
     kept = np.flatnonzero(np.isfinite(received.range_m) & (own.random(len(true_m)) >= spec.dropout))
-    cloud = _cloud(shots, np.maximum(measured_m[kept], 0.0), received, kept, (sensor, stamp_ns, log_ns))
+    cloud = _cloud(shots, np.maximum(measured_m[kept], 0.0), received, kept, now)
     scattered = received.is_scattered[kept]
     body = np.where(scattered, np.int32(MISS), hits.body[kept])
     return Sweep(cloud, body, np.where(scattered, received.range_m[kept], true_m[kept]))
 
 
-def _cloud(shots: Firing, range_m: Float64, received: Echoes, kept: Array, head: tuple[str, int, int]) -> PointCloud:
+def _cloud(shots: Firing, range_m: Float64, received: Echoes, kept: Array, now: Instant) -> PointCloud:
     xyz = (shots.direction[kept] * range_m[:, None]).astype(np.float32)
     intensity = np.minimum(received.intensity[kept], 1.0).astype(np.float32)
-    return PointCloud(*head, xyz, intensity, shots.ring[kept], shots.offset_ns[kept])
+    return PointCloud(now.sensor, now.stamp_ns, now.log_ns, xyz, intensity, shots.ring[kept], shots.offset_ns[kept])
 
 
 def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, shots: Firing) -> Rays:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import MISS, RayCaster, Rays
+from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.rays.hits import MISS, Rays
 from fbench.datasets.city.rig import RadarSpec
 from fbench.datasets.city.sensors.doppler import radial_speeds
 from fbench.datasets.city.sensors.radar_echoes import Echoes, directions, joined
@@ -15,9 +15,7 @@ from fbench.datasets.city.sensors.radar_reflection import BEAM_SR, footprint_m2,
 from fbench.datasets.city.sensors.radar_resolution import merged_cells, noisy, stepped
 from fbench.replay.arrays import Array, Float64, freeze_fields
 from fbench.replay.data import RadarScan
-from fbench.replay.draws import generator
-from fbench.replay.geometry.transforms import chained
-from fbench.replay.weather import Weather, radar_loss_db
+from fbench.replay.weather import radar_loss_db
 
 _BLIND_M = 0.2
 """Nearer surfaces give no echo."""
@@ -39,51 +37,34 @@ class Scan:
         freeze_fields(self, body=("i4", ("N",)), true_range_m=("f8", ("N",)))
 
 
-def scan(
-    caster: RayCaster, states: BodyStates, spec: RadarSpec, sensor: str, body_T_sensor: Float64, weather: Weather,
-    seed: int, stamp_ns: int, log_ns: int,
-) -> Scan:  # fmt: skip
+def scan(now: Instant, spec: RadarSpec) -> Scan:
     """Return what a radar measures at one instant: the echoes in their order of azimuth, then ghosts, then clutter.
 
     Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives
     falls by the same.
-
-    Args:
-        caster: The world.
-        states: All bodies at the stamp.
-        spec: The radar.
-        sensor: Its name.
-        body_T_sensor: (4, 4) its pose on the ego vehicle.
-        weather: The state of the air.
-        seed: Of all chances, together with sensor and stamp.
-        stamp_ns: When it is measured.
-        log_ns: When it arrives.
     """
-    view = looks(spec, generator(seed, "radar", sensor, stamp_ns))
-    normals = generator(seed, "radar", sensor, stamp_ns, "noise").standard_normal((5, len(view.azimuth_rad)))
-    world_T_sensor = chained(states.world_T_body(EGO), body_T_sensor)
-    received = _received(caster, states, spec, weather, view, world_T_sensor, normals[4])
+    view = looks(spec, now.draws("radar"))
+    normals = now.draws("radar", "noise").standard_normal((5, len(view.azimuth_rad)))
+    received = _received(now, spec, view, normals[4])
     found = np.flatnonzero(received.margin_db >= 0)
     echoes = noisy(received[found], spec, normals[:4, found])
-    false = _false_echoes(echoes, states, spec, world_T_sensor, generator(seed, "radar", sensor, stamp_ns, "false"))
+    false = _false_echoes(echoes, now, spec, now.draws("radar", "false"))
     echoes = stepped(joined([echoes, *false]), spec)
-    return _scan(merged_cells(echoes) if spec.merge_cells else echoes, sensor, stamp_ns, log_ns)
+    return _scan(merged_cells(echoes) if spec.merge_cells else echoes, now)
 
 
-def _received(
-    caster: RayCaster, states: BodyStates, spec: RadarSpec, weather: Weather, view: Looks, world_T_sensor: Float64,
-    fading: Float64,
-) -> Echoes:  # fmt: skip
+def _received(now: Instant, spec: RadarSpec, view: Looks, fading: Float64) -> Echoes:
     """Return the echoes of all rays that hit something, however weak; `fading` (N,) are standard normal numbers."""
+    world_T_sensor, states = now.world_T_sensor, now.states
     toward = _turned(world_T_sensor, directions(view.azimuth_rad, view.altitude_rad))
     sensor_m = world_T_sensor[:3, 3]
-    hits = caster.cast(Rays(sensor_m[None], toward.astype(np.float32), spec.range_m), states)
-    material = caster.material(hits, states)
+    hits = now.caster.cast(Rays(sensor_m[None], toward.astype(np.float32), spec.range_m), states)
+    material = now.caster.material(hits, states)
     hit = np.flatnonzero((hits.body != MISS) & (hits.range_m >= _BLIND_M))
     direction, distance, body = toward[hit], hits.range_m[hit].astype(np.float64), hits.body[hit]
     cos = np.clip(-(direction * hits.normal[hit]).sum(axis=1), _EDGE_ON, 1)
     sigma = sigma0_db(material[hit], body, cos)
-    change = spec.rcs_noise_db * fading[hit] - radar_loss_db(weather, distance)
+    change = spec.rcs_noise_db * fading[hit] - radar_loss_db(now.weather, distance)
     beam = sigma + 10 * np.log10(footprint_m2(distance, cos, np.full(len(hit), BEAM_SR))) + change
     return Echoes(
         range_m=distance,
@@ -97,23 +78,22 @@ def _received(
     )
 
 
-def _false_echoes(
-    echoes: Echoes, states: BodyStates, spec: RadarSpec, world_T_sensor: Float64, rng: np.random.Generator
-) -> tuple[Echoes, Echoes]:
+def _false_echoes(echoes: Echoes, now: Instant, spec: RadarSpec, rng: np.random.Generator) -> tuple[Echoes, Echoes]:
+    world_T_sensor = now.world_T_sensor
     axes = np.ascontiguousarray(world_T_sensor[:3, :3].T)  # a standing point along each axis approaches by the velocity
     standing = np.full(3, MISS)
-    sensor_mps = -radial_speeds(states, standing, axes, axes, world_T_sensor[:3, 3])
+    sensor_mps = -radial_speeds(now.states, standing, axes, axes, world_T_sensor[:3, 3])
     return ghosts(echoes, spec, rng), clutter(spec, sensor_mps, rng)
 
 
-def _scan(echoes: Echoes, sensor: str, stamp_ns: int, log_ns: int) -> Scan:
+def _scan(echoes: Echoes, now: Instant) -> Scan:
     """Points are those of the very polar values in the message."""
     polar = [a.astype(np.float32) for a in (echoes.range_m, echoes.azimuth_rad, echoes.altitude_rad)]
     range_m, azimuth, altitude = (a.astype(np.float64) for a in polar)
     message = RadarScan(
-        sensor,
-        stamp_ns,
-        log_ns,
+        now.sensor,
+        now.stamp_ns,
+        now.log_ns,
         xyz=(directions(azimuth, altitude) * range_m[:, None]).astype(np.float32),
         radial_velocity_mps=echoes.speed_mps.astype(np.float32),
         rcs_dbsm=echoes.rcs_dbsm.astype(np.float32),

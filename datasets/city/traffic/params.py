@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
+from fbench.datasets.city.spec import WorldName
 from fbench.replay.errors import ConfigError
 
 URBAN_MIX: Mapping[str, float] = MappingProxyType(
@@ -46,7 +47,7 @@ class TrafficParams:
                 raise ConfigError(f"traffic {name}: expected 0 to {most}, got {value}")
 
     @classmethod
-    def of(cls, world: Literal["urban", "highway"], density: Literal["normal", "dense"] = "normal") -> "TrafficParams":
+    def of(cls, world: WorldName, density: Literal["normal", "dense"] = "normal") -> "TrafficParams":
         """Typical traffic of a world."""
         dense = density == "dense"
         if world == "highway":

@@ -174,12 +174,15 @@ class Grid:
         )  # fmt: skip
 
 
-def drawn_grid(seed: int, num: int = 4) -> Grid:
-    """Draw a grid of num x num junctions, about the origin.
+_JUNCTIONS = 4
+
+
+def drawn_grid(seed: int) -> Grid:
+    """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin.
 
     Border streets have one lane a direction, so that corners join equals; one or two inner streets are avenues.
     """
-    draw = generator(seed, "urban layout", "grid")
+    draw, num = generator(seed, "urban layout", "grid"), _JUNCTIONS
     x_m, y_m = (_lines(draw.uniform(75, 110, num - 1)) for _ in range(2))
     lanes = [[1] * num, [1] * num]
     for axis in range(2):

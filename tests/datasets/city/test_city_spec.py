@@ -81,6 +81,18 @@ def test_metadata_say_what_was_simulated():
     assert CityWish(sensors=["radar"]).spec().metadata["reference"] == "radar"
 
 
+def test_choosing_sensors_keeps_all_else_of_a_rig(tmp_path):
+    path = tmp_path / "rig.toml"
+    text = "pose_rate_hz = 50.0\n" + "".join(
+        f"[{kind}.{kind}]\ntranslation_m = [1, 0, 2]\n" for kind in ("cameras", "lidars", "radars")
+    )
+    path.write_text(text)
+    whole, chosen = (CityWish(rig_file=path, sensors=names).spec().rig for names in ((), ("radars", "cameras")))
+    assert whole.names == ("cameras", "lidars", "radars")
+    assert chosen.names == ("cameras", "radars")
+    assert chosen == RigSpec(cameras=whole.cameras, radars=whole.radars, pose_rate_hz=50.0)
+
+
 def test_settings_change_sensors_and_weather():
     spec = CityWish(settings=["lidar.channels=64", "camera.size_wh=[400, 300]", "weather.rain_mm_h=7"]).spec()
     assert spec.rig.lidars["lidar"].channels == 64

@@ -5,6 +5,7 @@ import pytest
 
 from fbench.datasets.city.actor import Actor, Body
 from fbench.datasets.city.camera.picture import picture
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
@@ -35,13 +36,16 @@ class Look:
             0.0, position, yaw, np.zeros((n, 3)), np.zeros(n), np.zeros(n), brakes, np.array(lamps, bool)
         )
 
-    def take(self, spec=None, weather=None, sensor="camera", seed=1, stamp_ns=0, street_lamps_m=None):
-        spec = spec or plain()
+    def now(self, spec, weather=None, sensor="camera", seed=1, stamp_ns=0, street_lamps_m=None):
         T = RigSpec(cameras={sensor: spec}).rig().body_T_sensor(sensor)
         lamps = np.zeros((0, 3)) if street_lamps_m is None else np.array(street_lamps_m, float)
-        return picture(
-            self.caster, self.states, spec, sensor, T, lamps, weather or Weather(), seed, stamp_ns, stamp_ns + 5
-        )
+        return Instant(
+            self.caster, self.states, weather or Weather(), lamps, seed, sensor, T, stamp_ns, stamp_ns + 5
+        )  # fmt: skip
+
+    def take(self, spec=None, weather=None, **given):
+        spec = spec or plain()
+        return picture(self.now(spec, weather, **given), spec)
 
 
 def plain(**changes) -> CameraSpec:

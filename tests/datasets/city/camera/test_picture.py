@@ -12,6 +12,7 @@ from fbench.datasets.city.shapes import Skin, box
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.geometry.camera import project_boxes
 from fbench.replay.images import decode
+from fbench.replay.weather import Weather
 
 
 def test_wall_has_its_exact_depth_everywhere(look, spec):
@@ -103,3 +104,22 @@ def test_same_bytes_from_threads(look, ground, body, spec):
         shots = list(pool.map(lambda _: view.take(camera), range(6)))
     assert all(shot.image.data == alone.image.data for shot in shots)
     assert all(np.array_equal(shot.depth_m, alone.depth_m) for shot in shots)
+
+
+@pytest.mark.parametrize("size_wh", [(16, 16), (17, 33)])
+@pytest.mark.parametrize("weather", [Weather(), Weather(lux=0.3, sun_elevation_deg=-30.0, rain_mm_h=20.0)])
+def test_an_empty_world_is_sky_and_what_is_behind_the_camera_is_not_seen(look, ground, body, spec, size_wh, weather):
+    camera = spec(size_wh=size_wh)
+    empty = look([]).take(camera, weather, street_lamps_m=[(5.0, 0, 8)])
+    assert (empty.body == MISS).all()
+    assert decode(empty.image).shape == (size_wh[1], size_wh[0], 3)
+    behind = look([ground], [(body(), (-10.0, 0, 0), 0.0)]).take(camera, weather)
+    assert behind.alone == ()
+    assert set(np.unique(behind.body)) == {MISS, STATIC}
+
+
+def test_a_camera_inside_a_body_sees_it_from_inside(look, body, spec):
+    shot = look([], [(body(), (2.0, 0, 0), 0.0)]).take(spec(), street_lamps_m=[(2.0, 0, 0.5)])
+    assert (shot.body == 1).all()
+    assert shot.depth_m[150, 200] == pytest.approx(2.0, abs=1e-4)
+    assert ((shot.normal * shot.normal).sum(axis=2) > 0.99).all()

@@ -6,7 +6,8 @@ import pytest
 from fbench.datasets.city.camera.develop import linear
 from fbench.datasets.city.camera.light import light_of
 from fbench.datasets.city.camera.rain import add_streaks
-from fbench.datasets.city.rig import RigSpec
+from fbench.datasets.city.camera.samples import Eye, first_samples
+from fbench.datasets.city.camera.wet import mirrored_samples, spread_mirrored
 from fbench.datasets.city.shapes import Skin, box
 from fbench.replay.weather import Weather
 
@@ -16,8 +17,8 @@ def streaks(look, ground, spec):
     def draw(rain_mm_h, seed=1, stamp_ns=0, y=0.0):
         camera = spec(translation_m=(2.0, y, 1.0))
         image, weather = np.zeros((300, 400, 3), np.float32), Weather(lux=8_000.0, rain_mm_h=rain_mm_h)
-        T = RigSpec(cameras={"camera": camera}).rig().body_T_sensor("camera")
-        add_streaks(image, camera.model(), T, look([ground]).states, weather, light_of(weather), seed, stamp_ns)
+        now = look([ground]).now(camera, weather, seed=seed, stamp_ns=stamp_ns)
+        add_streaks(image, now, camera.model(), light_of(weather))
         return image
 
     return draw
@@ -68,3 +69,29 @@ def test_wet_ground_is_darker_than_dry(look, ground, spec):
     view, camera = look([ground]), spec(translation_m=(2.0, 0.0, 6.0), yaw_pitch_roll_deg=(0.0, 80.0, 0.0))
     dry, wet = (view.take(camera, Weather(lux=8_000.0, rain_mm_h=rain)) for rain in (0.0, 20.0))
     assert linear(wet.rgb / 255).mean() < 0.9 * linear(dry.rgb / 255).mean()
+
+
+@pytest.mark.parametrize("size_wh", [(17, 16), (17, 33), (16, 17), (17, 101), (33, 32)])
+def test_every_other_wet_pixel_of_every_other_row_mirrors(look, ground, spec, size_wh):
+    camera = spec(size_wh=size_wh, fov_deg=10.0, translation_m=(9.0, 0.0, 12.0), yaw_pitch_roll_deg=(0.0, 90.0, 0.0))
+    now = look([ground]).now(camera, Weather(lux=8_000.0, rain_mm_h=20.0))
+    eye = Eye(camera.model(), now.world_T_sensor)
+    samples = first_samples(now.caster, now.states, eye, eye.pixels(), light_of(now.weather))
+    found, index = mirrored_samples(now.caster, now.states, samples, size_wh[0])
+    width, height = size_wh
+    assert index.tolist() == [v * width + u for v in range(0, height, 2) for u in range(0, width, 2)]
+    assert len(found.lit) == len(found.rays.direction) == len(index)
+
+
+@pytest.mark.parametrize("size_wh", [(40, 60), (41, 61)])
+def test_mirrored_light_is_spread_up_to_the_borders(size_wh):
+    """It grows from row to row: so it does where it is drawn from half resolution, in the last rows too."""
+    width, height = size_wh
+    index = np.array([v * width + u for v in range(0, height, 2) for u in range(0, width, 2)])
+    rows, columns = (spread_mirrored(np.repeat(level[:, None] / 100, 3, axis=1).astype(np.float32), index, size_wh)
+                     for level in (index // width, index % width))  # fmt: skip
+    assert rows.shape == (width * height, 4)
+    assert (rows[:, 3] == 1).all()
+    even = -2 if height % 2 == 0 else None  # the very last row of an even number has nothing below it
+    assert (np.diff(rows[:, 0].reshape(height, width)[:even].mean(axis=1)) > 0).all()
+    assert (np.diff(columns[:, 0].reshape(height, width)[:, :even].mean(axis=0)) > 0).all()

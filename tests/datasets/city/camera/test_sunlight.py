@@ -4,7 +4,8 @@ import numpy as np
 
 from fbench.datasets.city.camera.light import light_of
 from fbench.datasets.city.camera.samples import Eye, first_samples
-from fbench.datasets.city.rays.hits import Rays
+from fbench.datasets.city.camera.sunlight import sunlit_pixels
+from fbench.datasets.city.rays.hits import STATIC, Hits, Rays
 from fbench.datasets.city.rig import RigSpec
 from fbench.datasets.city.shapes import Skin, box
 from fbench.replay.weather import Weather
@@ -31,3 +32,26 @@ def test_shadows_are_those_of_a_ray_for_every_pixel(look, ground, spec):
     shadow = ~expected[faces]
     assert 0.02 < shadow.mean() < 0.6
     assert (found.lit != expected).sum() < 0.005 * shadow.sum()
+
+
+class Shade:
+    """A world in which shadow lies where pixel numbers say so: rays of pixel k start at x = k m."""
+
+    def __init__(self, dark):
+        self.dark = dark
+
+    def blocked(self, rays, states):
+        return np.isin(np.round(rays.origin_m[:, 0]), self.dark)
+
+
+def test_pixels_at_the_end_of_a_row_are_no_neighbours_of_those_at_the_next_ones_beginning():
+    """4 x 3 pixels: on one triangle, only the first of the middle row is lit. Of those around it the upper one alone
+    is on that triangle, as is the last pixel of the row above.
+    """
+    triangle = np.array([7, 1, 7, 7, 7, 2, 3, 7, 4, 5, 6, 7], np.int32)
+    normal, ahead = np.tile([0, 0, 1], (12, 1)).astype(np.float32), np.tile([1, 0, 0], (12, 1)).astype(np.float32)
+    hits = Hits(np.arange(12, dtype=np.float32), np.full(12, STATIC, np.int32), triangle, normal, ())
+    rays = Rays(np.zeros((1, 3)), ahead, 100.0)
+    dark = [0, 2, 3, 7, 11]
+    lit = sunlit_pixels(Shade(dark), None, rays, hits, light_of(Weather()), 4)
+    assert lit.tolist() == [k not in dark for k in range(12)]

@@ -245,3 +245,12 @@ def test_threads_get_the_same_bytes(crates, states):
         thread.join()
     assert len(found) == 6
     assert len(set(found)) == 1
+
+
+def test_origins_may_be_part_of_a_matrix(crates, states):
+    """Kernels want arrays without gaps."""
+    pose = np.eye(4)
+    pose[:3, 3] = 0, 0, 1
+    beams = Rays(pose[None, :3, 3], np.eye(3, dtype=np.float32)[:, :1].T, 100.0)
+    assert beams.origin_m.flags.c_contiguous
+    assert EmbreeCaster(WALL, crates(2)).cast(beams, states([(0, 0), (30, 0)])).range_m.tolist() == [28.0]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fbench.datasets.city.actor import Actor, Body
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
@@ -59,7 +60,11 @@ def turn(static: Mesh, rows=((0, 0),), spec: LidarSpec = SPEC, weather: Weather 
     """Return one turn of the LiDAR among cars at `rows`."""
     caster = EmbreeCaster(static, (Actor(car()),) * len(rows))
     keys = {"sensor": "lidar", "seed": 0, "stamp_ns": 50_000_000, **given}
-    return sweep(caster, states(rows), spec, keys["sensor"], MOUNT, weather, keys["seed"], keys["stamp_ns"], 60_000_000)
+    now = Instant(
+        caster, states(rows), weather, np.zeros((0, 3)), keys["seed"], keys["sensor"], MOUNT, keys["stamp_ns"],
+        60_000_000,
+    )  # fmt: skip
+    return sweep(now, spec)
 
 
 def ranges(result: Sweep) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fbench.datasets.city.actor import Actor, Body
+from fbench.datasets.city.instant import Instant
 from fbench.datasets.city.mesh import Mesh, merged
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
@@ -86,4 +87,7 @@ def states(*rows) -> BodyStates:
 
 def look(caster, at, spec=SPEC, weather=None, seed=1, stamp_ns=0, mount=MOUNT) -> Scan:
     """Return one scan."""
-    return scan(caster, at, spec, "radar", mount, weather or Weather(), seed, stamp_ns, stamp_ns + 5)
+    now = Instant(
+        caster, at, weather or Weather(), np.zeros((0, 3)), seed, "radar", mount, stamp_ns, stamp_ns + 5
+    )  # fmt: skip
+    return scan(now, spec)

@@ -1,0 +1,107 @@
+"""How real the city looks to detectors that were trained on photographs (COCO): what they find of near vehicles."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.rig import RigSpec, thesis_rig
+from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.datasets.city.suite import SEEDS
+from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.replay.arrays import Array, Bool
+from fbench.replay.data import VEHICLES, Boxes2D, Image, Truth
+from fbench.replay.geometry.boxes import iou_2d
+from fbench.replay.images import decode
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+NEAR_M, SEEN, IOU, SCORE = 30.0, 0.5, 0.5, 0.4
+"""Vehicles count within this distance and where at least so much of them is visible."""
+WEIGHTS = {
+    "DEIMv2-Femto": "deimv2_femto/deimv2_hgnetv2_femto_coco.onnx",
+    "YOLOX-Nano": "yolox_nano/yolox_nano.onnx",
+}
+WORLDS: tuple[WorldName, ...] = ("urban", "highway")
+SECONDS, NUM_SEEDS = 2.0, 4
+Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]
+"""By detector and world."""
+
+
+def mono_log(world: WorldName, seed: int, seconds: float) -> tuple[dict[int, Image], dict[int, Boxes2D]]:
+    """Return the images of a clear drive and what is true of them, by stamp."""
+    rig = RigSpec(cameras={"camera": thesis_rig().cameras["camera"]})
+    log = CityRecording(CitySpec(world, condition("clear"), seconds=seconds, seed=seed, rig=rig), "log")
+    images: dict[int, Image] = {}
+    truth: dict[int, Boxes2D] = {}
+    for item in log.items():
+        if isinstance(item, Image):
+            images[item.stamp_ns] = item
+        elif isinstance(item, Truth) and item.boxes2d is not None:
+            truth[item.stamp_ns] = item.boxes2d
+    return images, truth
+
+
+def is_vehicle(label: Array) -> Bool:
+    return np.isin(label, sorted(VEHICLES))
+
+
+def matches(found: CameraDetections, truth: Boxes2D) -> Counter[str]:
+    """Count near vehicles, those found, detections of vehicles, and those that show one, ignored ones included."""
+    assert truth.label is not None
+    assert truth.visible_xyxy_px is not None
+    assert truth.distance_m is not None
+    assert truth.visibility is not None
+    assert truth.ignore is not None
+    boxes, vehicle = found.xyxy_px[is_vehicle(found.label)], is_vehicle(truth.label)
+    near = vehicle & (truth.distance_m < NEAR_M) & (truth.visibility >= SEEN) & ~truth.ignore
+    if not len(boxes):
+        return Counter(near=int(near.sum()))
+    full, part = iou_2d(truth.xyxy_px, boxes), iou_2d(truth.visible_xyxy_px, boxes)
+    overlap = np.maximum(full, part) >= IOU
+    right = overlap[vehicle].any(axis=0)
+    return Counter(near=int(near.sum()), found=int(overlap[near].any(axis=1).sum()), detections=len(boxes),
+                   right=int(right.sum()))  # fmt: skip
+
+
+def counted(weights: Path, worlds: Sequence[WorldName], seeds: Sequence[int], seconds: float) -> Counts:
+    """Return the counts of every detector in every world."""
+    detectors = {name: CameraDetector(CameraParams(weights / file, SCORE)) for name, file in WEIGHTS.items()}
+    counts = {(name, world): Counter[str]() for name in detectors for world in worlds}
+    for world in worlds:
+        for seed in seeds:
+            images, truth = mono_log(world, seed, seconds)
+            for stamp_ns, image in images.items():
+                pixels = decode(image)
+                assert pixels is not None
+                for name, detector in detectors.items():
+                    found = detector.infer(detector.prepare(pixels))
+                    counts[name, world] += matches(found, truth[stamp_ns])
+    return counts
+
+
+def row(name: str, world: str, c: Counter[str]) -> str:
+    recall, precision = c["found"] / max(1, c["near"]), c["right"] / max(1, c["detections"])
+    shares = f"{c['found']}/{c['near']}", f"{c['right']}/{c['detections']}"
+    return f"{name:14}{world:10}{recall:8.2f}{shares[0]:>12}{precision:12.2f}{shares[1]:>12}"
+
+
+def main() -> None:
+    weights = SHARED / "weights"
+    missing = [str(weights / file) for file in WEIGHTS.values() if not (weights / file).is_file()]
+    if missing:
+        print(f"skipped: no {', '.join(missing)}")
+        return
+    seeds = SEEDS["dev"][:NUM_SEEDS]
+    print(f"clear, seeds {', '.join(map(str, seeds))}, {SECONDS:g} s each; vehicles within {NEAR_M:g} m of which "
+          f"{SEEN:.0%} are visible; detections above {SCORE:g}, right above an IoU of {IOU:g}")  # fmt: skip
+    print(f"{'detector':14}{'world':10}{'recall':>8}{'found/near':>12}{'precision':>12}{'right/all':>12}")
+    for (name, world), count in counted(weights, WORLDS, seeds, SECONDS).items():
+        print(row(name, world, count))
+
+
+if __name__ == "__main__":
+    main()
