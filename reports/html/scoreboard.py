@@ -15,10 +15,13 @@ PRIMARY = {
     "mota_no_fp": "MOTA without FP",
     "motp": "MOTP",
     "idsw": "ID switches",
+    "idf1": "IDF1",
+    "hota": "HOTA",
 }
 """Rows that are shown large, in this order."""
 _CARD_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
-_WHOLE = ("idsw", "fragmentations", "tp", "fp", "fn")
+_WHOLE = ("idsw", "frag", "mt", "pt", "ml")
+_OF_SLICES = ("recall", "precision", "f1")
 
 Key = tuple[str, str, str, str]
 
@@ -67,11 +70,22 @@ class Board:
 
 
 @dataclass(frozen=True)
+class Part:
+    """Recall, precision and F1 in one slice, of every run."""
+
+    slice: str
+    cells: Sequence[Cell]
+    """Three for each run, one run after the other."""
+
+
+@dataclass(frozen=True)
 class Scoreboard:
     """All scores of all runs."""
 
     boards: Sequence[Board]
     """Primary metrics of the first class, one board a matching."""
+    parts: Sequence[Part]
+    """Slices of the first board: by distance, visibility, sensor and region."""
     lines: Sequence[Line]
     """Every score."""
     unscored: Sequence[str]
@@ -87,7 +101,7 @@ def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
     keys = dict.fromkeys(key for column in columns for key in column)
     lines = [_line(key, [column.get(key) for column in columns], scored) for key in keys]
     unscored = [label for label, has in zip(labels, scored, strict=True) if not has]
-    return Scoreboard(_boards(lines), lines, unscored)
+    return Scoreboard(_boards(lines), _parts(lines), lines, unscored)
 
 
 def _key(score: Score) -> Key:
@@ -132,3 +146,20 @@ def _boards(lines: Sequence[Line]) -> list[Board]:
         for (class_, matching), group in groups.items()
         if class_ in first
     ]
+
+
+def _parts(lines: Sequence[Line]) -> list[Part]:
+    """Group recall, precision and F1 of the first class by slice, without slices in which there is nothing."""
+    of = next(((line.class_, line.matching) for line in lines if line.metric in PRIMARY), None)
+    groups: dict[str, dict[str, Line]] = {}
+    for line in lines:
+        if line.metric in _OF_SLICES and line.slice != "all" and (line.class_, line.matching) == of:
+            groups.setdefault(line.slice, {})[line.metric] = line
+    parts = [Part(name, _side_by_side(group)) for name, group in groups.items()]
+    return [part for part in parts if any(cell.text != DASH for cell in part.cells)]
+
+
+def _side_by_side(group: Mapping[str, Line]) -> list[Cell]:
+    num_runs = len(next(iter(group.values())).cells)
+    found = [group.get(metric) for metric in _OF_SLICES]
+    return [Cell(DASH) if line is None else line.cells[run] for run in range(num_runs) for line in found]

@@ -7,6 +7,9 @@ from fbench.replay.arrays import Array, Float32, Float64
 from fbench.replay.images import Pixels
 
 _SPREAD_RAD = (np.radians(0.8), np.radians(0.25))
+"""How far a neighbour is away at most, in azimuth and altitude."""
+_STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
+"""A LiDAR whose shots lie farther apart in azimuth has its neighbours within so many steps."""
 _NEIGHBOURS = 8
 _MIN_STEP = 0.06
 _MAX_RANGE_M = 60.0
@@ -25,11 +28,23 @@ def depth_edges(xyz: Array) -> Array:
         return np.zeros(0, np.int64)
     p, distance = p[rows], distance[rows]
     angles = np.stack([np.arctan2(p[:, 1], p[:, 0]), np.arcsin(np.clip(p[:, 2] / distance, -1, 1))], axis=1)
-    tree = cKDTree(angles / _SPREAD_RAD)
-    _, near = tree.query(angles / _SPREAD_RAD, k=_NEIGHBOURS + 1, distance_upper_bound=1.0)
+    scaled = angles / (_spread_rad(angles), _SPREAD_RAD[1])
+    _, near = cKDTree(scaled).query(scaled, k=_NEIGHBOURS + 1, distance_upper_bound=1.0)
     far = np.append(distance, 0.0)[near].max(axis=1)  # the last row stands for no neighbour
     is_edge = (far - distance > np.maximum(1.0, _MIN_STEP * distance)) & (distance < _MAX_RANGE_M)
     return np.asarray(rows[is_edge], np.int64)
+
+
+def _spread_rad(angles: Float64) -> float:
+    """How far neighbours in azimuth may be apart, from azimuth and altitude (N, 2) of all points.
+
+    A turn of few shots over many rings has steps of a degree: then no shot has any other within the usual spread.
+    """
+    aligned = angles / (_MAX_SPREAD_RAD, _SPREAD_RAD[1] / 4)  # of one ring
+    steps, _ = cKDTree(aligned).query(aligned, k=[2], distance_upper_bound=1.0)
+    found = steps[np.isfinite(steps)] * _MAX_SPREAD_RAD
+    step = float(np.median(found)) if len(found) else 0.0
+    return float(min(max(_SPREAD_RAD[0], _STEPS * step), _MAX_SPREAD_RAD))
 
 
 def edge_strength(pixels: Pixels, width: int) -> Float32:

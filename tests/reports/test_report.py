@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,20 @@ def test_scores_are_shown_with_matching_unit_and_counts(make_run: MakeRun, repor
     assert "vehicle matched by iou 0.5 F1 0.500" in text
     assert "f1 pedestrian all bev 2 m 0.250" in text
     assert "coverage vehicle all 0.750" in text
+
+
+def test_slices_stand_in_one_table(make_run: MakeRun, report: Write) -> None:
+    near = [replace(score(m, v), slice="range 0-10 m") for m, v in (("f1", 0.5), ("precision", 0.4), ("recall", 0.6))]
+    seen = [replace(score("recall", 0.7), slice="visibility 80-100 %")]
+    nothing = [replace(score("recall", None, "no truth boxes"), slice="range 30-50 m")]
+    text = report(make_run(Plan(scores=[score("f1", 0.5), *near, *nothing, *seen]))).text
+    assert "Slice Recall Precision F1 range 0-10 m 0.600 0.400 0.500 visibility 80-100 % 0.700 – –" in text
+
+
+def test_slices_of_several_runs_stand_side_by_side(make_run: MakeRun, report: Write) -> None:
+    rows = [score("f1", 0.5), replace(score("recall", 0.6), slice="range 0-10 m")]
+    page = report(make_run(Plan(scores=rows)), make_run(Plan(name="b", pipeline="lidar3d", scores=rows[:1])))
+    assert "range 0-10 m 0.600 – – – – –" in page.text
 
 
 def test_null_score_is_a_dash_with_its_reason(make_run: MakeRun, report: Write) -> None:
