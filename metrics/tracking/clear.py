@@ -1,0 +1,168 @@
+"""CLEAR MOT (Bernardin and Stiefelhagen 2008): matches that go on from step to step, and what is counted of them."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+
+from fbench.metrics.exact import exact_sum
+from fbench.metrics.kernels.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
+from fbench.metrics.problem import Problem
+from fbench.replay.arrays import Bool, Float64, Int64, freeze_fields
+
+
+@dataclass(frozen=True)
+class ClearRules:
+    """What differs between those who count CLEAR; the defaults are TrackEval 1.3.0's."""
+
+    floor: float = 0.5
+    """Similarity from which on boxes can match; distances are negated."""
+    margin: float = float(np.finfo(float).eps)
+    """How far below the floor they still can."""
+    offset: float = 0.0
+    """Added to similarities before the best sum is looked for: how much any pair is worth. Distances need one."""
+    memory: Literal["previous step", "last match"] = "previous step"
+    """Which pairs go on before others: those of the previous step that had truth and estimates, or those of each truth
+    track's last match, whatever the gap."""
+    settle_first: bool = False
+    """Remembered pairs are made before all others; else they count 1000 more in one common assignment."""
+    most_pairs: bool = False
+    """As many pairs as possible, and of those the best sum; else the best sum."""
+    own_frames: bool = False
+    """Fragmentations are misses of a truth box between matches; else also frames in which the truth track isn't
+    there, but not those without any estimate."""
+    tracked_share: float = 0.8
+    tracked_inclusive: bool = False
+    """Mostly tracked: matched in the `tracked_share` of its boxes or more; else in more."""
+    lost_share: float = 0.2
+    """Mostly lost: matched in less than this share of its boxes."""
+    counts_one_sided: bool = False
+    """Steps are counted also of sequences without any truth or without any estimate."""
+
+
+TRACKEVAL_RULES = ClearRules()
+
+
+@dataclass(frozen=True, eq=False)
+class ClearPairs:
+    """Partners of all N truth boxes and M estimates of a problem, as rows of the problem; -1 where there is none."""
+
+    estimate_of: Int64
+    """(N,)"""
+    truth_of: Int64
+    """(M,)"""
+    event: Int64
+    """(N,) bits of `fbench.metrics.kernels.clear_events`; 0 for misses."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))
+
+    @property
+    def is_switch(self) -> Bool:
+        """(N,) whether the truth track's last match, after any gap, was with another id."""
+        return self.has(SWITCH)
+
+    def has(self, bit: int) -> Bool:
+        """(N,) whether the event is this."""
+        found: Bool = (self.event & bit) != 0
+        return found
+
+
+@dataclass(frozen=True)
+class ClearCounts:
+    """Sufficient statistics of CLEAR."""
+
+    tp: int = 0
+    fn: int = 0
+    fp: int = 0
+    switches: int = 0
+    fragmentations: int = 0
+    mostly_tracked: int = 0
+    partly_tracked: int = 0
+    mostly_lost: int = 0
+    num_steps: int = 0
+    transfers: int = 0
+    ascends: int = 0
+    migrations: int = 0
+    similarity: Fraction = Fraction(0)
+    """Sum over matches; distances are negated."""
+
+    def __add__(self, other: "ClearCounts") -> "ClearCounts":
+        return ClearCounts(*(a + b for a, b in zip(self._all, other._all, strict=True)))  # type: ignore[arg-type]
+
+    @property
+    def _all(self) -> tuple[int | Fraction, ...]:
+        return tuple(vars(self).values())
+
+    @property
+    def num_truth(self) -> int:
+        """Truth boxes."""
+        return self.tp + self.fn
+
+    @property
+    def num_tracks(self) -> int:
+        """Truth tracks."""
+        return self.mostly_tracked + self.partly_tracked + self.mostly_lost
+
+
+def clear_pairs(problem: Problem, rules: ClearRules) -> ClearPairs:
+    """Match truth and estimates step by step."""
+    from fbench.metrics.kernels.clear import follow  # numba takes a while to import
+
+    p = problem
+    if not (p.num_truth and p.num_estimates):
+        nobody = np.full(p.num_truth, -1), np.full(p.num_estimates, -1)
+        return ClearPairs(*nobody, np.zeros(p.num_truth, np.int64))
+    estimate_of, event = follow(
+        p.truth_start, p.estimate_start, p.block_start, p.similarity, p.stream, p.truth_id, p.estimate_id,
+        rules.floor - rules.margin, rules.offset, rules.memory == "last match", rules.settle_first, rules.most_pairs,
+        rules.own_frames,
+    )  # fmt: skip
+    truth_of = np.full(p.num_estimates, -1)
+    rows = np.flatnonzero(estimate_of >= 0)
+    truth_of[estimate_of[rows]] = rows
+    return ClearPairs(estimate_of, truth_of, event)
+
+
+def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None = None) -> ClearCounts:
+    """Count what `clear_pairs` has matched."""
+    made = clear_pairs(problem, rules) if pairs is None else pairs
+    rows = np.flatnonzero(made.estimate_of >= 0)
+    tp, num_truth, num_estimates = len(rows), problem.num_truth, problem.num_estimates
+    started = int(made.has(START).sum()) - len(np.unique(problem.truth_id[rows]))
+    is_whole = rules.counts_one_sided or (num_truth > 0 and num_estimates > 0)
+    tracked, partly, lost = _lifespans(problem, rows, rules)
+    return ClearCounts(
+        tp=tp,
+        fn=num_truth - tp,
+        fp=num_estimates - tp,
+        switches=int(made.is_switch.sum()),
+        fragmentations=started,
+        mostly_tracked=tracked,
+        partly_tracked=partly,
+        mostly_lost=lost,
+        num_steps=problem.num_steps if is_whole else 0,
+        transfers=int(made.has(TRANSFER).sum()),
+        ascends=int(made.has(ASCEND).sum()),
+        migrations=int(made.has(MIGRATE).sum()),
+        similarity=exact_sum(similarities(problem, rows, made.estimate_of[rows])),
+    )
+
+
+def similarities(problem: Problem, truth: Int64, estimate: Int64) -> Float64:
+    """Return the similarity (K,) of pairs of a truth row and an estimate row of the same step."""
+    step = np.searchsorted(problem.truth_start, truth, side="right") - 1
+    width = problem.estimate_start[step + 1] - problem.estimate_start[step]
+    i, j = truth - problem.truth_start[step], estimate - problem.estimate_start[step]
+    return np.asarray(problem.similarity[problem.block_start[step] + i * width + j])
+
+
+def _lifespans(problem: Problem, matched: Int64, rules: ClearRules) -> tuple[int, int, int]:
+    """Truth tracks that are mostly tracked, partly tracked, mostly lost."""
+    size = np.bincount(problem.truth_id, minlength=problem.num_truth_ids)
+    share = np.bincount(problem.truth_id[matched], minlength=len(size)) / size
+    is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
+    is_lost = share < rules.lost_share
+    tracked, lost = int(is_tracked.sum()), int(is_lost.sum())
+    return tracked, len(size) - tracked - lost, lost

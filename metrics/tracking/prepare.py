@@ -1,0 +1,221 @@
+"""From a sequence to the boxes of one class that count."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fbench.metrics.blocks import pairs_of
+from fbench.metrics.objects import Objects
+from fbench.metrics.problem import Problem
+from fbench.metrics.profile import Match
+from fbench.metrics.sequence import Sequence
+from fbench.metrics.similarity import blocks, image_overlaps
+from fbench.metrics.tracking.order import by_content
+from fbench.metrics.tracking.rules import ClassRule, Preparation
+from fbench.metrics.validity import is_valid
+from fbench.replay.arrays import Array, Bool, Float64, Int64
+from fbench.replay.errors import MetricError
+
+_EPS = float(np.finfo(float).eps)
+
+
+def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iterator[Problem]:
+    """Yield what counts of each class.
+
+    Raises:
+        MetricError: where an id is missing or twice in a step (GT003), or labels are of another benchmark.
+    """
+    _check_labels(sequence, preparation)
+    truth, estimates = _tracked(sequence, preparation)
+    regions = sequence.truth[_labelled(sequence.truth, {preparation.region_label})]
+    for rule in preparation.classes:
+        rows = _of_class(truth, estimates, sequence, rule, preparation)
+        yield _Prepared(sequence, rule, preparation, match, *rows).problem(regions)
+
+
+class _Prepared:
+    """Truth and estimates that have to do with one class, and how alike they are."""
+
+    def __init__(
+        self, sequence: Sequence, rule: ClassRule, preparation: Preparation, match: Match, truth: Int64,
+        estimates: Int64,
+    ) -> None:  # fmt: skip
+        self._sequence, self._rule, self._preparation, self._match = sequence, rule, preparation, match
+        self._rows = truth, estimates
+        self._truth = _columns(sequence.truth, truth, match)
+        self._estimates = _columns(sequence.estimates, estimates, match)
+        self._starts = self._truth.starts(len(sequence.steps)), self._estimates.starts(len(sequence.steps))
+        self._similarity, self._block_start = blocks(
+            self._truth, self._estimates, *self._starts, match.likeness, sequence.ego_m
+        )
+
+    def problem(self, regions: Objects) -> Problem:
+        """Leave out what is excused."""
+        counts = self._counts()
+        return self._kept(counts, ~self._excused(counts, regions))
+
+    def _counts(self) -> Bool:
+        """Which truth (N,) is to be found."""
+        truth, p = self._truth, self._preparation
+        counts = _labelled(truth, self._rule.labels) if self._rule.labels else np.ones(len(truth), bool)
+        for level, limit in ((truth.truncation, p.max_truncation), (truth.occlusion, p.max_occlusion)):
+            if level is not None and limit is not None:
+                counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
+        if p.drops_ignored and truth.ignore is not None:
+            counts &= ~truth.ignore
+        return counts
+
+    def _excused(self, counts: Bool, regions: Objects) -> Bool:
+        """Which estimates (M,) neither count as hits nor as false alarms."""
+        from fbench.metrics.kernels.assignment_steps import partners  # numba takes a while to import
+
+        p, estimates = self._preparation, self._estimates
+        if p.excuse_floor is None or not len(estimates):
+            return np.zeros(len(estimates), bool)
+        floor, offset = (p.excuse_floor, 0.0) if self._match.likeness == "iou2d" else _floor_of(self._match)
+        truth_of = partners(
+            *self._starts, np.array(self._block_start), np.array(self._similarity), floor - _EPS, offset
+        )
+        excuses = np.append(self._excuses(counts), False)
+        return np.where(truth_of < 0, self._excused_alone(regions), excuses[truth_of])
+
+    def _excused_alone(self, regions: Objects) -> Bool:
+        """Which estimates (M,) are left out where they match nothing; what is no box never is (fault PRD001)."""
+        p, estimates = self._preparation, self._estimates
+        excused = np.zeros(len(estimates), bool)
+        if estimates.xyxy_px is None:
+            return excused
+        if p.min_height_px is not None:
+            excused |= estimates.xyxy_px[:, 3] - estimates.xyxy_px[:, 1] <= p.min_height_px + _EPS
+        if p.region_label:
+            excused |= _within(regions, estimates, len(self._sequence.steps), p.region_share)
+        return excused & is_valid(estimates, "iou2d")
+
+    def _excuses(self, counts: Bool) -> Bool:
+        """Which truth (N,) excuses results that match it; of all that doesn't count, `ignore`d truth doesn't."""
+        is_distractor = _labelled(self._truth, self._rule.distractors)
+        return is_distractor if self._preparation.matches_all_truth else is_distractor | ~counts
+
+    def _kept(self, truth: Bool, estimates: Bool) -> Problem:
+        row, column = pairs_of(*self._starts)
+        kept = truth[row] & estimates[column]
+        sides = self._side(0, self._truth, truth), self._side(1, self._estimates, estimates)
+        size = np.diff(sides[0][0]) * np.diff(sides[1][0])
+        return Problem(
+            sides[0][0], sides[1][0], np.concatenate([[0], np.cumsum(size)]), self._similarity[kept],
+            self._sequence.steps.stream, sides[0][1], sides[1][1], self._estimates.score[estimates], sides[0][2],
+            sides[1][2],
+        )  # fmt: skip
+
+    def _side(self, side: int, objects: Objects, kept: Bool) -> tuple[Int64, Int64, Int64]:
+        """Offsets of steps, ids from 0, rows of the sequence."""
+        step = objects.step[kept]
+        starts = np.searchsorted(step, np.arange(len(self._sequence.steps) + 1))
+        ids = _renumbered(objects.track_id[kept], self._sequence.steps.stream[step])
+        _check_unique(self._sequence, step, ids, objects.track_id[kept], ("truth", "results")[side])
+        return starts, ids, self._rows[side][kept]
+
+
+def _columns(objects: Objects, rows: Int64, match: Match) -> Objects:
+    """Rows (K,) of the columns that are looked at: copying all takes longer than counting."""
+    names = ["xyxy_px", "occlusion", "truncation", "ignore"]
+    names += [] if match.likeness == "iou2d" else ["center_m", "size_lwh_m", "yaw_rad"]
+    found = {name: getattr(objects, name) for name in names}
+    return Objects(
+        step=objects.step[rows],
+        label=objects.label[rows],
+        track_id=objects.track_id[rows],
+        score=objects.score[rows],
+        **{name: column[rows] for name, column in found.items() if column is not None},
+    )
+
+
+def _floor_of(match: Match) -> tuple[float, float]:
+    """Floor of a likeness, and what makes similarities of pairs above it positive."""
+    return match.floor, 2 * match.threshold if match.is_distance else 0.0
+
+
+def _labelled(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
+    found = np.zeros(len(objects), bool)
+    for label in sorted(labels):
+        found |= objects.label == label
+    return found
+
+
+def _tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
+    """Which truth (N,) and estimates (M,) have ids."""
+    has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
+    if not preparation.drops_missing_ids:
+        for side, has, what in zip((sequence.truth, sequence.estimates), has_id, ("truth", "results"), strict=True):
+            if not has.all():
+                frame = sequence.steps.frame[side.step[np.argmin(has)]]
+                raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
+    return has_id
+
+
+def _of_class(
+    truth: Bool, estimates: Bool, sequence: Sequence, rule: ClassRule, preparation: Preparation
+) -> tuple[Int64, Int64]:
+    """Rows that have to do with a class, in the order in which ties are broken."""
+    if rule.labels and not preparation.matches_all_truth:
+        truth = truth & _labelled(sequence.truth, rule.labels | rule.distractors)
+    if rule.labels and not preparation.only_labels:
+        estimates = estimates & _labelled(sequence.estimates, rule.labels)
+    rows = np.flatnonzero(truth), np.flatnonzero(estimates)
+    if preparation.order == "as given":
+        return rows
+    return by_content(sequence.truth, rows[0]), by_content(sequence.estimates, rows[1])
+
+
+def _within(regions: Objects, estimates: Objects, num_steps: int, share: float) -> Bool:
+    """Which estimates (M,) lie in one of the regions of their step, to more than a share."""
+    if not len(regions):
+        return np.zeros(len(estimates), bool)
+    starts = regions.starts(num_steps), estimates.starts(num_steps)
+    covered, _ = image_overlaps(regions, estimates, *starts, np.ones(len(regions), bool))
+    inside = np.zeros(len(estimates), bool)
+    inside[pairs_of(*starts)[1][covered > share + _EPS]] = True
+    return inside
+
+
+def _renumbered(ids: Int64, stream: Int64) -> Int64:
+    """Number ids from 0; an id in two streams is two."""
+    if not len(ids):
+        return np.zeros(0, np.int64)
+    numbers = np.unique(ids, return_inverse=True)[1]
+    if stream[0] != stream[-1] or (stream != stream[0]).any():
+        numbers = np.unique(stream * (int(numbers.max()) + 1) + numbers, return_inverse=True)[1]
+    return np.asarray(numbers, np.int64)
+
+
+def _check_unique(sequence: Sequence, step: Int64, ids: Int64, names: Int64, what: str) -> None:
+    order = np.lexsort((ids, step))
+    twice = np.flatnonzero((np.diff(step[order]) == 0) & (np.diff(ids[order]) == 0))
+    if len(twice):
+        row = order[twice[0]]
+        where = f"{sequence.name}, frame {sequence.steps.frame[step[row]]}"
+        raise MetricError(f"{where}: {what} have id {names[row]} twice", code="GT003")
+
+
+def _check_labels(sequence: Sequence, preparation: Preparation) -> None:
+    """Refuse results and truth of another benchmark."""
+    sides = (
+        (sequence.truth, preparation.known_labels, "truth"),
+        (sequence.estimates, preparation.only_labels, "results"),
+    )
+    for objects, allowed, what in sides:
+        if allowed and len(objects):
+            strange: Array = ~_labelled(objects, allowed)
+            if strange.any():
+                row = int(np.argmax(strange))
+                where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"
+                raise MetricError(
+                    f"{where}: {what} of class '{objects.label[row]}', expected {', '.join(sorted(allowed - {''}))}"
+                )
+
+
+def overlaps(problem: Problem, match: Match) -> Float64:
+    """Similarity (B,) of 0 to 1 as HOTA needs it: distances become max(0, 1 - distance / threshold)."""
+    if not match.is_distance:
+        return problem.similarity
+    return np.maximum(0.0, 1 + problem.similarity / match.threshold)
