@@ -1,0 +1,124 @@
+"""Rows of AB3DMOT's summary: averages over recall, and all entries at the best threshold."""
+
+import math
+from collections.abc import Mapping
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+
+from fbench.metrics.kitti.track_passes import Pass, Passes, run_passes
+from fbench.metrics.kitti.track_rules import TrackRules
+from fbench.metrics.kitti.track_table import TrackTable
+from fbench.replay.scores import Score
+
+_NO_TRUTH = "no truth boxes that count (AB3DMOT prints {})"
+_Value = tuple[str, float | None, str, str]
+"""Metric, value, unit, and why it is undefined."""
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What doesn't depend on the threshold."""
+
+    num_frames: int
+    num_truth_tracks: int
+    num_result_tracks: int
+    num_bad_truth: int
+    num_bad_results: int
+
+    @classmethod
+    def of(cls, tables: Many[TrackTable]) -> "Totals":
+        """Add up tables."""
+        return cls(
+            sum(t.num_frames for t in tables),
+            sum(t.num_truth_tracks for t in tables),
+            sum(len(t.track_size) for t in tables),
+            sum(t.num_bad_truth for t in tables),
+            sum(t.num_bad_results for t in tables),
+        )
+
+
+def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: str) -> list[Score]:
+    """Return the rows of one class, averages over recall first."""
+    passes, totals = run_passes(tables, rules.num_recalls), Totals.of(tables)
+    counts = _counts(passes.best, totals)
+    values = [*_averages(passes, rules.num_recalls), *_best(passes.best, totals), *_printed_counts(passes.best, totals)]
+    return [
+        Score(metric, label, part, str(rules.match), value, None if value is not None else why, unit, own)
+        for (metric, value, unit, why), own in zip(values, _own(passes, rules, counts, len(values)), strict=True)
+    ]
+
+
+def _own(passes: Passes, rules: TrackRules, counts: Mapping[str, int | float], num: int) -> list[Mapping[str, float]]:
+    """Counts of each row: those of the averages say how many recalls were reached."""
+    reached = {"recalls": rules.num_recalls, "reached": len(passes.recalls), "gt": passes.best.gt}
+    return [reached] * 3 + [counts] * (num - 3)
+
+
+def _averages(passes: Passes, num_recalls: int) -> list[_Value]:
+    """Recalls that weren't reached count 0. Sums go from the lowest recall on, as AB3DMOT adds."""
+    sums: list[float | None] = [0.0, 0.0, 0.0]
+    if not passes.best.gt:
+        sums = [None, None, None]
+    else:
+        sums = [sum(p.smota or 0.0 for p in passes.recalls), sum(p.mota or 0.0 for p in passes.recalls)]
+        sums.append(sum(p.motp for p in passes.recalls))
+    why = _NO_TRUTH.format("-inf or stops")
+    return [
+        (name, None if total is None else total / num_recalls, unit, why)
+        for name, total, unit in zip(("samota", "amota", "amotp"), sums, ("1", "1", "IoU"), strict=True)
+    ]
+
+
+def _best(best: Pass, totals: Totals) -> list[_Value]:
+    """Ratios at the best threshold; MOTA and MODA aren't clipped."""
+    no_truth, detected = _NO_TRUTH.format("-inf"), best.tp + best.fp
+    num_tracks = totals.num_truth_tracks - best.ignored_tracks
+    log_ids = math.log10(best.ids) if best.ids else 0.0
+    no_match, no_track = "no result matches (AB3DMOT prints 0)", "no truth tracks that count (AB3DMOT prints 0)"
+    no_object, no_result = "no truth boxes (AB3DMOT prints 0)", "no results (AB3DMOT prints 0)"
+    empty = no_object if not best.tp + best.fn else no_result
+    return [
+        ("mota", best.mota, "1", no_truth),
+        ("motp", _ratio(best.likeness, best.tp), "IoU", no_match),
+        ("motal", _rest(best.fn + best.fp + log_ids, best.gt), "1", no_truth),
+        ("moda", _rest(best.fn + best.fp, best.gt), "1", no_truth),
+        ("modp", _ratio(best.frame_likeness, totals.num_frames), "IoU", "no frames (AB3DMOT prints n/a)"),
+        ("recall", _ratio(best.tp, best.tp + best.fn), "1", no_object),
+        ("precision", _ratio(best.tp, detected), "1", no_result),
+        ("f1", _ratio(2 * best.tp, 2 * best.tp + best.fn + best.fp), "1", empty),
+        ("far", _ratio(best.fp, totals.num_frames), "1/frame", "no frames (AB3DMOT prints n/a)"),
+        ("mt", _ratio(best.mt, num_tracks), "1", no_track),
+        ("pt", _ratio(best.pt, num_tracks), "1", no_track),
+        ("ml", _ratio(best.ml, num_tracks), "1", no_track),
+        ("best_threshold", best.threshold if totals.num_result_tracks else None, "score", "no results"),
+    ]
+
+
+def _printed_counts(best: Pass, totals: Totals) -> list[_Value]:
+    """Counts that AB3DMOT prints at the best threshold."""
+    ignored_truth = best.itp + best.ifn
+    named = {
+        "ids": best.ids, "frag": best.frag, "tp": best.tp, "itp": best.itp, "fp": best.fp, "fn": best.fn,
+        "ifn": best.ifn, "gt_objects": best.gt + ignored_truth, "ignored_gt_objects": ignored_truth,
+        "gt_tracks": totals.num_truth_tracks, "tracker_objects": best.results,
+        "ignored_tracker_objects": best.ignored_results, "tracker_tracks": totals.num_result_tracks,
+    }  # fmt: skip
+    return [(name, float(count), "1", "") for name, count in named.items()]
+
+
+def _counts(best: Pass, totals: Totals) -> Mapping[str, int | float]:
+    return {
+        "tp": best.tp, "itp": best.itp, "fp": best.fp, "fn": best.fn, "ifn": best.ifn, "ids": best.ids,
+        "frag": best.frag, "mt": best.mt, "pt": best.pt, "ml": best.ml, "gt": best.gt, "frames": totals.num_frames,
+        "gt_tracks": totals.num_truth_tracks, "ignored_gt_tracks": best.ignored_tracks,
+        "iou_sum": best.likeness, "frame_iou_sum": best.frame_likeness,
+        "invalid_truth": totals.num_bad_truth, "invalid_results": totals.num_bad_results,
+    }  # fmt: skip
+
+
+def _ratio(top: float, bottom: int) -> float | None:
+    return top / bottom if bottom else None
+
+
+def _rest(top: float, bottom: int) -> float | None:
+    return 1 - top / bottom if bottom else None
