@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from fbench.replay.arrays import Array, Float64, Int64, Text, freeze_fields
+from fbench.replay.arrays import Array, Bool, Float64, Int64, Text, freeze_fields
 from fbench.replay.errors import DataError
 
 
@@ -38,6 +38,8 @@ class Objects:
     """(N,) from the body's origin, NaN where unknown."""
     range_rate_mps: Float64 | None = None
     """(N,) change of distance, positive when receding; NaN where unknown."""
+    alpha_rad: Float64 | None = None
+    """(N,) angle at which the camera sees it, as KITTI's files have it; NaN where unknown."""
     occlusion: Float64 | None = None
     """(N,) in the source's own levels; NaN where unknown."""
     truncation: Float64 | None = None
@@ -49,16 +51,18 @@ class Objects:
     attribute: Text | None = None
     sources: Array | None = None
     """(N,) uint8, bits of `Source`."""
-    ignore: Array | None = None
-    """(N,) bool: neither a hit nor a miss."""
+    ignore: Bool | None = None
+    """(N,) neither a hit nor a miss."""
+    inside: Bool | None = None
+    """(N,) in the region of interest; `None`: everywhere is."""
 
     def __post_init__(self) -> None:
         one, three, text = ("f8", ("N",)), ("f8", ("N", 3)), ("U", ("N",))
         freeze_fields(
             self, step=("i8", ("N",)), label=text, track_id=("i8", ("N",)), score=one, xyxy_px=("f8", ("N", 4)),
             center_m=three, size_lwh_m=three, yaw_rad=one, velocity_mps=three, distance_m=one, range_rate_mps=one,
-            occlusion=one, truncation=one, visibility=one, num_points=("i8", ("N",)), attribute=text,
-            sources=("u1", ("N",)), ignore=("?", ("N",)),
+            alpha_rad=one, occlusion=one, truncation=one, visibility=one, num_points=("i8", ("N",)), attribute=text,
+            sources=("u1", ("N",)), ignore=("?", ("N",)), inside=("?", ("N",)),
         )  # fmt: skip
         if len(self.step) and (np.diff(self.step) < 0).any():
             raise DataError("Objects.step: expected ascending")

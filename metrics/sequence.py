@@ -30,6 +30,15 @@ class Steps:
     def __len__(self) -> int:
         return len(self.frame)
 
+    @property
+    def places(self) -> Int64:
+        """(S,) how many steps of its stream come before each step."""
+        order = np.argsort(self.stream, kind="stable")
+        sizes = np.unique(self.stream, return_counts=True)[1]
+        place = np.empty(len(self), np.int64)
+        place[order] = np.arange(len(self)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+        return place
+
     @classmethod
     def counted(cls, num_frames: int) -> "Steps":
         """Return steps 0 to `num_frames` - 1 of one stream."""
@@ -52,6 +61,8 @@ class Sequence:
     estimates: Objects
     num_unlabelled: int = 0
     """Frames with results, or of the run, that have no truth."""
+    num_invalid_truth: int = 0
+    """Truth boxes that aren't finite or have no size; they aren't in `truth`."""
     tags: Mapping[str, str] = field(default_factory=dict)
     """Scenario, condition and other words that results can be split by."""
     ego_m: Array | None = None
