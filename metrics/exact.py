@@ -10,14 +10,17 @@ from fbench.replay.arrays import Float64, Int64
 
 def exact_sum(values: Float64) -> Fraction:
     """Return the sum of finite values (N,) without rounding."""
-    from fbench.metrics.kernels.exact import exact_digits  # numba takes a while to import
-
-    return fraction(exact_digits(np.ascontiguousarray(values, np.float64)))
+    return fractions(exact_sums(values, np.zeros(len(values), np.int64), 1))[0]
 
 
-def fraction(digits: Int64) -> Fraction:
-    """Return the number that `digits` (LIMBS,) of a kernel stand for."""
-    return fractions(digits[None])[0]
+def exact_sums(values: Float64, row: Int64, num_rows: int) -> Int64:
+    """Return the sums of the finite values (N,) of each row, as digits (num_rows, LIMBS); `row` (N,) says whose."""
+    from fbench.metrics.kernels.exact import LIMBS, exact_digits  # numba takes a while to import
+
+    digits = np.zeros((num_rows, LIMBS), np.int64)
+    # Kernels are compiled for writeable arrays.
+    exact_digits(np.require(values, np.float64, ["C", "W"]), np.require(row, np.int64, ["C", "W"]), digits)
+    return digits
 
 
 def fractions(digits: Int64) -> tuple[Fraction, ...]:

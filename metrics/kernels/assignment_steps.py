@@ -8,39 +8,37 @@ from fbench.replay.kernels import kernel
 
 
 @kernel
-def lonely(score: Float64, column_of: Int64) -> bool:
-    """Fill in the column (n,) of each row where no row and no column of scores (n, m) has two above 0.
+def best_places(
+    row_start: Int64, column_start: Int64, block_start: Int64, score: Float64, floor: float, offset: float
+) -> Int64:
+    """Return the place in `score` of the pair of each row (N,), such that scores plus `offset` sum up to the most.
 
-    Then those above 0 are the pairs whose scores sum up to the most. `False` where it isn't so; `column_of` is then
-    unusable.
+    That is in each step for itself. -1 for rows without a pair; one that would add 0 or less isn't made.
+
+    Args:
+        row_start: (S + 1,)
+        column_start: (S + 1,)
+        block_start: (S + 1,)
+        score: (B,)
+        floor: Score that a pair needs.
+        offset: How much any pair is worth.
     """
-    n, m = score.shape
-    taken = np.zeros(m, np.bool_)
-    for i in range(n):
-        column_of[i] = -1
-        for j in range(m):
-            if score[i, j] > 0.0:
-                if column_of[i] >= 0 or taken[j]:
-                    return False
-                column_of[i], taken[j] = j, True
-    return True
+    place = np.empty(row_start[-1], np.int64)
+    for step in range(len(row_start) - 1):
+        first, b = row_start[step], block_start[step]
+        n, m = row_start[step + 1] - first, column_start[step + 1] - column_start[step]
+        cost = np.empty((n, m))
+        for i in range(n):
+            for j in range(m):
+                value = score[b + i * m + j]
+                gain = value + offset
+                cost[i, j] = -gain if value >= floor and gain > 0.0 else np.inf
+        column_of = assign(cost, 0.0)
+        for i in range(n):
+            place[first + i] = b + i * m + column_of[i] if column_of[i] >= 0 else -1
+    return place
 
 
-@kernel
-def best_pairs(score: Float64) -> Int64:
-    """Return the column (n,) of each row, such that scores (n, m) >= 0 sum up to the most; -1 where it would add 0."""
-    n = score.shape[0]
-    column_of = np.empty(n, np.int64)
-    if lonely(score, column_of):
-        return column_of
-    column_of[:] = assign(-score)
-    for i in range(n):
-        if column_of[i] >= 0 and score[i, column_of[i]] <= 0.0:
-            column_of[i] = -1
-    return column_of
-
-
-@kernel
 def partners(
     truth_start: Int64, estimate_start: Int64, block_start: Int64, similarity: Float64, floor: float, offset: float
 ) -> Int64:
@@ -48,20 +46,12 @@ def partners(
 
     Pairs need a similarity of `floor`; they are chosen so that similarity plus `offset` sums up to the most.
     """
+    starts = [np.array(start, np.int64) for start in (truth_start, estimate_start, block_start)]  # writeable
+    place = best_places(starts[0], starts[1], starts[2], similarity, floor, offset)
+    truth = np.flatnonzero(place >= 0)
+    step = np.searchsorted(truth_start, truth, side="right") - 1
+    width = estimate_start[step + 1] - estimate_start[step]
+    within = place[truth] - block_start[step]
     truth_of = np.full(estimate_start[-1], -1, np.int64)
-    for step in range(len(truth_start) - 1):
-        first, n = truth_start[step], truth_start[step + 1] - truth_start[step]
-        other, m = estimate_start[step], estimate_start[step + 1] - estimate_start[step]
-        if n == 0 or m == 0:
-            continue
-        score = np.zeros((n, m))
-        for i in range(n):
-            for j in range(m):
-                value = similarity[block_start[step] + i * m + j]
-                if value >= floor:
-                    score[i, j] = value + offset
-        column_of = best_pairs(score)
-        for i in range(n):
-            if column_of[i] >= 0:
-                truth_of[other + column_of[i]] = first + i
+    truth_of[estimate_start[step] + within % width] = truth
     return truth_of

@@ -30,9 +30,7 @@ def add_exact(digits: Int64, value: float) -> None:
 
 
 @kernel
-def exact_digits(values: Float64) -> Int64:
-    """Return the sum of finite values (N,) as digits (LIMBS,)."""
-    digits = np.zeros(LIMBS, np.int64)
-    for value in values:
-        add_exact(digits, value)
-    return digits
+def exact_digits(values: Float64, row: Int64, digits: Int64) -> None:
+    """Add finite values (N,) to the rows (N,) of `digits` (K, LIMBS) that they belong to."""
+    for i in range(len(values)):
+        add_exact(digits[row[i]], values[i])

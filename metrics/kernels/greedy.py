@@ -15,10 +15,12 @@ def greedy_blocks(
 
     See `fbench.metrics.greedy.match_greedily`.
     """
-    partner = np.full((len(floors), len(order)), -1)
-    taken = np.empty(len(rank), np.bool_)
+    partner, taken = np.empty((len(floors), len(order)), np.int64), np.empty(len(rank), np.bool_)
     for f in range(len(floors)):
-        taken[:] = False
+        for e in range(len(order)):
+            partner[f, e] = -1
+        for t in range(len(taken)):
+            taken[t] = False
         for s in range(len(block_start) - 1):
             first, last = truth_start[s], truth_start[s + 1]
             width = estimate_start[s + 1] - estimate_start[s]

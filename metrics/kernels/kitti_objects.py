@@ -21,10 +21,11 @@ def hit_scores(
 
     The surest result above the overlap is taken; of equally sure ones the first.
     """
-    taken = np.zeros(len(score), np.bool_)
-    scores = np.full(len(truth_ignored), np.nan)
+    taken, scores = np.empty(len(score), np.bool_), np.empty(len(truth_ignored))
+    for j in range(len(taken)):
+        taken[j] = False
     for i in range(len(truth_ignored)):
-        best = -1
+        scores[i], best = np.nan, -1
         for p in range(pair_start[i], pair_start[i + 1]):
             j = pair_estimate[p]
             free = state[j] != LEFT_OUT and not taken[j]
@@ -38,7 +39,7 @@ def hit_scores(
 
 
 @kernel
-def count_at(
+def count_at(  # noqa: C901  # zeroed in loops, which compile faster than `np.zeros`
     pair_start: Int64, pair_estimate: Int64, pair_likeness: Float64, truth_ignored: Bool, state: Int64,
     score: Float64, overlap: float, covered: Bool, turned: Float64, thresholds: Float64,
 ) -> tuple[Int64, Int64]:  # fmt: skip
@@ -48,10 +49,15 @@ def count_at(
     `turned` (P,) is the similarity of heading of each pair, `covered` (M,) results that are excused where they match
     nothing.
     """
-    counts, digits = np.zeros((len(thresholds), 3), np.int64), np.zeros((len(thresholds), LIMBS), np.int64)
-    taken = np.zeros(len(score), np.bool_)
+    counts, digits = np.empty((len(thresholds), 3), np.int64), np.empty((len(thresholds), LIMBS), np.int64)
+    taken = np.empty(len(score), np.bool_)
     for k in range(len(thresholds)):
-        taken[:] = False
+        for c in range(3):
+            counts[k, c] = 0
+        for c in range(LIMBS):
+            digits[k, c] = 0
+        for j in range(len(taken)):
+            taken[j] = False
         for i in range(len(truth_ignored)):
             best = _nearest(
                 pair_start[i], pair_start[i + 1], pair_estimate, pair_likeness, state, score, overlap, thresholds[k],
@@ -92,7 +98,7 @@ def _nearest(
 @kernel
 def heading_similarity(pair_start: Int64, pair_estimate: Int64, truth_alpha: Float64, alpha: Float64) -> Float64:
     """Similarity (P,) of observation angles, (1 + cos) / 2."""
-    similarity = np.zeros(len(pair_estimate))
+    similarity = np.empty(len(pair_estimate))
     for i in range(len(truth_alpha)):
         for p in range(pair_start[i], pair_start[i + 1]):
             similarity[p] = (1.0 + math.cos(truth_alpha[i] - alpha[pair_estimate[p]])) / 2.0

@@ -1,5 +1,7 @@
 """Each result, best score first, gets the nearest truth box that is free."""
 
+import math
+
 import numpy as np
 
 from fbench.replay.arrays import Array, Bool, Float64, Int64
@@ -25,12 +27,13 @@ def match_nearest(
         invalid: (M,) estimates that match nothing.
         limits_m: (D,) pairs match below this distance.
     """
-    partner = np.full((len(estimate_xy), len(limits_m)), -1, np.int64)
-    taken = np.zeros(len(truth_xy), np.bool_)
+    partner, taken = np.empty((len(estimate_xy), len(limits_m)), np.int64), np.empty(len(truth_xy), np.bool_)
     for d in range(len(limits_m)):
-        taken[:] = False
+        for t in range(len(taken)):
+            taken[t] = False
         for group in range(len(truth_start) - 1):
             for e in range(estimate_start[group], estimate_start[group + 1]):
+                partner[e, d] = -1
                 if invalid[e]:
                     continue
                 nearest, best_m = -1, limits_m[d]
@@ -38,7 +41,7 @@ def match_nearest(
                     if taken[t]:
                         continue
                     dx, dy = estimate_xy[e, 0] - truth_xy[t, 0], estimate_xy[e, 1] - truth_xy[t, 1]
-                    distance_m = np.sqrt(dx * dx + dy * dy)
+                    distance_m = math.sqrt(dx * dx + dy * dy)
                     if distance_m < best_m:
                         nearest, best_m = t, distance_m
                 if nearest >= 0:

@@ -1,5 +1,6 @@
 """What CLEAR counts for each score from which on results are taken."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,8 @@ matched in at least 80 % of their samples, in less than 20 %; returns to unmatch
 and summed over these the samples before the first match and the samples of the longest gap."""
 COUNTS = ("tp", "ids", "fp", "fn", "frames", "mt", "ml", "frag", "found", "late", "gap")
 """Their names."""
+NUM_COUNTS = 11
+_NUM_KNOWN = 9
 _BOXES, _MATCHES, _FIRST, _FIRST_MATCH, _NEXT, _GAP, _LONGEST, _MISSES, _BREAKS = range(9)
 """What is known of a truth track: number of boxes and of matches, frame of the first of each, frame after the last box,
 length of the gap that it is in and of its longest, misses since the last match, times it was lost between matches."""
@@ -46,7 +49,8 @@ def near_pairs(
     truth_xy: Float64, truth_start: Array, estimate_xy: Float64, estimate_start: Array, invalid: Bool, limit_m: float
 ) -> tuple[Array, Array, Float64]:
     """Return offsets (N + 1,) of the pairs of each truth box, their estimates (P,) and distances (P,) below a limit."""
-    pair_start = np.zeros(len(truth_xy) + 1, np.int32)
+    pair_start = np.empty(len(truth_xy) + 1, np.int32)
+    pair_start[0] = 0
     estimates, distances_m = np.empty(0, np.int32), np.empty(0)
     for is_filling in (False, True):
         num = 0
@@ -54,7 +58,7 @@ def near_pairs(
             for t in range(truth_start[step], truth_start[step + 1]):
                 for e in range(estimate_start[step], estimate_start[step + 1]):
                     dx, dy = estimate_xy[e, 0] - truth_xy[t, 0], estimate_xy[e, 1] - truth_xy[t, 1]
-                    distance_m = np.sqrt(dx * dx + dy * dy)
+                    distance_m = math.sqrt(dx * dx + dy * dy)
                     if distance_m < limit_m and not invalid[e]:
                         if is_filling:
                             estimates[num], distances_m[num] = e, distance_m
@@ -66,86 +70,107 @@ def near_pairs(
 
 
 @kernel
-def sweep(thresholds: Float64, near: Candidates, num_tracks: int) -> tuple[Array, Float64, Bool]:
+def sweep(  # noqa: C901  # apart it compiles twice as long
+    thresholds: Float64, near: Candidates, num_tracks: int
+) -> tuple[Array, Float64, Bool]:
     """Count (T, 11) and sum up the distances of pairs (T,) [m], with results from each threshold (T,) on.
 
     Also returns which estimates (M,) match without a switch at the last threshold.
     """
-    counts = np.zeros((len(thresholds), len(COUNTS)), np.int64)
-    total_m = np.zeros(len(thresholds))
-    continued = np.zeros(len(near.score), np.bool_)
+    truth_start, truth_track, estimate_start = near.truth_start, near.truth_track, near.estimate_start
+    num_truth, num_estimates, score = len(truth_track), len(near.score), near.score
+    counts, total_m = np.empty((len(thresholds), NUM_COUNTS), np.int64), np.empty(len(thresholds))
+    last, history = np.empty(num_tracks, np.int64), np.empty((num_tracks, _NUM_KNOWN), np.int64)
+    taken, continued = np.empty(num_estimates, np.bool_), np.empty(num_estimates, np.bool_)
+    column, partner, distance_m = np.empty(num_estimates, np.int64), np.empty(num_truth, np.int64), np.empty(num_truth)
+    for e in range(num_estimates):
+        column[e], continued[e] = 0, False
     for i in range(len(thresholds)):
-        continued[:] = False
-        total_m[i] = _count(thresholds[i], near, num_tracks, counts[i], continued)
+        for c in range(NUM_COUNTS):
+            counts[i, c] = 0
+        for track in range(num_tracks):
+            last[track] = -1
+            for c in range(_NUM_KNOWN):
+                history[track, c] = 0
+        for e in range(num_estimates):
+            taken[e], continued[e] = score[e] < thresholds[i], False
+        for step in range(len(truth_start) - 1):
+            first, end = truth_start[step], truth_start[step + 1]
+            num = 0
+            for e in range(estimate_start[step], estimate_start[step + 1]):
+                num += 0 if taken[e] else 1
+            if first == end and num == 0:
+                continue
+            _match_step(first, end, near, last, taken, partner, distance_m, column)
+            counts[i, FP] += num
+            for t in range(first, end):
+                track, e = truth_track[t], partner[t]
+                _remember(history, track, counts[i, FRAMES], e >= 0)
+                if e < 0:
+                    counts[i, FN] += 1
+                    continue
+                is_switch = last[track] >= 0 and last[track] != near.estimate_track[e]
+                counts[i, IDS if is_switch else TP] += 1
+                counts[i, FP] -= 1
+                continued[e] = not is_switch
+                last[track] = near.estimate_track[e]
+            counts[i, FRAMES] += 1
+        for track in range(num_tracks):
+            _count_track(history, track, counts, i)
+        total = 0.0
+        for t in range(num_truth):
+            total += distance_m[t]
+        total_m[i] = total
     return counts, total_m, continued
 
 
 @kernel
-def _count(threshold: float, near: Candidates, num_tracks: int, counts: Array, continued: Bool) -> float:
-    last = np.full(num_tracks, -1, np.int64)
-    history = np.zeros((num_tracks, 9), np.int64)
-    taken, column = near.score < threshold, np.zeros(len(near.score), np.int64)
-    partner, distance_m = np.full(len(near.truth_track), -1, np.int64), np.zeros(len(near.truth_track))
-    for step in range(len(near.truth_start) - 1):
-        first, end = near.truth_start[step], near.truth_start[step + 1]
-        num_estimates = 0
-        for e in range(near.estimate_start[step], near.estimate_start[step + 1]):
-            num_estimates += not taken[e]
-        if first == end and num_estimates == 0:
-            continue
-        _go_on(first, end, near, last, taken, partner, distance_m)
-        _pair_up(first, end, near, taken, partner, distance_m, column)
-        counts[FP] += num_estimates
-        for t in range(first, end):
-            track = near.truth_track[t]
-            _remember(history[track], counts[FRAMES], partner[t] >= 0)
-            if partner[t] < 0:
-                counts[FN] += 1
-                continue
-            estimate_track = near.estimate_track[partner[t]]
-            switched = last[track] >= 0 and last[track] != estimate_track
-            counts[IDS if switched else TP] += 1
-            counts[FP] -= 1
-            continued[partner[t]] = not switched
-            last[track] = estimate_track
-        counts[FRAMES] += 1
-    for track in range(num_tracks):
-        _count_track(history[track], counts)
-    total_m: float = distance_m.sum()
-    return total_m
-
-
-@kernel
-def _go_on(first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, metres: Array) -> None:
-    """Pair truth of one step with the track that it had last, if that is near and free, in the order of truth rows."""
-    for t in range(first, end):
-        for p in range(near.pair_start[t], near.pair_start[t + 1]):
-            e = near.pair_estimate[p]
-            if not taken[e] and near.estimate_track[e] == last[near.truth_track[t]]:
-                partner[t], metres[t], taken[e] = e, near.pair_m[p], True
-                break
-
-
-@kernel
-def _pair_up(
-    first: int, end: int, near: Candidates, taken: Bool, partner: Array, metres: Array, column: Array
+def _match_step(  # noqa: C901  # apart it compiles twice as long
+    first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, metres: Array, column: Array
 ) -> None:  # fmt: skip
-    """Make as many pairs as possible of what is left of one step, among these with the least sum of distances.
+    """Pair truth of one step with the track that it had last, if that is near and free, in the order of truth rows.
 
-    `column` (M,) is 0 at the beginning and at the end.
+    Then make as many pairs as possible of what is left, among these with the least sum of distances.
+    `column` (M,) is 0 at the beginning and at the end; where free estimates are near free truth it numbers them from 1.
     """
-    n, m, total_m = _number_columns(first, end, near, taken, partner, column)
+    pair_start, pair_estimate, pair_m = near.pair_start, near.pair_estimate, near.pair_m
+    for t in range(first, end):
+        partner[t], metres[t] = -1, 0.0
+        for p in range(pair_start[t], pair_start[t + 1]):
+            e = pair_estimate[p]
+            if not taken[e] and near.estimate_track[e] == last[near.truth_track[t]]:
+                partner[t], metres[t], taken[e] = e, pair_m[p], True
+                break
+    n, m, total_m = 0, 0, 0.0
+    for t in range(first, end):
+        if partner[t] < 0:
+            n += 1
+            for p in range(pair_start[t], pair_start[t + 1]):
+                e = pair_estimate[p]
+                if not taken[e]:
+                    total_m += pair_m[p]
+                    if column[e] == 0:
+                        m += 1
+                        column[e] = m
     if m == 0:
         return
-    limit = 2.0 * total_m + 1.0  # more than all pairs together
-    cost, name = np.full((n, m), limit), np.empty(m, np.int64)
-    _fill_costs(first, end, near, taken, partner, column, cost, name)
-    column_of = assign(cost)
+
+    cost, name, i = np.empty((n, m)), np.empty(m, np.int64), 0
+    for t in range(first, end):
+        if partner[t] < 0:
+            for j in range(m):
+                cost[i, j] = np.inf
+            for p in range(pair_start[t], pair_start[t + 1]):
+                e = pair_estimate[p]
+                if not taken[e]:
+                    cost[i, column[e] - 1], name[column[e] - 1] = pair_m[p], e
+            i += 1
+    column_of = assign(cost, 2.0 * total_m + 1.0)  # more than all pairs together
     i = 0
     for t in range(first, end):
         if partner[t] < 0:
             j = column_of[i]
-            if j >= 0 and cost[i, j] < limit:
+            if j >= 0:
                 partner[t], metres[t], taken[name[j]] = name[j], cost[i, j], True
             i += 1
     for j in range(m):
@@ -153,69 +178,35 @@ def _pair_up(
 
 
 @kernel
-def _number_columns(
-    first: int, end: int, near: Candidates, taken: Bool, partner: Array, column: Array
-) -> tuple[int, int, float]:  # fmt: skip
-    """Number free estimates near free truth from 1; returns how many truth boxes and estimates, and all metres."""
-    n, m, total_m = 0, 0, 0.0
-    for t in range(first, end):
-        if partner[t] < 0:
-            n += 1
-            for p in range(near.pair_start[t], near.pair_start[t + 1]):
-                e = near.pair_estimate[p]
-                if not taken[e]:
-                    total_m += near.pair_m[p]
-                    if column[e] == 0:
-                        m += 1
-                        column[e] = m
-    return n, m, total_m
-
-
-@kernel
-def _fill_costs(
-    first: int, end: int, near: Candidates, taken: Bool, partner: Array, column: Array, cost: Float64, name: Array
-) -> None:  # fmt: skip
-    """Write distances into costs (n, m), and which estimate (m,) is in which column."""
-    i = 0
-    for t in range(first, end):
-        if partner[t] < 0:
-            for p in range(near.pair_start[t], near.pair_start[t + 1]):
-                e = near.pair_estimate[p]
-                if not taken[e]:
-                    cost[i, column[e] - 1], name[column[e] - 1] = near.pair_m[p], e
-            i += 1
-
-
-@kernel
-def _remember(track: Array, frame: int, matched: bool) -> None:
+def _remember(history: Array, track: int, frame: int, is_matched: bool) -> None:
     """Bring what is known of a truth track up to date; `frame` counts samples with any box of the class."""
-    if track[_BOXES] == 0:
-        track[_FIRST], track[_NEXT] = frame, frame
-    track[_GAP] += frame - track[_NEXT]
-    if matched:
-        if track[_MATCHES] == 0:
-            track[_FIRST_MATCH] = frame
-        else:
-            track[_BREAKS] += track[_MISSES] > 0
-        track[_LONGEST] = max(track[_LONGEST], track[_GAP])
-        track[_GAP], track[_MISSES] = 0, 0
-        track[_MATCHES] += 1
+    if history[track, _BOXES] == 0:
+        history[track, _FIRST], history[track, _NEXT] = frame, frame
+    gap = history[track, _GAP] + frame - history[track, _NEXT]
+    if is_matched:
+        if history[track, _MATCHES] == 0:
+            history[track, _FIRST_MATCH] = frame
+        elif history[track, _MISSES] > 0:
+            history[track, _BREAKS] += 1
+        history[track, _LONGEST] = max(history[track, _LONGEST], gap)
+        history[track, _GAP], history[track, _MISSES] = 0, 0
+        history[track, _MATCHES] += 1
     else:
-        track[_GAP] += 1
-        track[_MISSES] += 1
-    track[_BOXES] += 1
-    track[_NEXT] = frame + 1
+        history[track, _GAP] = gap + 1
+        history[track, _MISSES] += 1
+    history[track, _BOXES] += 1
+    history[track, _NEXT] = frame + 1
 
 
 @kernel
-def _count_track(track: Array, counts: Array) -> None:
-    if track[_BOXES] == 0:
+def _count_track(history: Array, track: int, counts: Array, i: int) -> None:
+    if history[track, _BOXES] == 0:
         return
-    share = track[_MATCHES] / track[_BOXES]
-    counts[MT] += share >= 0.8
-    counts[ML] += share < 0.2
-    counts[FRAG] += track[_BREAKS]
-    if track[_MATCHES] > 0:
-        counts[FOUND] += 1
-        counts[LATE] += track[_FIRST_MATCH] - track[_FIRST]
-        counts[GAP] += max(track[_LONGEST], track[_GAP])
+    share = history[track, _MATCHES] / history[track, _BOXES]
+    counts[i, MT] += 1 if share >= 0.8 else 0
+    counts[i, ML] += 1 if share < 0.2 else 0
+    counts[i, FRAG] += history[track, _BREAKS]
+    if history[track, _MATCHES] > 0:
+        counts[i, FOUND] += 1
+        counts[i, LATE] += history[track, _FIRST_MATCH] - history[track, _FIRST]
+        counts[i, GAP] += max(history[track, _LONGEST], history[track, _GAP])

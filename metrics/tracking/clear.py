@@ -108,16 +108,17 @@ class ClearCounts:
 
 def clear_pairs(problem: Problem, rules: ClearRules) -> ClearPairs:
     """Match truth and estimates step by step."""
-    from fbench.metrics.kernels.clear import follow  # numba takes a while to import
+    from fbench.metrics.kernels.clear import MEMORY, follow  # numba takes a while to import
 
     p = problem
+    estimate_of, event = np.full(p.num_truth, -1), np.zeros(p.num_truth, np.int64)
     if not (p.num_truth and p.num_estimates):
-        nobody = np.full(p.num_truth, -1), np.full(p.num_estimates, -1)
-        return ClearPairs(*nobody, np.zeros(p.num_truth, np.int64))
-    estimate_of, event = follow(
+        return ClearPairs(estimate_of, np.full(p.num_estimates, -1), event)
+    tracks, others = np.full((p.num_truth_ids, MEMORY), -1), np.full((p.num_estimate_ids, MEMORY), -1)
+    follow(
         p.truth_start, p.estimate_start, p.block_start, p.similarity, p.stream, p.truth_id, p.estimate_id,
         rules.floor - rules.margin, rules.offset, rules.memory == "last match", rules.settle_first, rules.most_pairs,
-        rules.own_frames,
+        rules.own_frames, tracks, others, np.full(int(p.stream.max()) + 1, -1), estimate_of, event,
     )  # fmt: skip
     truth_of = np.full(p.num_estimates, -1)
     rows = np.flatnonzero(estimate_of >= 0)

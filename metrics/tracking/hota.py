@@ -1,17 +1,21 @@
 """HOTA (Luiten et al. 2020): detection and association at 19 thresholds of similarity."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-from fbench.metrics.exact import fractions, plus
+from fbench.metrics.exact import exact_sums, fractions, plus
 from fbench.metrics.problem import Problem
-from fbench.replay.arrays import Int64
+from fbench.metrics.tracking.near import NearPairs, near_pairs
+from fbench.replay.arrays import Float64, Int64
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 """(19,) 0.05 to 0.95."""
 ALPHAS.flags.writeable = False
+_TINY = float(np.finfo(float).eps)
+"""How far below a threshold, and how near to 0, TrackEval 1.3.0 goes."""
 _NONE = (0,) * len(ALPHAS)
 _ZERO = (Fraction(0),) * len(ALPHAS)
 
@@ -46,38 +50,72 @@ class HotaCounts:
 
 def hota_counts(problem: Problem) -> HotaCounts:
     """Count HOTA of a problem whose similarities are 0 (or less: none) to 1."""
-    from fbench.metrics.kernels.hota import hota_pairs, shared_weight  # numba takes a while to import
-    from fbench.metrics.kernels.identity import near_keys
+    from fbench.metrics.kernels.assignment_steps import best_places  # numba takes a while to import
 
     p = problem
     if not (p.num_truth and p.num_estimates):
         misses, alarms = (p.num_truth,) * len(ALPHAS), (p.num_estimates,) * len(ALPHAS)
         return HotaCounts(_NONE, misses, alarms)
-    similarity = np.maximum(p.similarity, 0.0)
-    keys, place = near_keys(
-        p.truth_start, p.estimate_start, p.block_start, similarity, p.truth_id, p.estimate_id, np.nextafter(0.0, 1.0)
-    )
-    unique, inverse = np.unique(keys, return_inverse=True)
-    pair = np.full(len(similarity), -1)
-    pair[place] = inverse
-    sizes = _sizes(p.truth_id, unique // p.num_estimate_ids), _sizes(p.estimate_id, unique % p.num_estimate_ids)
-    flat = p.truth_start, p.estimate_start, p.block_start, similarity, pair
-    shared = shared_weight(*flat, len(unique))
-    passed, sums = hota_pairs(*flat, shared / (sizes[0] + sizes[1] - shared), np.array(ALPHAS))
-    return _summed(p, passed, sums, sizes)
+    near = near_pairs(p, p.similarity > 0.0)
+    own, others = np.divmod(near.track_pair, p.num_estimate_ids)
+    sizes = _sizes(p.truth_id, own), _sizes(p.estimate_id, others)
+    shared = _shared(near, p.similarity[near.place])
+    fit = shared / (sizes[0] + sizes[1] - shared)
+    score = np.zeros(len(p.similarity))
+    score[near.place] = fit[near.track_pair_of] * p.similarity[near.place]
+    made = best_places(_copy(p.truth_start), _copy(p.estimate_start), _copy(p.block_start), score, 0.0, 0.0)
+    made = made[made >= 0]
+    return _summed(p, near.track_pair_of[np.searchsorted(near.place, made)], p.similarity[made], sizes)
 
 
-def _summed(problem: Problem, passed: Int64, sums: Int64, sizes: tuple[Int64, Int64]) -> HotaCounts:
-    """Sum up pairs (P, A + 1) by the number of thresholds passed: those that pass k pass all below."""
-    from fbench.metrics.kernels.hota import association
+def _shared(near: NearPairs, similarity: Float64) -> Float64:
+    """How much each pair of tracks (P,) fits, summed over steps.
 
-    matches = np.ascontiguousarray(np.cumsum(passed[:, ::-1], axis=1)[:, -2::-1])
-    similarity = np.cumsum(sums[::-1], axis=0)[-2::-1]
+    A pair of boxes adds its similarity over all similarities of its row and column together.
+    """
+    both = np.bincount(near.estimate, similarity)[near.estimate] + np.bincount(near.truth, similarity)[near.truth]
+    whole = both - similarity  # not in place: of nothing, bincount gives ints
+    part = np.divide(similarity, whole, out=np.zeros(len(whole)), where=whole > _TINY)
+    shared: Float64 = np.bincount(near.track_pair_of, part).astype(np.float64)
+    return shared
+
+
+def _summed(problem: Problem, track_pair: Int64, similarity: Float64, sizes: tuple[Int64, Int64]) -> HotaCounts:
+    """Sum up K matches; those that pass k thresholds pass all below.
+
+    Args:
+        problem: They are of it.
+        track_pair: (K,) which of P pairs of tracks.
+        similarity: (K,)
+        sizes: (P,) boxes of each truth track, of each estimated one.
+    """
+    num = len(ALPHAS) + 1
+    passed = np.searchsorted(ALPHAS - _TINY, similarity, side="right")
+    used, pair = np.unique(track_pair, return_inverse=True)
+    by_pair = np.bincount(pair * num + passed, minlength=len(used) * num).reshape(-1, num)
+    matches = np.cumsum(by_pair[:, ::-1], axis=1)[:, -2::-1]
+    total = np.cumsum(exact_sums(similarity, passed, num)[::-1], axis=0)[-2::-1]
     tp = tuple(int(n) for n in matches.sum(axis=0))
     return HotaCounts(
         tp, tuple(problem.num_truth - n for n in tp), tuple(problem.num_estimates - n for n in tp),
-        fractions(similarity), *(fractions(one) for one in association(matches, *sizes)),
+        fractions(total), *_association(matches, sizes[0][used], sizes[1][used]),
     )  # fmt: skip
+
+
+def _association(matches: Int64, truth_size: Int64, estimate_size: Int64) -> Iterator[tuple[Fraction, ...]]:
+    """Sums over matches of association accuracy, recall and precision at each threshold.
+
+    Args:
+        matches: (P, A) of each pair of tracks at each threshold.
+        truth_size: (P,) boxes of the pair's truth track.
+        estimate_size: (P,)
+    """
+    flat = matches.ravel()
+    place = np.flatnonzero(flat)
+    pair, alpha = np.divmod(place, len(ALPHAS))
+    c = flat[place].astype(np.float64)
+    for size in (truth_size[pair] + estimate_size[pair] - c, truth_size[pair], estimate_size[pair]):
+        yield fractions(exact_sums(c * (c / size), alpha, len(ALPHAS)))
 
 
 def _sizes(ids: Int64, wanted: Int64) -> Int64:
@@ -87,3 +125,8 @@ def _sizes(ids: Int64, wanted: Int64) -> Int64:
 
 def _plus(ones: tuple[int, ...], others: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(a + b for a, b in zip(ones, others, strict=True))
+
+
+def _copy(rows: Int64) -> Int64:
+    """Kernels are compiled for writeable arrays."""
+    return np.array(rows, np.int64)

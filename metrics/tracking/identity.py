@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.metrics.blocks import block_starts
 from fbench.metrics.problem import Problem
+from fbench.metrics.tracking.near import near_pairs
 from fbench.replay.arrays import Int64
 
 
@@ -27,21 +29,39 @@ def identity_counts(problem: Problem, floor: float) -> IdentityCounts:
         problem: Boxes of one class.
         floor: Similarity that two boxes need to count as the same.
     """
-    from fbench.metrics.kernels.identity import near_keys  # numba takes a while to import
-
     p = problem
     if not (p.num_truth and p.num_estimates):
         return IdentityCounts(0, p.num_truth, p.num_estimates)
-    keys, _ = near_keys(p.truth_start, p.estimate_start, p.block_start, p.similarity, p.truth_id, p.estimate_id, floor)
-    pair, weight = np.unique(keys, return_counts=True)
-    tp = _best(pair // p.num_estimate_ids, pair % p.num_estimate_ids, weight) if len(pair) else 0
+    near = near_pairs(p, p.similarity >= floor)
+    row, column = np.divmod(near.track_pair, p.num_estimate_ids)
+    tp = _best(row, column, np.bincount(near.track_pair_of)) if len(row) else 0
     return IdentityCounts(tp, p.num_truth - tp, p.num_estimates - tp)
 
 
 def _best(row: Int64, column: Int64, weight: Int64) -> int:
-    """Each common box of a pair saves a false positive and a miss, so that the heaviest pairing is the best."""
-    from fbench.metrics.kernels.identity import best_total, linked  # numba takes a while to import
+    """The most that one-to-one pairs weigh: each common box saves a false positive and a miss.
 
-    group = linked(row, column)
-    order = np.argsort(group, kind="stable")
-    return int(best_total(row[order], column[order], weight[order].astype(np.int64), group[order]))
+    Tracks that have nothing to do with each other, also by way of others, are solved apart, as steps are elsewhere.
+    """
+    from fbench.metrics.kernels.assignment_steps import best_places  # numba takes a while to import
+    from fbench.metrics.kernels.identity import linked
+
+    num_rows = int(row.max()) + 1
+    group = linked(row, num_rows + column, np.arange(num_rows + int(column.max()) + 1))
+    (row_start, i), (column_start, j) = _within(row, group), _within(column, group)
+    width = np.diff(column_start)
+    block_start = block_starts(row_start, column_start)
+    score = np.zeros(block_start[-1])
+    score[block_start[group] + i * width[group] + j] = weight
+    place = best_places(row_start, column_start, block_start, score, 0.0, 0.0)
+    return int(score[place[place >= 0]].sum())  # whole numbers, so that the order is no matter
+
+
+def _within(name: Int64, group: Int64) -> tuple[Int64, Int64]:
+    """Offsets (G + 1,) of groups in the distinct names of pairs, and the place (P,) of each name in its group."""
+    own = np.full(int(name.max()) + 1, -1)  # -1: names of no pair
+    own[name] = group
+    place = np.empty(len(own), np.int64)
+    place[np.argsort(own, kind="stable")] = np.arange(len(own))
+    start = np.cumsum(np.bincount(own + 1))
+    return start - start[0], place[name] - start[group]

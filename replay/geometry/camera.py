@@ -133,11 +133,8 @@ def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:
     require_projection(rig, name)
     camera, points = rig.cameras[name], _camera_corners(rig, name, boxes)
     lens = lens_of(camera)
-    if lens is None:
-        rectangles = np.array([_outline(camera, p) for p in points]).reshape(-1, 4)
-    else:
-        rectangles = _curved_outlines(camera, lens, points)
-    seen: Bool = np.isfinite(rectangles).all(axis=1)
+    rectangles = _outlines(camera, points) if lens is None else _curved_outlines(camera, lens, points)
+    seen: Bool = np.all(np.isfinite(rectangles), axis=1)
     return rectangles, seen
 
 
@@ -174,23 +171,25 @@ def _curved_outlines(camera: CameraModel, lens: Lens, points: Float64) -> Float6
     return rectangles
 
 
-def _outline(camera: CameraModel, points: Float64) -> Float64:
-    """Rectangle around the projected convex hull of one box, or NaN."""
-    uv, _ = project(camera, _in_front(points))
-    if not len(uv):
-        return np.full(4, np.nan)
+def _outlines(camera: CameraModel, points: Float64) -> Float64:
+    """Rectangles (N, 4) around the projected convex hulls of boxes with corners (N, 8, 3), or NaN."""
+    ahead = _in_front(points)
+    uv = project(camera, ahead.reshape(-1, 3))[0].reshape(*ahead.shape[:2], 2)
     width, height = camera.size_wh
-    low = np.maximum(uv.min(axis=0), -0.5)
-    high = np.minimum(uv.max(axis=0), [width - 0.5, height - 0.5])
-    return np.concatenate([low, high]) if (high > low).all() else np.full(4, np.nan)
+    low = np.maximum(np.fmin.reduce(uv, axis=1), -0.5)
+    high = np.minimum(np.fmax.reduce(uv, axis=1), [width - 0.5, height - 0.5])
+    rectangles = np.concatenate([low, high], axis=1)
+    rectangles[~(high > low).all(axis=1)] = np.nan
+    return rectangles
 
 
 def _in_front(points: Float64) -> Float64:
-    """Corners in front of the camera, and the points where edges pass the near plane."""
+    """Corners (N, 8, 3) in front of the camera, and the points (N, 12, 3) where edges pass the near plane, else NaN."""
     near = NEAR_M * (1 + 1e-9)
-    a, b = points[EDGES[:, 0]], points[EDGES[:, 1]]
-    crossing = (a[:, 2] > near) != (b[:, 2] > near)
-    a, b = a[crossing], b[crossing]
-    cut = a + ((near - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None] * (b - a)
-    cut[:, 2] = near
-    return np.concatenate([points[points[:, 2] > near], cut])
+    a, b = points[:, EDGES[:, 0]], points[:, EDGES[:, 1]]
+    crossing = (a[..., 2] > near) != (b[..., 2] > near)
+    rise = np.where(crossing, b[..., 2] - a[..., 2], np.nan)
+    cut = a + ((near - a[..., 2]) / rise)[..., None] * (b - a)
+    cut[..., 2] = np.where(crossing, near, np.nan)
+    held = np.where((points[..., 2] > near)[..., None], points, np.nan)
+    return np.concatenate([held, cut], axis=1)

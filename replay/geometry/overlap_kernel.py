@@ -29,38 +29,41 @@ def iou_blocks(
     size = 0
     for s in range(len(start_a) - 1):
         size += (start_a[s + 1] - start_a[s]) * (start_b[s + 1] - start_b[s])
-    result = np.zeros(size)
-    room = np.empty((2, _ROOM, 2))
-    reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
-    k = 0
+    result, room, k = np.empty(size), np.empty((2, _ROOM, 2)), 0
+    reach_b = np.empty(len(b))
+    for j in range(len(b)):
+        reach_b[j] = math.hypot(b[j, 3], b[j, 4]) / 2
     for s in range(len(start_a) - 1):
         for i in range(start_a[s], start_a[s + 1]):
+            reach_a = math.hypot(a[i, 3], a[i, 4]) / 2
             for j in range(start_b[s], start_b[s + 1]):
+                x, y, reach = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], reach_a + reach_b[j]
                 if not (sound_a[i] and sound_b[j]):
                     result[k] = -np.inf
-                elif (a[i, 0] - b[j, 0]) ** 2 + (a[i, 1] - b[j, 1]) ** 2 <= (reach_a[i] + reach_b[j]) ** 2:
-                    result[k] = _iou(a[i], b[j], solid, room) if _before(a[i], b[j]) else _iou(b[j], a[i], solid, room)
+                elif x * x + y * y <= reach * reach:
+                    result[k] = _iou(a[i], b[j], solid, room)
+                else:
+                    result[k] = 0.0
                 k += 1
     return result
 
 
 @kernel
-def _before(a: Float64, b: Float64) -> bool:
-    """Whether `a` is the first of a pair: a pair gives the same whichever way round it comes."""
-    for f in (3, 4, 0, 1, 6):
-        if a[f] != b[f]:
-            return bool(a[f] > b[f])
-    return True
-
-
-@kernel
-def _iou(a: Float64, b: Float64, solid: bool, room: Float64) -> float:
+def _iou(one: Float64, other: Float64, solid: bool, room: Float64) -> float:
+    """A pair gives the same whichever way round it comes: the larger box is the first."""
+    k = 3
+    for f in (4, 0, 1, 6):
+        if one[k] == other[k]:
+            k = f
+    a, b = (one, other) if one[k] >= other[k] else (other, one)
     size_a, size_b = a[3] * a[4], b[3] * b[4]
-    common = 0.0 if min(size_a, size_b) == 0.0 else min(size_a, size_b, _common_area(a, b, room))
+    common = min(size_a, size_b)
+    if common > 0.0:
+        common = min(common, _common_area(a, b, room))
     if solid:
         z = b[2] - a[2]
         height = min(a[5] / 2, z + b[5] / 2) - max(-a[5] / 2, z - b[5] / 2)
-        common *= max(0.0, min(height, a[5], b[5]))
+        common *= max(0.0, min(height, min(a[5], b[5])))  # noqa: PLW3301  # numba compiles more for three arguments
         size_a, size_b = size_a * a[5], size_b * b[5]
     if common <= 0.0:
         return 0.0
@@ -79,39 +82,30 @@ def _common_area(a: Float64, b: Float64, room: Float64) -> float:
     center_x, center_y = cos * x + sin * y, cos * y - sin * x
     turn = b[6] - a[6]
     cos, sin = math.cos(turn), math.sin(turn)
-    for i, along, across in ((0, 0.5, 0.5), (1, -0.5, 0.5), (2, -0.5, -0.5), (3, 0.5, -0.5)):
-        room[0, i, 0] = center_x + (cos * along * b[3] - sin * across * b[4])
-        room[0, i, 1] = center_y + (sin * along * b[3] + cos * across * b[4])
-    num = 4
-    for side, axis, sign in ((0, 0, 1.0), (1, 0, -1.0), (0, 1, 1.0), (1, 1, -1.0)):
-        num = _cut(room[side], num, axis, sign, a[3 + axis] / 2, room[1 - side])
-    return _area(room[0], num)
-
-
-@kernel
-def _cut(corners: Float64, num: int, axis: int, sign: float, half: float, kept: Float64) -> int:
-    """Keep the part of a polygon in which `sign` times a coordinate is at most `half`; returns its corners' number."""
-    n = 0
-    for i in range(num):
-        before = num - 1 if i == 0 else i - 1
-        depth, depth_before = half - sign * corners[i, axis], half - sign * corners[before, axis]
-        if (depth >= 0.0) != (depth_before >= 0.0):
-            share = depth_before / (depth_before - depth)
-            other = 1 - axis
-            kept[n, axis] = sign * half
-            kept[n, other] = corners[before, other] + share * (corners[i, other] - corners[before, other])
-            n += 1
-        if depth >= 0.0:
-            kept[n, 0], kept[n, 1] = corners[i, 0], corners[i, 1]
-            n += 1
-    return n
-
-
-@kernel
-def _area(corners: Float64, num: int) -> float:
-    """Area of a polygon, counter-clockwise (shoelace formula)."""
-    twice = 0.0
+    num = 0
+    for _ in range(4):  # counter-clockwise
+        along, across = 0.5 if num in (0, 3) else -0.5, 0.5 if num < 2 else -0.5
+        room[0, num, 0] = center_x + (cos * along * b[3] - sin * across * b[4])
+        room[0, num, 1] = center_y + (sin * along * b[3] + cos * across * b[4])
+        num += 1
+    for side in range(4):
+        old, new, axis, sign = side % 2, 1 - side % 2, side // 2, 1.0 - 2.0 * (side % 2)
+        half, kept = a[3 + axis] / 2, 0
+        for i in range(num):  # keep where `sign` times the coordinate is at most `half`
+            before = num - 1 if i == 0 else i - 1
+            depth, depth_before = half - sign * room[old, i, axis], half - sign * room[old, before, axis]
+            if (depth >= 0.0) != (depth_before >= 0.0):
+                share, across_axis = depth_before / (depth_before - depth), 1 - axis
+                start = room[old, before, across_axis]
+                room[new, kept, axis] = sign * half
+                room[new, kept, across_axis] = start + share * (room[old, i, across_axis] - start)
+                kept += 1
+            if depth >= 0.0:
+                room[new, kept, 0], room[new, kept, 1] = room[old, i, 0], room[old, i, 1]
+                kept += 1
+        num = kept
+    twice = 0.0  # shoelace formula
     for i in range(1, num - 1):
-        x, y = corners[i, 0] - corners[0, 0], corners[i, 1] - corners[0, 1]
-        twice += x * (corners[i + 1, 1] - corners[0, 1]) - (corners[i + 1, 0] - corners[0, 0]) * y
+        x, y = room[0, i, 0] - room[0, 0, 0], room[0, i, 1] - room[0, 0, 1]
+        twice += x * (room[0, i + 1, 1] - room[0, 0, 1]) - (room[0, i + 1, 0] - room[0, 0, 0]) * y
     return max(0.0, twice / 2)

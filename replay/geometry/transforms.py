@@ -18,6 +18,16 @@ def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
     return matrix
 
 
+def pose_matrices(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
+    """Return `dst_T_src` (N, 4, 4) from positions (N, 3) and quaternions (N, 4), each as `pose_matrix` does."""
+    xyzw = np.asarray(rotation_xyzw, np.float64).reshape(-1, 4)
+    matrices = np.tile(np.eye(4), (len(xyzw), 1, 1))
+    if len(xyzw):
+        matrices[:, :3, :3] = Rotation.from_quat(xyzw).as_matrix()
+        matrices[:, :3, 3] = translation_m
+    return matrices
+
+
 def quaternion(rotation: ArrayLike) -> Float64:
     """Return the quaternion x, y, z, w of a rotation matrix (3, 3), with w not negative."""
     xyzw = Rotation.from_matrix(np.asarray(rotation, np.float64)).as_quat(canonical=True)
