@@ -92,7 +92,7 @@ class FramePoses:
         place = bisect_left(self._recent, stamp_ns, key=_stamp)
         around = self._recent[max(place - 1, 0) : place + 1]
         if len(around) == 2 and place > 0:
-            return _between(around[0], around[1], stamp_ns)
+            return pose_between(around[0], around[1], stamp_ns)
         return _near(around[0], stamp_ns) if around else _UNKNOWN
 
     def _set(self, index: int, value: Float64) -> None:
@@ -122,7 +122,8 @@ def _near(pose: Pose, stamp_ns: int) -> Float64:
     return np.concatenate([pose.translation_m, pose.rotation_xyzw])
 
 
-def _between(before: Pose, after: Pose, stamp_ns: int) -> Float64:
+def pose_between(before: Pose, after: Pose, stamp_ns: int) -> Float64:
+    """Seven numbers at a stamp between those of two poses; NaN where they are too far apart."""
     if after.stamp_ns - before.stamp_ns > MAX_BETWEEN_NS:
         return _near(min(before, after, key=lambda p: abs(p.stamp_ns - stamp_ns)), stamp_ns)
     if stamp_ns in (before.stamp_ns, after.stamp_ns):

@@ -10,13 +10,14 @@ from fbench.replay.errors import LogError
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.faults import FaultLog
 from fbench.replay.frame_poses import FramePoses
-from fbench.replay.labelling import Instant, Labelling, stray
 from fbench.replay.protocols import Reader
 from fbench.replay.restamp import ClockCheck, StampParams
 from fbench.replay.sensor_choice import chosen_sensors
 from fbench.replay.skipped import Skipped, SkippedMessages
 from fbench.replay.sync import FrameBuffer, SyncCounts, SyncParams, choose_reference
-from fbench.replay.truth_boxes import fitted
+from fbench.replay.truth.fitted import fitted
+from fbench.replay.truth.labelling import Instant, stray
+from fbench.replay.truth.times import TruthTimes
 
 
 class FrameStream:
@@ -37,6 +38,7 @@ class FrameStream:
         clock: Clock,
         faults: FaultLog,
         sensors: Sequence[str] = (),
+        max_between_ns: int = 0,
     ) -> None:
         whole = reader.rig
         names = whole.sensors("camera", "lidar", "radar")
@@ -50,6 +52,7 @@ class FrameStream:
         self.sync = sync = sync.told_by(reader.info)
         """How messages are put into frames."""
         self._max_gap_ns = sync.max_gap_ns
+        self._max_between_ns = max_between_ns
         self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
         stamps.require_known(self._known)
@@ -64,6 +67,8 @@ class FrameStream:
         self.poses = FramePoses(min(reader.poses, default=None))
         """Of all frames that were opened."""
         self.skipped = SkippedMessages(sync.tolerance_ns)
+        self.num_between = 0
+        """Frames that have no truth of their own, but got some from the truths around them; see `TruthTimes`."""
         self.is_cut = False
         """Whether reading stopped before the log's end."""
 
@@ -79,19 +84,22 @@ class FrameStream:
                 yield frame
 
     def labels(self, reader: Reader) -> Iterator[tuple[int, Truth]]:
-        """Read the truth and yield that of chosen frames, with their indices, in body coordinates.
+        """Read the truth and yield that of chosen frames, with their indices, in body coordinates at their
+        instants.
 
         Raises:
             LogError: where it is in the world, and the log has no pose then.
         """
         first_ns, last_ns = self._chosen_ns()
-        for index, truth in Labelling(self._instants).matched(self._truths(reader)):
+        times = TruthTimes(self._instants, self.poses.values, self._max_between_ns)
+        for index, truth in times.matched(self._truths(reader)):
             if index is None:
                 if self._excerpt.is_whole or first_ns <= truth.stamp_ns <= last_ns:
                     self._faults.add("GT006", stray(truth))
             elif self._instants[index].is_chosen:
                 pose = self.poses.world_T_body(index)
                 if (kept := fitted(truth, index, pose, self.poses.is_known, self._faults)) is not None:
+                    self.num_between += times.is_between(index)
                     yield index, kept
 
     @property
@@ -189,14 +197,15 @@ class FrameStream:
         chosen = self._excerpt.has(index, stamp_ns, start_ns)
         if self._waits and self._excerpt.is_past(index, stamp_ns, start_ns):
             self._stop = index if self._stop is None else min(index, self._stop)
-        self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen))
+        segment = self._buffer.segment
+        self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen, segment))
         self.poses.open(index, stamp_ns)
         self._waits = self._waits or chosen
 
     def _truths(self, reader: Reader) -> Iterator[Truth]:
         last_ns = max((instant.stamp_ns for instant in self._instants), default=0)
         for truth in reader.truths():
-            if self.is_cut and truth.stamp_ns > last_ns + self._max_gap_ns:
+            if self.is_cut and truth.stamp_ns > last_ns + max(self._max_gap_ns, self._max_between_ns):
                 return
             self._digest.add(truth)
             yield truth

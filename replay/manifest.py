@@ -108,6 +108,14 @@ class TruthEntry(_Strict):
     """blake2b over the file, or over names and content of the folder's files."""
 
 
+class InterpolationEntry(_Strict):
+    """Frames that have no truth of their own, but got some from the truths around them."""
+
+    max_gap_ns: int = 0
+    """Those truths are at most this far apart; 0: no frame did."""
+    num_frames: int = 0
+
+
 class Manifest(_Strict):
     """What ran, and whether all of it did."""
 
@@ -122,6 +130,7 @@ class Manifest(_Strict):
     """Files beside the log that decided how it was read."""
     truth: TruthEntry | None = None
     """`None`: ground truth is the log's own."""
+    interpolation: InterpolationEntry = InterpolationEntry()
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
     rig_changes: list[RigEntry] = []

@@ -19,7 +19,7 @@ from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.frames import FrameStream
 from fbench.replay.host import package_versions
-from fbench.replay.manifest import FrameEntry, InputEntry, LogEntry, Manifest, TruthEntry, rig_entry
+from fbench.replay.manifest import FrameEntry, InputEntry, InterpolationEntry, LogEntry, Manifest, TruthEntry, rig_entry
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
 from fbench.replay.plugins import guarded
@@ -53,6 +53,8 @@ class Plan:
     """Files that decided how it was read, for the manifest."""
     truth: TruthEntry | None = None
     """The file that truth comes from, for the manifest."""
+    max_between_ns: int = 0
+    """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
     clock: Clock = field(default_factory=VirtualClock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
@@ -104,7 +106,9 @@ class _Loop:
 
     def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
         self._plan, self._faults, self._writer = plan, faults, writer
-        self.stream = FrameStream(reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors)
+        self.stream = FrameStream(
+            reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns
+        )
         self._rig, self._info = self.stream.rig, reader.info
         self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
@@ -258,6 +262,7 @@ class _Loop:
             ),
             inputs=list(self._plan.inputs),
             truth=self._plan.truth,
+            interpolation=InterpolationEntry(max_gap_ns=self._plan.max_between_ns, num_frames=self.stream.num_between),
             mounts=first.mounts,
             cameras=first.cameras,
             rig_changes=changed,

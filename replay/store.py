@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar, get_args
+from typing import Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -47,7 +47,9 @@ class FrameRecord:
     failed: str | None = None
     """Why the pipeline gave nothing."""
     truth_stamp_ns: int | None = None
-    """Stamp of the truth that belongs to the frame; `None`: not labelled, and so not scored."""
+    """Stamp of the truth that belongs to the frame, or its own where that lies between truths; `None`: not labelled,
+    and so not scored.
+    """
     truth_spaces: str = ""
     """What is labelled: `3d`, `2d` or `3d 2d`."""
 
@@ -291,6 +293,20 @@ class Run:
     def truth2d(self, index: int) -> Boxes2D | None:
         """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
         return self._at("truth_2d.parquet", self._truth2d, index, "2d", Boxes2D)
+
+    def truth_table(self, space: Literal["3d", "2d"]) -> BoxTable:
+        """3D truth, or recorded 2D truth, of all frames that have it; empty where none has.
+
+        Raises:
+            RunError: where frames have such truth, but the file isn't there.
+        """
+        table, kind = (self._truth3d, Boxes3D) if space == "3d" else (self._truth2d, Boxes2D)
+        if table is None:
+            if any(space in spaces.split() for spaces in self._spaces.values()):
+                name = "truth.parquet" if space == "3d" else "truth_2d.parquet"
+                raise RunError(f"{self.folder / name}: can't be read (frames have truth, but it isn't there)")
+            return BoxTable(np.zeros(0, np.int64), kind.empty())
+        return table
 
     def _at(self, name: str, table: BoxTable | None, index: int, space: str, kind: type[B]) -> B | None:
         if space not in self._spaces.get(index, "").split():

@@ -10,11 +10,11 @@ from functools import cached_property
 from fbench.datasets.city.city import City, build_city
 from fbench.datasets.city.measure import Surroundings
 from fbench.datasets.city.periods import Period, periods
-from fbench.datasets.city.spec import CitySpec
+from fbench.datasets.city.spec import VERSION, CitySpec
 from fbench.datasets.city.world.layout import Layout
 from fbench.datasets.city.world.worlds import layout
 from fbench.replay.data import LogInfo, Message, Rig, Truth
-from fbench.replay.log_keys import REGIONS
+from fbench.replay.log_keys import REGIONS, SCENE_ID
 from fbench.replay.regions import Region, regions_text
 
 
@@ -36,7 +36,8 @@ class CityRecording:
     def info(self) -> LogInfo:
         """Name, id, and what the log is made from."""
         regions = regions_text([Region(p.kind, p.points_m) for p in self._plan.map.polygons])
-        return LogInfo(self.name, self.spec.log_id, {**self.spec.metadata, REGIONS: regions})
+        metadata = {**self.spec.metadata, SCENE_ID: _scene_id(self.spec), REGIONS: regions}
+        return LogInfo(self.name, self.spec.log_id, metadata)
 
     @cached_property
     def rig(self) -> Rig:
@@ -72,6 +73,13 @@ class CityRecording:
     @cached_property
     def _plan(self) -> Layout:
         return layout(self.spec.world, self.spec.seed)
+
+
+def _scene_id(spec: CitySpec) -> str:
+    """Who drives where, and of whom truth tells; weather, light and sensors play no part in it."""
+    traffic = "dense" if spec.condition.is_dense else "normal"
+    length = f"{float(spec.seconds)!r} s, truth within {float(spec.truth_range_m)!r} m"
+    return f"fbench city {VERSION}, {spec.world}, {traffic} traffic, seed {spec.seed}, {length}"
 
 
 def _ordered(found: Iterator[Period], counts: Counter[str]) -> Iterator[Message | Truth]:

@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.data import CameraModel, Mount, Rig
 from fbench.replay.geometry.transforms import quaternion
+from fbench.replay.logs.coordinates import WORLDS
+from fbench.replay.logs.tree import BODIES
 
 Number = Annotated[float, Field(ge=-1000, le=1000)]
 Altitude = Annotated[float, Field(ge=-90, le=90)]
@@ -21,6 +23,8 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 """Of a sensor."""
 POSE = "pose"
 """Name of the stream of poses, which no sensor may have."""
+WEATHER = "weather"
+"""What `--set` calls the weather, and so no sensor."""
 _OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: the camera's x right, y down, z forward in axes x forward, y left, z up."""
 MAX_RAYS = 5_000_000
@@ -184,11 +188,16 @@ class RigSpec(BaseModel):
         return next(iter([*sorted(self.cameras), *sorted(self.lidars), *sorted(self.radars)]))
 
     @model_validator(mode="after")
-    def _names_are_unique(self) -> Self:
+    def _names_tell_sensors_apart(self) -> Self:
         names = [POSE, *self.cameras, *self.lidars, *self.radars]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise ValueError(f"two streams are called '{twice[0]}'")
+        for name in sorted(names):
+            if name in (*BODIES, *WORLDS):
+                raise ValueError(f"no sensor may be called '{name}', which is a coordinate frame; choose another name")
+            if name == WEATHER:
+                raise ValueError(f"no sensor may be called '{name}', which --set takes for the weather")
         return self
 
     def rig(self) -> Rig:

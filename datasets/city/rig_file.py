@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from fbench.datasets.city.rig import CameraSpec, LidarSpec, RadarSpec, RigSpec
+from fbench.datasets.city.rig import WEATHER, CameraSpec, LidarSpec, RadarSpec, RigSpec
 from fbench.replay.errors import ConfigError
 from fbench.replay.names import did_you_mean
 from fbench.replay.toml_file import TomlError, parse_toml
@@ -22,6 +22,8 @@ def read_rig(path: Path) -> RigSpec:
         ConfigError: where it can't be read, or naming the key that is wrong or unknown.
     """
     try:
+        if path.is_dir():
+            raise ConfigError(f"{path}: is a folder; expected a TOML file with the sensors")
         if not path.is_file():
             raise ConfigError(f"{path}: no such file")
         if path.stat().st_size > MAX_BYTES:
@@ -44,7 +46,7 @@ def with_value(rig: RigSpec, setting: str) -> RigSpec:
     tables = rig.model_dump()
     kind = next((kind for kind in _TABLES if name in tables[kind]), None)
     if kind is None:
-        known = [*rig.names, "weather"]
+        known = [*rig.names, WEATHER]
         raise ConfigError(f"--set {setting}: no sensor '{name}'{did_you_mean(name, known)}")
     tables[kind][name][field] = toml_value(setting, text)
     return _valid(f"--set {setting}", tables)
@@ -89,14 +91,17 @@ def _valid(where: str, tables: dict[str, Any]) -> RigSpec:
 
 
 def _first(error: ValidationError) -> str:
-    """What is wrong first, with the name that may be meant."""
-    first = error.errors(include_url=False)[0]
+    """What is wrong first, with the name that may be meant: a field that is missing may just be misspelt."""
+    errors = error.errors(include_url=False)
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
     place = [str(part) for part in first["loc"] if part != "[key]"]
     if first["type"] == "extra_forbidden":
         model = RigSpec if len(place) < 3 else _TABLES[place[0]]
         return f"unknown key '{'.'.join(place)}'{did_you_mean(place[-1], model.model_fields)}"
     if first["type"] == "value_error":  # of several fields together
         return f"{'.'.join(place) or 'rig'}: {first['ctx']['error']}"
+    if first["type"] == "missing":
+        return f"{'.'.join(place)}: Field required"
     got = str(first["input"])
     shown = got if len(got) <= 60 else f"{got[:60]}..."
     return f"{'.'.join(place)}: {first['msg']}, got {shown}" if place else first["msg"]

@@ -16,7 +16,7 @@ from fbench.replay.names import did_you_mean
 
 WorldName: TypeAlias = Literal["urban", "highway"]
 WORLDS: Mapping[str, WorldName] = {name: name for name in get_args(WorldName)}
-VERSION = 1
+VERSION = 2
 """Of the simulation: rises whenever the same spec gives other messages."""
 MAX_SEED = 2**63 - 1
 MAX_SECONDS = 86_400.0

@@ -6,12 +6,21 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-from fbench.datasets.kitti.labels import CAMERA, Parse, SequenceRows, boxes_2d, boxes_3d, frame_rows, sequence_rows
+from fbench.datasets.kitti.labels import (
+    CAMERA,
+    Parse,
+    SequenceRows,
+    boxes_2d,
+    boxes_3d,
+    frame_rows,
+    object_label,
+    sequence_rows,
+    tracking_label,
+)
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.boxfiles.digest import digest_of
 from fbench.replay.boxfiles.json_file import head_of
-from fbench.replay.boxfiles.kitti import tracked
-from fbench.replay.boxfiles.kitti_rows import ab3dmot, labelled
+from fbench.replay.boxfiles.kitti_rows import ab3dmot
 from fbench.replay.boxfiles.recognise import recognised
 from fbench.replay.boxfiles.rows import Labelled
 from fbench.replay.boxfiles.text import Line
@@ -22,19 +31,14 @@ from fbench.replay.imports.wish import BadInput, FrameRange
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
 
 
-def _tracked(line: Line) -> Labelled:
-    return tracked(line, CAMERA)
-
-
 def _ab3dmot(line: Line) -> Labelled:
     return ab3dmot(line, CAMERA)
 
 
-def _of_frame(line: Line) -> Labelled:
-    return labelled(line, line.fields, CAMERA, None)
-
-
-_SEQUENCE_FORMS: Mapping[str, tuple[Parse, bool]] = {"kitti-tracking": (_tracked, False), "ab3dmot": (_ab3dmot, True)}
+_SEQUENCE_FORMS: Mapping[str, tuple[Parse, bool]] = {
+    "kitti-tracking": (tracking_label, False),
+    "ab3dmot": (_ab3dmot, True),
+}
 """How a row is read, and whether commas part its columns."""
 
 
@@ -95,7 +99,9 @@ class FrameResults:
 
     def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
         """See `Results`."""
-        return self.kinds.boxes(frame_rows(self.paths[number], _of_frame, self.bad)) if number in self.paths else None
+        return (
+            self.kinds.boxes(frame_rows(self.paths[number], object_label, self.bad)) if number in self.paths else None
+        )
 
 
 def results_folder(folder: Path) -> Path:
@@ -142,7 +148,7 @@ def frame_results(folder: Path, frames: FrameRange, bad: BadInput) -> FrameResul
 
 def _quietly(path: Path, quiet: BadInput) -> Sequence[Labelled]:
     try:
-        return frame_rows(path, _of_frame, quiet)
+        return frame_rows(path, object_label, quiet)
     except LogError:
         return []
 

@@ -47,6 +47,8 @@ class Job:
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
+    max_between_ns: int = 0
+    """Frames between truths that aren't farther apart get truth by interpolation; 0: none does."""
     read_ahead: int | None = DEFAULT
     """Messages to decode in advance; `None`: as many as fit into the memory set aside for it."""
     budget: FaultBudget = field(default_factory=FaultBudget)
@@ -114,6 +116,7 @@ def run_job(job: Job) -> Run:
             sensors=job.sensors,
             inputs=job.log.used(),
             truth=job.log.truth_entry(),
+            max_between_ns=job.max_between_ns,
             clock=clock,
             budget=job.budget,
             redact=job.redact,

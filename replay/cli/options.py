@@ -77,6 +77,22 @@ Stamps = Annotated[
 ReadAhead = Annotated[
     str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
+InterpolateTruth = Annotated[
+    float,
+    typer.Option(
+        "--interpolate-truth",
+        metavar="MS",
+        min=0,
+        help="Frames without truth of their own get some by interpolation between truths that are at most this far "
+        "apart, in ms; 0: they don't.",
+    ),
+]
+MinCoverage = Annotated[
+    float,
+    typer.Option(
+        "--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."
+    ),
+]
 NoMedia = Annotated[bool, typer.Option("--no-media", help="Keep no images and no points in the run.")]
 Redact = Annotated[
     bool,

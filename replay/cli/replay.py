@@ -18,11 +18,13 @@ from fbench.replay.cli.options import (
     DistanceM,
     Frames,
     From,
+    InterpolateTruth,
     InView,
     Iou,
     Json,
     Log,
     MaxGapS,
+    MinCoverage,
     NoMedia,
     Offset,
     Overwrite,
@@ -50,6 +52,7 @@ def replay(
     truth: TruthFile = None,
     truth_format: TruthFormat = None,
     truth_frame: TruthFrame = "",
+    interpolate_truth: InterpolateTruth = 0.0,
     detections: DetectionsFile = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")] = None,
     overwrite: Overwrite = False,
@@ -81,12 +84,14 @@ def replay(
     in_view: InView = True,
     distance_m: DistanceM = 2.0,
     iou: Iou = 0.5,
+    min_coverage: MinCoverage = 0.0,
     no_media: NoMedia = False,
     redact: Redact = False,
     report: Annotated[bool, typer.Option("--report", help="Write report.html into the run folder too.")] = False,
     json: Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
+    from fbench.replay.cli.coverage_gate import gated
     from fbench.replay.cli.job import Job, run_job
     from fbench.replay.cli.log_options import box_source, pipeline_of
     from fbench.replay.cli.run_summary import show_run
@@ -97,6 +102,7 @@ def replay(
     from fbench.replay.read_ahead import make_limit
     from fbench.replay.scores import ScoreOptions
     from fbench.replay.sensor_choice import make_sensors
+    from fbench.replay.truth.times import make_max_between_ns
 
     filed = box_source(truth, truth_format, truth_frame)
     results = box_source(detections, None, truth_frame)
@@ -112,6 +118,7 @@ def replay(
         sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
         stamps=source.stamps(stamps, offset or []),
         excerpt=make_excerpt(from_, to, frames),
+        max_between_ns=make_max_between_ns(interpolate_truth),
         read_ahead=make_limit(read_ahead),
         budget=parse_budget(on_fault, fault_budget or []),
         scoring=ScoreOptions(range_m, in_view, distance_m, iou),
@@ -122,4 +129,4 @@ def replay(
     )
     run = run_job(job)
     show_run(run, json)
-    raise typer.Exit(EXIT_OK if run.manifest.complete else EXIT_LOSSY)
+    raise typer.Exit(gated(run, min_coverage, EXIT_OK if run.manifest.complete else EXIT_LOSSY))

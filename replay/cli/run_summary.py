@@ -11,6 +11,7 @@ from fbench.replay.cli.fault_text import fault_lines
 from fbench.replay.cli.show import console, latency_table, null_reasons, print_json, score_table
 from fbench.replay.errors import ConfigError
 from fbench.replay.store import Run
+from fbench.replay.truth.coverage import coverage_of
 
 
 def show_run(run: Run, as_json: bool) -> None:
@@ -49,9 +50,8 @@ def _show_latency(out: Console, latency: dict[str, Any]) -> None:
 
 def _status(run: Run) -> list[str]:
     manifest = run.manifest
-    scored = sum(frame.truth_stamp_ns is not None for frame in run.frames)
     segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
-    lines = [f"frames: {manifest.num_frames} in {segments}, {scored} with truth"]
+    lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
     lines += [f"missing: {what} in {num} {_plural('frame', num)}" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")

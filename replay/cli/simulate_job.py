@@ -1,9 +1,13 @@
 """One simulation from the command line: which logs, and what is said of them."""
 
-from collections.abc import Iterator
+import signal
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+import typer
 
 from fbench.replay.cli.import_report import log_line
 from fbench.replay.cli.progress import import_progress
@@ -42,10 +46,24 @@ def run_simulation(job: SimulateJob) -> None:
     Raises:
         ConfigError: where something asked for isn't there, or the log can't or mustn't be written.
     """
+    wanted = list(_suite_logs(job)) if job.wish.world == _SUITE else [_one_log(job)]
+    _warn_of_idle(job.wish.settings, wanted[0][0])
+    done: list[ImportedLog] = []
+    try:
+        _simulate(job, wanted, done)
+    except KeyboardInterrupt:
+        num = sum(log.state == "written" for log in done)
+        written = f"{num} of {len(wanted)} logs written" if num else "nothing written"
+        sys.stderr.write(f"fbench: interrupted; {written}\n")
+        raise typer.Exit(128 + signal.SIGINT) from None
+    if job.as_json:
+        print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
+
+
+def _simulate(job: SimulateJob, wanted: Sequence[tuple["CitySpec", Path]], done: list[ImportedLog]) -> None:
+    """Write all logs that are wanted, and put each that is whole into `done`."""
     from fbench.datasets.city.recording import CityRecording
 
-    wanted = list(_suite_logs(job)) if job.wish.world == _SUITE else [_one_log(job)]
-    done: list[ImportedLog] = []
     with import_progress(len(wanted)) as progress:
         for spec, path in wanted:
             target = Target(path, job.overwrite)
@@ -54,8 +72,17 @@ def run_simulation(job: SimulateJob) -> None:
             with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
                 if not job.as_json:
                     _print(log)
-    if job.as_json:
-        print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
+
+
+def _warn_of_idle(settings: Sequence[str], spec: "CitySpec") -> None:
+    """Say which settings change nothing, as their sensor isn't simulated."""
+    from fbench.datasets.city.rig import WEATHER
+    from fbench.datasets.city.rig_file import split_setting
+
+    for setting in settings:
+        name, _, _ = split_setting(setting)
+        if name not in (WEATHER, *spec.rig.names):
+            sys.stderr.write(f"note: --set {setting} changes nothing: --sensors leaves '{name}' out\n")
 
 
 def _one_log(job: SimulateJob) -> tuple["CitySpec", Path]:

@@ -41,7 +41,8 @@ def _spread_rad(angles: Float64) -> float:
     A turn of few shots over many rings has steps of a degree: then no shot has any other within the usual spread.
     """
     aligned = angles / (_MAX_SPREAD_RAD, _SPREAD_RAD[1] / 4)  # of one ring
-    steps, _ = cKDTree(aligned).query(aligned, k=[2], distance_upper_bound=1.0)
+    near, _ = cKDTree(aligned).query(aligned, k=2, distance_upper_bound=1.0)
+    steps = np.asarray(near, np.float64)[:, 1]
     found = steps[np.isfinite(steps)] * _MAX_SPREAD_RAD
     step = float(np.median(found)) if len(found) else 0.0
     return float(min(max(_SPREAD_RAD[0], _STEPS * step), _MAX_SPREAD_RAD))

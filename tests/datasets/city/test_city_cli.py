@@ -144,6 +144,24 @@ def test_a_log_that_is_there_stays_unless_told_otherwise(fbench, tmp_path):
     assert (tmp_path / "b.mcap").read_bytes() == b"something else"
 
 
+def test_settings_of_sensors_that_are_left_out_are_told(fbench):
+    settings = ("--set", "weather.lux=10", "--set", "camera.rate_hz=3.0")
+    code, _, err = fbench("urban", *SHORT, *settings, "-o", "a.mcap")
+    assert (code, err) == (0, "note: --set camera.rate_hz=3.0 changes nothing: --sensors leaves 'camera' out\n")
+
+
+def test_logs_say_which_show_one_scene(fbench, tmp_path):
+    def scene(*args):
+        assert fbench("urban", *SHORT, *args, "-o", "a.mcap", "--overwrite")[0] == 0
+        return read(tmp_path / "a.mcap").info.metadata["scene_id"]
+
+    here = scene("--seed", "3")
+    others = (["--condition", "fog+night"], ["--set", "radar.rate_hz=10.0"], ["--set", "weather.lux=7"])
+    assert {scene("--seed", "3", *args) for args in others} == {here}
+    apart = (["--seed", "4"], ["--seed", "3", "--condition", "traffic"], ["--seed", "3", "--seconds", "0.2"])
+    assert here not in {scene(*args) for args in apart}
+
+
 def test_sensors_in_another_order_are_the_same_log(fbench, tmp_path):
     parts = ["[radars.a]\ntranslation_m = [2, 0, 1]\npoints_per_s = 2000\n", "[radars.b]\ntranslation_m = [2, 0, 1]\n"]
     ids = []
@@ -230,9 +248,11 @@ def test_who_is_stopped_leaves_no_log(tmp_path, kind):
             time.sleep(0.1)
         process.send_signal(kind)
         assert process.wait(30) != 0
-    assert "Traceback" not in (tmp_path / "out").read_text()
+    said = (tmp_path / "out").read_text()
+    assert "Traceback" not in said
     assert not (tmp_path / "a.mcap").exists()
     if kind == signal.SIGINT:
+        assert (process.returncode, said) == (130, "fbench: interrupted; nothing written\n")
         assert _rest(tmp_path) == []
 
 

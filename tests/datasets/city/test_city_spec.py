@@ -177,6 +177,11 @@ def test_rigs_come_from_toml(tmp_path):
         ("[lidars.top]\ntranslation_m='here'", "lidars.top.translation_m"),
         ("[lidars.'a b']\ntranslation_m=[0,0,2]", "lidars.a b"),
         ("[lidars.pose]\ntranslation_m=[0,0,2]", "two streams are called 'pose'"),
+        ("[lidars.body]\ntranslation_m=[0,0,2]", "'body', which is a coordinate frame"),
+        ("[cameras.map]\ntranslation_m=[0,0,2]", "'map', which is a coordinate frame"),
+        ("[radars.weather]\ntranslation_m=[0,0,2]", "'weather', which --set takes for the weather"),
+        ("[lidars.top]\ntranslaton_m=[0,0,2]", r"'lidars.top.translaton_m'; did you mean 'translation_m'\?"),
+        ("[lidars.top]", "Field required$"),
         ("[lidars.a]\ntranslation_m=[0,0,2]\n[radars.a]\ntranslation_m=[0,0,2]", "two streams are called 'a'"),
         ("[cameras.a]\ntranslation_m=[0,0,2]\nfov_deg=180.0", "cameras.a.fov_deg"),
         ("lidars = 3", "lidars: Input should be"),
@@ -195,7 +200,7 @@ def test_rig_files_that_are_wrong_name_the_key(tmp_path, text, says):
 def test_files_that_are_no_rigs_are_refused(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large.toml").write_bytes(b"#" * 2_000_000)
-    for name, says in (("binary.toml", "isn't TOML"), ("large.toml", "which no rig takes"), (".", "no such file")):
+    for name, says in (("binary.toml", "isn't TOML"), ("large.toml", "which no rig takes"), (".", "is a folder")):
         with pytest.raises(ConfigError, match=says):
             read_rig(tmp_path / name)
 

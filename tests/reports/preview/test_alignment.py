@@ -37,6 +37,22 @@ def test_the_near_side_of_a_jump_is_an_edge():
     assert len(depth_edges(np.zeros((0, 3)))) == 0
 
 
+def test_jumps_are_found_between_shots_a_degree_apart():
+    """As in a turn of 50,000 shots over 128 channels, where no ring has its shots above those of another."""
+    shot = np.arange(50_000)
+    ring = shot % 128
+    azimuth, altitude = np.pi - shot * (2 * np.pi / len(shot)), np.radians(30 - ring * 50 / 127)
+    is_pole = np.abs(azimuth) < np.radians(3)
+    distance = np.where(is_pole, 10.0, 20.0)
+    xyz = np.stack([np.cos(altitude) * np.cos(azimuth), np.cos(altitude) * np.sin(azimuth), np.sin(altitude)], axis=1)
+    edges = depth_edges(distance[:, None] * xyz)
+    assert is_pole[edges].all()
+    beside = np.degrees(np.abs(azimuth[edges]))
+    assert beside.min() > 3 - 2 * 0.93
+    sides = {(int(ring[i]), azimuth[i] > 0) for i in edges}
+    assert len(sides) == 2 * 128
+
+
 def test_a_right_calibration_fits():
     found = aligned(street_samples(street_rig()), "cam")
     assert not found.is_bad

@@ -25,6 +25,7 @@ class Instant:
     """Of the reference's message as recorded, which truth refers to."""
     frame_number: int | None
     is_chosen: bool
+    segment: int = 0
 
 
 class Labelling:
@@ -40,6 +41,7 @@ class Labelling:
 
     def __init__(self, instants: Sequence[Instant]) -> None:
         self._indices = [i.index for i in instants]
+        self._segments = [i.segment for i in instants]
         self._rows = {index: row for row, index in enumerate(self._indices)}
         self._stamps = np.array([i.stamp_ns for i in instants], np.int64)
         self._order = np.argsort(self._stamps, kind="stable")
@@ -68,6 +70,20 @@ class Labelling:
         """Stamp of a frame."""
         return int(self._stamps[self._rows[index]])
 
+    def segment_of(self, index: int) -> int:
+        """Segment of a frame."""
+        return self._segments[self._rows[index]]
+
+    def between(self, first_ns: int, last_ns: int) -> list[int]:
+        """Indices of the frames from one stamp to another, both included, in the order of their stamps."""
+        start, stop = np.searchsorted(self._sorted, first_ns), np.searchsorted(self._sorted, last_ns, side="right")
+        return [self._indices[row] for row in self._order[start:stop].tolist()]
+
+    def around(self, stamp_ns: int) -> list[int]:
+        """Indices of the last frame before a stamp and the first one from there on, as far as there are any."""
+        at = int(np.searchsorted(self._sorted, stamp_ns))
+        return [self._indices[row] for row in self._order[max(0, at - 1) : at + 1].tolist()]
+
     def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
         """Yield every truth with its frame. Several truths of one frame are joined where they complement each other (3D
         and 2D, or different cameras); else the nearest gets it, and others get `None`.
@@ -76,7 +92,7 @@ class Labelling:
         """
         kept: tuple[int, Truth] | None = None
         done: dict[int, None] = {}
-        for index, truth in map(self._found, truths):
+        for index, truth in map(self.found, truths):
             if index is None or index in done:
                 yield None, truth
             elif kept is not None and kept[0] == index:
@@ -93,8 +109,8 @@ class Labelling:
         if kept is not None:
             yield kept
 
-    def _found(self, truth: Truth) -> tuple[int | None, Truth]:
-        """The frame of a truth; what counts frames gets the frame's stamp."""
+    def found(self, truth: Truth) -> tuple[int | None, Truth]:
+        """Return the frame of a truth, and the truth; what counts frames gets the frame's stamp."""
         index = self.frame_of(truth)
         if index is None or truth.frame_index is None:
             return index, truth
@@ -124,11 +140,11 @@ def joined(nearer: Truth, farther: Truth) -> Truth | None:
     if len(boxes3d) > 1 or (len(boxes2d) > 1 and np.isin(boxes2d[0].camera, boxes2d[1].camera).any()):
         return None
     return replace(
-        nearer, boxes3d=boxes3d[0] if boxes3d else None, boxes2d=concatenate(_alike(boxes2d)) if boxes2d else None
+        nearer, boxes3d=boxes3d[0] if boxes3d else None, boxes2d=concatenate(alike(boxes2d)) if boxes2d else None
     )
 
 
-def _alike(parts: list[B]) -> list[B]:
+def alike(parts: list[B]) -> list[B]:
     """Drop what only some of the parts tell: ids, say."""
     full = [part for part in parts if len(part)]
     unshared: dict[str, Any] = {

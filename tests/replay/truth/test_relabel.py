@@ -11,13 +11,13 @@ from fbench.replay.errors import LogError, MetricError
 from fbench.replay.excerpt import Excerpt
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.relabel import relabel
 from fbench.replay.restamp import StampParams
 from fbench.replay.run import Plan, replay
 from fbench.replay.store import Run
 from fbench.replay.sync import SyncParams
+from fbench.replay.truth.relabel import relabel
 
-from .fakes import MS, UPRIGHT, Echo, drive
+from ..fakes import MS, UPRIGHT, Echo, drive
 
 SOLID = "x,y,z,length,width,height,yaw"
 TURNED = np.array([0.0, 0, np.sqrt(0.5), np.sqrt(0.5)])
@@ -61,6 +61,30 @@ def test_truth_is_replaced(tmp_path):
     now = json.loads(after.manifest.model_dump_json())
     assert {key for key in now if now[key] != before[key]} == {"truth"}
     assert not list(after.folder.glob(".*"))
+
+
+def test_truth_between_is_that_of_a_replay(tmp_path):
+    """Labelled every 250 ms, with poses: frames 0 and 5 and so on are labelled, others lie between."""
+    log = with_poses(drive())
+    labels = [replace(t, stamp_ns=250 * MS * i, boxes3d=replace(t.boxes3d, velocity_mps=np.array([[1.0, 2, 0]])))
+              for i, t in enumerate(log.labels[:7])]  # fmt: skip
+    whole = run_of(tmp_path / "whole", replace(log, labels=labels), max_between_ns=250 * MS)
+    run = run_of(tmp_path, log)
+    rows = "".join(f"{t.stamp_ns},{t.boxes3d.center_m[0, 0]},0,0,4,2,1.5,0,7,1,2\n" for t in labels)
+    (tmp_path / "truth.csv").write_text(f"stamp_ns,{SOLID},track_id,vx,vy\n{rows}")
+    found = relabel(run, BoxSource(tmp_path / "truth.csv"), max_between_ns=250 * MS)
+    assert (found.num_truths, found.num_matched, found.num_between) == (7, 16, 12)
+    after = Run(run.folder)
+    assert after.manifest.interpolation == whole.manifest.interpolation
+    assert counts(after).get("GT006") is None
+    for index in range(16):
+        a, b = whole.truth3d(index), after.truth3d(index)
+        for name in ("center_m", "yaw_rad", "velocity_mps"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert after.truth3d(16) is None
+    again = relabel(after, BoxSource(tmp_path / "truth.csv"))
+    assert (again.num_matched, again.num_between) == (4, 0)
+    assert counts(Run(run.folder)) == {"GT006": 3}
 
 
 def test_truth_of_another_kind_removes_the_old(tmp_path):

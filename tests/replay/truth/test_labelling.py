@@ -1,7 +1,7 @@
 import numpy as np
 
 from fbench.replay.data import Boxes2D, Boxes3D, Truth
-from fbench.replay.labelling import Instant, Labelling
+from fbench.replay.truth.labelling import Instant, Labelling
 
 MS = 1_000_000
 

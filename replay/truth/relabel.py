@@ -18,16 +18,17 @@ from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FAULTS, FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.frame_poses import pose_of
-from fbench.replay.labelling import Instant, Labelling, stray
 from fbench.replay.log_keys import CAMERA0
 from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.logs.tree import BODY, tree_of
-from fbench.replay.manifest import Manifest, save_manifest
+from fbench.replay.manifest import InterpolationEntry, Manifest, save_manifest
 from fbench.replay.redact import redacted_rows
 from fbench.replay.store import FRAMES, Run, with_truth, write_frames
 from fbench.replay.tables import BoxWriter
-from fbench.replay.truth_boxes import fitted
+from fbench.replay.truth.fitted import fitted
+from fbench.replay.truth.labelling import Instant, stray
+from fbench.replay.truth.times import TruthTimes
 
 _ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007")
 _TABLES = ("truth.parquet", "truth_2d.parquet")
@@ -41,15 +42,20 @@ class Relabelled:
     """Instants in the file."""
     num_matched: int
     """Frames of the run that it labels."""
+    num_between: int = 0
+    """Those among them that have no truth of their own, but lie between truths."""
 
 
-def relabel(run: Run, source: BoxSource, classes: Mapping[str, str] | None = None) -> Relabelled:
+def relabel(
+    run: Run, source: BoxSource, classes: Mapping[str, str] | None = None, max_between_ns: int = 0
+) -> Relabelled:
     """Replace the truth of a run by that of a file. Scores stay as they were until the run is scored again.
 
     Args:
         run: A finished run, made with or without truth.
         source: The file.
         classes: Labels by the names that the file gives to classes.
+        max_between_ns: Frames between truths that aren't farther apart get truth by interpolation; 0: none does.
 
     Raises:
         ConfigError: where the file isn't there, or names a camera or coordinate frame that the run doesn't know.
@@ -63,11 +69,13 @@ def relabel(run: Run, source: BoxSource, classes: Mapping[str, str] | None = Non
     map_ = ClassMap(classes or {})
     truths = (_classed(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
     with _Tables(run) as tables:
-        _match(run, Labelling(_instants(run)).matched(truths), tables, faults)
+        times = TruthTimes(_instants(run), run.poses, max_between_ns)
+        _match(run, times.matched(truths), tables, faults)
         if not tables.truths:
             raise MetricError(_unmatched(run, source.path, span))
-        tables.finish(faults, file)
-    return Relabelled(span.num, len(tables.truths))
+        between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.truths)))
+        tables.finish(faults, file, between)
+    return Relabelled(span.num, len(tables.truths), between.num_frames)
 
 
 @dataclass
@@ -118,7 +126,7 @@ class _Tables:
             boxes2d=None if truth.boxes2d is None else Boxes2D.empty(),
         )
 
-    def finish(self, faults: FaultLog, file: BoxFile) -> None:
+    def finish(self, faults: FaultLog, file: BoxFile, between: InterpolationEntry) -> None:
         """Put the tables in place; the manifest comes last."""
         records = [with_truth(record, self.truths.get(record.index)) for record in self._run.frames]
         write_frames(self._partial(FRAMES), records, self._run.poses)
@@ -134,7 +142,7 @@ class _Tables:
         self._partial(FRAMES).replace(self._run.folder / FRAMES)
         replace_text(self._run.folder / "faults.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
         partial = self._partial("manifest.json")
-        save_manifest(partial, _with_truth_entry(manifest, file, content))
+        save_manifest(partial, _with_truth_entry(manifest, file, between, content))
         partial.replace(self._run.folder / "manifest.json")
 
     def _writer(self, name: str, boxes: Boxes) -> BoxWriter:
@@ -163,7 +171,7 @@ def _instants(run: Run) -> list[Instant]:
     """Truth refers to stamps as recorded, before an offset was added."""
     frames = run.manifest.frames
     offset_ns = frames.offsets_ns.get(frames.reference, 0)
-    return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True) for f in run.frames]
+    return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
 
 
 def _classed(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
@@ -203,10 +211,13 @@ def _with_faults(run: Run, faults: FaultLog) -> dict[str, Any]:
     return {**content, "lost": lost, "rows": rows}
 
 
-def _with_truth_entry(manifest: Manifest, file: BoxFile, content: dict[str, Any]) -> Manifest:
+def _with_truth_entry(
+    manifest: Manifest, file: BoxFile, between: InterpolationEntry, content: dict[str, Any]
+) -> Manifest:
     """A run that was complete lacks something if boxes of truth were lost."""
     counts = FaultLog()
     counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
     unreal = bool(counts.counts["GT004"])
     complete = not unreal and (manifest.complete or not FaultBudget().exceeded(counts))
-    return manifest.model_copy(update={"truth": truth_entry(file.source), "complete": complete})
+    told = {"truth": truth_entry(file.source), "interpolation": between, "complete": complete}
+    return manifest.model_copy(update=told)
