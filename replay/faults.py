@@ -55,6 +55,7 @@ FAULTS: dict[str, FaultKind] = {
     "TIM007": FaultKind("degrade", "gap, new segment"),
     "TIM008": FaultKind("fatal", "clocks of two sensors differ"),
     "TIM011": FaultKind("degrade", "topic without stamps, those of recording taken"),
+    "GT001": FaultKind("fatal", "nothing has truth; sequences of files without truth are left out and listed"),
     "GT003": FaultKind("fatal", "one id twice in a frame, in truth or tracks"),
     "GT004": FaultKind("count", "truth box isn't finite or has no size"),
     "GT005": FaultKind("degrade", "label in a file that is no box, or of no camera"),

@@ -64,7 +64,9 @@ def inside(regions: Sequence[Region], xy_m: Array) -> Array:
     points = np.asarray(xy_m, np.float64)
     found = np.zeros(len(points), bool)
     for region in regions:
-        found |= _in_polygon(region.points_m, points)
+        low, high = region.points_m.min(axis=0), region.points_m.max(axis=0)
+        near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1) & ~found)
+        found[near] = _in_polygon(region.points_m, points[near]) if len(near) else False
     return found
 
 

@@ -27,7 +27,9 @@ _AB3DMOT_NAMES = (
 )  # fmt: skip
 AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)
 """Frame, number of the class, then these."""
-_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
+UNKNOWN_ALPHA = -10
+"""What stands for an angle of observation that nobody knows."""
+AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
 def labelled(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
@@ -63,7 +65,7 @@ def ab3dmot(line: Line, camera: str) -> Labelled:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
     kind = whole(line.fields[1], line.where, "class")
     v = {n: number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
-    return _object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
+    return _object(AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
 
 
 def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
@@ -78,6 +80,7 @@ def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None
         ignore=True if dont_care else None,
         occlusion=_known(v.get("occluded", -1)),
         truncation=_known(v.get("truncated", -1)),
+        alpha_rad=None if v["alpha"] == UNKNOWN_ALPHA else v["alpha"],
     )
 
 

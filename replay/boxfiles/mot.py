@@ -16,7 +16,7 @@ from fbench.replay.faults import FaultLog
 from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
-_CLASSES = {
+CLASSES = {
     1: ("pedestrian", "pedestrian"), 2: ("person on vehicle", "pedestrian"), 3: ("car", "car"),
     4: ("bicycle", "bicycle"), 5: ("motorbike", "motorcycle"), 6: ("non motorized vehicle", "other"),
     7: ("static person", "pedestrian"), 8: ("distractor", "other"), 9: ("occluder", "other"),
@@ -49,7 +49,7 @@ def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog)
     """
     camera = camera_of(source.camera or source.frame, coordinates, str(source.path))
     sequence = _sequence(source.path)
-    rows = (_row(line, camera, sequence.is_truth) for line in lines(sequence.path, ","))
+    rows = (mot_row(line, camera, sequence.is_truth) for line in lines(sequence.path, ","))
     for frame, objects in filled(in_order(rows), 1, sequence.num_frames):
         yield Truth(0, 0, None, flats(objects), frame_index=frame - 1)
 
@@ -61,10 +61,15 @@ def _sequence(path: Path) -> _Sequence:
         raise LogError(f"{path}: no gt/gt.txt and no det/det.txt")
     near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
     info = next((ini for ini in near if ini.is_file()), None)
-    return _Sequence(file, 0 if info is None else _length(info), file.stem.startswith("gt"))
+    return _Sequence(file, 0 if info is None else sequence_length(info), file.stem.startswith("gt"))
 
 
-def _length(path: Path) -> int:
+def sequence_length(path: Path) -> int:
+    """Return the number of frames that a `seqinfo.ini` tells.
+
+    Raises:
+        LogError: where it tells none.
+    """
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(path.read_text(encoding="utf-8-sig"))
@@ -74,7 +79,18 @@ def _length(path: Path) -> int:
     return min(frame_number(text, f"{path} seqLength"), MAX_FRAMES)
 
 
-def _row(line: Line, camera: str, is_truth: bool) -> tuple[int, Labelled]:
+def mot_row(line: Line, camera: str, is_truth: bool, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
+    """Return the frame of a row, counted from 1, and its object.
+
+    Args:
+        line: The row.
+        camera: Whose image the box is in.
+        is_truth: Whether its confidence says that it counts, 1, or that it doesn't, 0.
+        shift_px: Position of the first pixel, which is taken off.
+
+    Raises:
+        LogError: where a column is missing or isn't a number.
+    """
     fields = [field for field in line.fields if field] if line.fields[-1] == "" else line.fields
     where = line.where
     if not 6 <= len(fields) <= 10:
@@ -84,7 +100,7 @@ def _row(line: Line, camera: str, is_truth: bool) -> tuple[int, Labelled]:
         raise LogError(f"{where}: frame is 0, but MOTChallenge counts frames from 1")
     names = ("left", "top", "width", "height")
     left, top, width, height = (number(text, where, name) for name, text in zip(names, fields[2:6], strict=True))
-    left, top = left - SHIFT_PX, top - SHIFT_PX
+    left, top = left - shift_px, top - shift_px
     flat = Flat(camera, (left, top, left + width, top + height))
     return frame, _labelled(fields, where, flat, is_truth)
 
@@ -93,7 +109,7 @@ def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool) -> Labe
     """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 behind the confidence."""
     has_class = len(fields) in (8, 9)
     kind = whole(fields[7], where, "class") if has_class else 1
-    name, label = _CLASSES.get(kind, (str(kind), "other"))
+    name, label = CLASSES.get(kind, (str(kind), "other"))
     confidence = number(fields[6], where, "confidence") if len(fields) > 6 else None
     is_flag = is_truth or has_class
     return Labelled(

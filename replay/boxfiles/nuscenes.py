@@ -39,14 +39,19 @@ def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: Faul
     ordered = sorted((instant(token), token) for token in results)
     for (stamp_ns, frame), token in ordered:
         at = f"{where}: sample '{token[:40]}'"
-        objects = [_labelled(item, f"{at} box {i}") for i, item in enumerate(items(results[token], at))]
+        objects = [labelled_box(item, f"{at} box {i}") for i, item in enumerate(items(results[token], at))]
         frames = [source.frame or "world"] * max(len(objects), 1)
         boxes, in_world = placed(solids(objects), frames, coordinates, at)
         counted = None if frame < 0 else frame
         yield Truth(stamp_ns, stamp_ns, boxes, None, counted, counted, in_world)
 
 
-def _labelled(value: object, where: str) -> Labelled:
+def labelled_box(value: object, where: str) -> Labelled:
+    """Return the object of a box of a submission, in the world.
+
+    Raises:
+        LogError: saying what is missing or wrong.
+    """
     box = mapping(value, where)
     name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
     if not name:

@@ -51,6 +51,8 @@ class Labelled:
     truncation: float | None = None
     attribute: str | None = None
     num_lidar_pts: int | None = None
+    alpha_rad: float | None = None
+    """KITTI's angle of observation, which boxes have no place for."""
 
 
 _OPTIONAL: tuple[tuple[str, Any, Any], ...] = (

@@ -18,9 +18,9 @@ from fbench.replay.boxfiles.table_values import Values
 from fbench.replay.data import Truth
 from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.faults import FaultLog
-from fbench.replay.labelling import joined
 from fbench.replay.logs.coordinates import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
+from fbench.replay.truth.labelling import joined
 
 
 def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:

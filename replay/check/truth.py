@@ -10,8 +10,8 @@ from fbench.replay.arrays import Array, Bool, Int64
 from fbench.replay.boxes import Boxes2D
 from fbench.replay.check.finding import Finding, finding
 from fbench.replay.data import Boxes, Truth
-from fbench.replay.labelling import TOLERANCE_NS
-from fbench.replay.truth_boxes import is_real
+from fbench.replay.truth.fitted import is_real
+from fbench.replay.truth.labelling import TOLERANCE_NS
 
 
 @dataclass

@@ -11,17 +11,18 @@ from fbench.replay.cli.show import console, number, print_json
 from fbench.replay.errors import EXIT_NO, EXIT_OK
 
 if TYPE_CHECKING:
-    from fbench.metrics.compare import Comparison
+    from fbench.metrics.compare import Comparison, Row
 
 _MARKS = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "new": "cyan"}
 
 
 def compare_runs(base: Path, head: Path, tolerance: float, as_json: bool) -> int:
     """Print what changed; returns the exit code."""
-    from fbench.metrics.compare import compare, require_comparable
+    from fbench.metrics.comparable import require_common_instants, require_comparable
+    from fbench.metrics.compare import compare
 
     before, after = open_run(base), open_run(head)
-    notes = require_comparable(before.manifest, after.manifest)
+    notes = (*require_comparable(before.manifest, after.manifest), *require_common_instants(before, after))
     comparison = compare(before.scores, after.scores, tolerance)
     if as_json:
         rows = [asdict(row) for row in comparison.rows]
@@ -36,16 +37,23 @@ def _print(comparison: "Comparison", notes: tuple[str, ...]) -> None:
     out = console()
     for note in notes:
         out.print(f"note: {note}", markup=False, soft_wrap=True)
-    changed = [row for row in comparison.rows if row.verdict != "same" or row.primary]
+    changed = [row for row in comparison.rows if row.primary or (row.verdict != "same" and not _is_empty(row))]
+    num_empty = sum(_is_empty(row) and not row.primary for row in comparison.rows)
     table = Table(box=None, pad_edge=False)
-    for column in ("metric", "class", "matching", "base", "head", "change", ""):
+    for column in ("metric", "class", "slice", "matching", "base", "head", "change", ""):
         table.add_column(column, justify="right" if column in ("base", "head", "change") else "left")
     for row in changed:
         delta = "–" if row.delta is None else f"{row.delta:+.3f}"
         verdict = f"{row.verdict}{' (primary)' if row.primary else ''}"
         cells = (number(row.metric, row.base, row.unit), number(row.metric, row.head, row.unit), delta)
-        table.add_row(row.metric, row.class_, row.matching, *cells, verdict, style=_MARKS.get(row.verdict))
+        table.add_row(row.metric, row.class_, row.slice, row.matching, *cells, verdict, style=_MARKS.get(row.verdict))
     out.print(table)
-    out.print(f"{len(comparison.rows) - len(changed)} other numbers are the same")
+    same = f"{len(comparison.rows) - len(changed) - num_empty} other numbers are the same"
+    out.print(f"{same}, {num_empty} have no value in either run" if num_empty else same)
     verdict = "REGRESSED: a primary metric fell" if comparison.regressed else "no regression"
     out.print(f"{verdict} (tolerance {comparison.tolerance:g})")
+
+
+def _is_empty(row: "Row") -> bool:
+    """Whether a number is undefined in both runs, so that it says nothing."""
+    return row.base is None and row.head is None

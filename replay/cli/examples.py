@@ -13,7 +13,13 @@ REPLAY = (
 )
 SCORE = (
     f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around\n\n"
-    "fbench score runs/log-lidar3d --truth label_02/0003.txt"
+    "fbench score runs/log-lidar3d --truth label_02/0003.txt\n\n"
+    "fbench score runs/log-lidar3d --explain 12\n\n"
+    "fbench score runs/city1-late3d runs/city2-late3d --intervals 1000 -o together.json\n\n"
+    "fbench score runs/log-lidar3d --profile kitti-3dmot --match iou3d:0.25\n\n"
+    "fbench score --truth label_02 --detections tracker/data --profile trackeval-kitti -o scores.json\n\n"
+    "fbench score --truth MOT17/train --detections results --profile trackeval-mot --sequences MOT17-02,MOT17-04\n\n"
+    "fbench score --truth truth.json --detections submission.json --profile nuscenes-detection --json"
 )
 REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
 COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
@@ -21,7 +27,10 @@ VERIFY = (
     f"{_HEAD}fbench verify log.mcap -p lidar3d\n\n"
     "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50"
 )
-PLUGINS = f"{_HEAD}fbench plugins\n\nfbench plugins pipelines late3d"
+PLUGINS = (
+    f"{_HEAD}fbench plugins\n\nfbench plugins pipelines late3d\n\nfbench plugins metrics hota\n\n"
+    "fbench plugins profiles kitti-3dmot"
+)
 LOG_INFO = f"{_HEAD}fbench log info log.mcap\n\nfbench log info log.mcap --json"
 LOG_CHECK = (
     f"{_HEAD}fbench log check log.mcap\n\nfbench log check log.mcap -p late3d --timeout-ms 50\n\n"

@@ -49,4 +49,4 @@ def _group(name: str) -> Group:
     for group in _GROUPS:
         if group == name:
             return group
-    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, _GROUPS)}")
+    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, (*_GROUPS, 'profiles'))}")

@@ -6,10 +6,24 @@ import typer
 
 
 def plugins(
-    group: Annotated[str | None, typer.Argument(help="datasets, pipelines, metrics or reports.")] = None,
-    name: Annotated[str | None, typer.Argument(help="One dataset or pipeline, to show its parameters.")] = None,
-) -> None:
-    """List plug-ins, or the parameters of a dataset's importer or of a pipeline."""
+    group: Annotated[
+        str | None, typer.Argument(help="datasets, pipelines, metrics, profiles or reports.", show_default=False)
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(help="One of them: its parameters, a metric's definition, a profile's rules.",
+                       show_default=False),
+    ] = None,
+) -> None:  # fmt: skip
+    """List plug-ins and metrics, or say what one of them is."""
+    if group in ("metrics", "profiles"):
+        from fbench.replay.cli.metric_list import show_metric, show_metrics, show_profile, show_profiles
+
+        if name is None:
+            (show_metrics if group == "metrics" else show_profiles)()
+        else:
+            (show_metric if group == "metrics" else show_profile)(name)
+        return
     from fbench.replay.cli.plugin_list import show_group, show_parameters
 
     if name is not None:

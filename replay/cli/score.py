@@ -2,41 +2,78 @@
 
 import typer
 
-from fbench.replay.cli.log_options import Config, TruthFile, TruthFormat, TruthFrame
-from fbench.replay.cli.options import DistanceM, InView, Iou, Json, RangeM, RunFolder
+from fbench.replay.cli.log_options import Config, DetectionsFile, TruthFile, TruthFormat, TruthFrame
+from fbench.replay.cli.options import DistanceM, InterpolateTruth, InView, Iou, Json, MinCoverage, RangeM
+from fbench.replay.cli.score_options import (
+    Class,
+    DetectionsFormat,
+    Explain,
+    Intervals,
+    Match,
+    Missing,
+    Out,
+    Profile,
+    Region,
+    Runs,
+    Seed,
+    Seqmap,
+    Sequences,
+)  # fmt: skip
 
 
 def score(
-    run: RunFolder,
+    context: typer.Context,
+    runs: Runs = None,
+    truth: TruthFile = None,
+    detections: DetectionsFile = None,
+    profile: Profile = None,
+    match: Match = None,
+    class_: Class = None,
+    explain: Explain = None,
+    sequences: Sequences = None,
+    seqmap: Seqmap = None,
+    missing: Missing = "error",
+    truth_format: TruthFormat = None,
+    detections_format: DetectionsFormat = None,
+    truth_frame: TruthFrame = "",
     range_m: RangeM = 50.0,
     in_view: InView = True,
+    region: Region = None,
     distance_m: DistanceM = 2.0,
     iou: Iou = 0.5,
+    interpolate_truth: InterpolateTruth = 0.0,
     config: Config = None,
-    truth: TruthFile = None,
-    truth_format: TruthFormat = None,
-    truth_frame: TruthFrame = "",
+    min_coverage: MinCoverage = 0.0,
+    intervals: Intervals = 0,
+    seed: Seed = 0,
+    out: Out = None,
     json: Json = False,
 ) -> None:
-    """Score a run again from its folder, without replaying the log."""
-    from fbench.replay.cli.log_options import box_source
-    from fbench.replay.cli.run_summary import open_run, show_run
-    from fbench.replay.cli.scoring import score_folder
-    from fbench.replay.cli.truth_job import label_run
-    from fbench.replay.config.source import classes_of
-    from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError, RunError
-    from fbench.replay.scores import ScoreOptions
+    """Score runs again from their folders, or results of another system from files, without replaying a log."""
+    from fbench.replay.cli.score_wish import ProfileWish, Resampling, require_fitting
+    from fbench.replay.scores import ScoreOptions, region_kinds
 
-    opened = open_run(run)
-    source = box_source(truth, truth_format, truth_frame)
-    if source is None and config is not None:
-        raise ConfigError("--config gives the classes of --truth PATH, which is missing")
-    if source is not None:
-        opened = label_run(opened, source, classes_of(config))
-    if all(frame.truth_stamp_ns is None for frame in opened.frames):
-        strays = next(row["count"] for row in opened.json("faults.json")["rows"] if row["code"] == "GT006")
-        why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
-        raise RunError(f"{run}: {why}, so there is nothing to score")
-    scored = score_folder(opened.folder, ScoreOptions(range_m, in_view, distance_m, iou))
-    show_run(scored, json)
-    raise typer.Exit(EXIT_OK if scored.manifest.complete else EXIT_LOSSY)
+    given = {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
+    require_fitting(given, len(runs or ()))
+    wish = ProfileWish(profile or "default", match, tuple(class_ or ()), out, json, Resampling(intervals, seed))
+    if not runs:
+        from fbench.replay.cli.score_files import FileWish, score_files
+
+        files = FileWish(truth, detections, truth_format, detections_format, sequences, seqmap, missing)
+        raise typer.Exit(score_files(files, wish))
+    if profile is not None:
+        from fbench.replay.cli.score_profile import score_runs_by
+
+        raise typer.Exit(score_runs_by(runs, wish, min_coverage))
+    from fbench.replay.cli.score_again import OtherTruth, score_again
+    from fbench.replay.cli.score_together import score_together
+
+    options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region))
+    if explain is not None:
+        from fbench.replay.cli.explain import explain_run
+
+        raise typer.Exit(explain_run(runs[0], options, explain, wish.only_class("vehicle"), json))
+    if len(runs) > 1:
+        raise typer.Exit(score_together(runs, options, wish.resampling.how(), out, json))
+    other = OtherTruth(truth, truth_format, truth_frame, interpolate_truth, config)
+    raise typer.Exit(score_again(runs[0], options, other, min_coverage, wish))

@@ -2,21 +2,35 @@
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fbench.replay.files import replace_text
 from fbench.replay.plugins import found, load
 from fbench.replay.scores import ScoreOptions, save_scores
 from fbench.replay.store import Run
 
+if TYPE_CHECKING:
+    from fbench.metrics.bootstrap import Bootstrap
 
-def score_folder(folder: Path, options: ScoreOptions) -> Run:
-    """Write `scores.json` and `latency.json` into a run folder and return the run."""
+
+def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:
+    """Write `scores.json` and `latency.json` into a run folder and return the run.
+
+    Args:
+        folder: Of the run.
+        options: How boxes match, and which count.
+        how: Resamples for confidence intervals of the scores; none by default.
+    """
     from fbench.metrics.latency import summarise
     from fbench.metrics.score import score_run
 
     run = Run(folder)
     metrics = [load("metrics", name)() for name in found("metrics")]
     scores = score_run(run, options, metrics)
+    if how is not None:
+        from fbench.metrics.one_run import intervals_of_run
+
+        scores = intervals_of_run(run, options, scores, how)
     latency = json.dumps(summarise(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)

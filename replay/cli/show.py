@@ -12,7 +12,7 @@ from rich.text import Text
 from fbench.replay.scores import Score
 
 _COUNTS = ("idsw",)
-_SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw")
+_SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw", "idf1", "hota")
 
 
 class _Console(Console):
@@ -58,6 +58,17 @@ def number(metric: str, value: float | None, unit: str) -> str:
     return f"{value:.3f}" if unit in ("1", "iou") else f"{value:.3f} {unit}"
 
 
+def interval_text(score: Score, digits: int = 3) -> str:
+    """The confidence interval, such as ` [0.837, 0.962]`; nothing where there is none."""
+    if score.low is None or score.high is None:
+        return ""
+    return f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
+
+
+def _with_interval(score: Score) -> str:
+    return number(score.metric, score.value, score.unit) + interval_text(score, 0 if score.metric in _COUNTS else 3)
+
+
 def primary(scores: Sequence[Score]) -> list[Score]:
     """The rows worth showing first: all vehicles as one class, in the run's own space and in the image."""
     return [s for s in scores if s.metric in _SHOWN and s.class_ == "vehicle" and s.slice == "all"]
@@ -73,7 +84,7 @@ def score_table(scores: Sequence[Score]) -> Table:
     for matching in matchings:
         table.add_column(matching, justify="right")
     for metric in dict.fromkeys(s.metric for s in rows):
-        cells = {s.matching: number(metric, s.value, s.unit) for s in rows if s.metric == metric}
+        cells = {s.matching: _with_interval(s) for s in rows if s.metric == metric}
         table.add_row(metric, *(cells.get(matching, "") for matching in matchings))
     return table
 

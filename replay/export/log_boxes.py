@@ -16,9 +16,9 @@ from fbench.replay.frame_poses import FramePoses
 from fbench.replay.frames import FrameStream
 from fbench.replay.geometry.boxes import moved
 from fbench.replay.geometry.transforms import inverse
-from fbench.replay.labelling import Instant, Labelling, stray
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.restamp import StampParams
+from fbench.replay.truth.labelling import Instant, Labelling, stray
 
 NO_POSE = "in the world, without a pose of the body"
 

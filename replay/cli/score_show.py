@@ -1,0 +1,119 @@
+"""What a profile's scores are told as: tables for people, rows for machines."""
+
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from fbench.replay.cli.score_wish import ProfileWish
+from fbench.replay.cli.show import console, interval_text
+from fbench.replay.scores import Score, save_scores, score_rows
+
+if TYPE_CHECKING:
+    from fbench.metrics.profiles.headlines import Line
+
+_MAX_COLUMNS = 6
+_COLUMNS_BY_SEQUENCE = 8
+
+
+@dataclass(frozen=True)
+class Told:
+    """What scores are of."""
+
+    what: str
+    profile: str
+    sequences: tuple[str, ...]
+
+
+def show_scores(rows: Sequence[Score], told: Told, wish: ProfileWish) -> None:
+    """Print the scores of a profile, and write them where that was asked for."""
+    if wish.out is not None:
+        save_scores(wish.out, rows)
+        sys.stderr.write(f"{len(rows)} rows: {wish.out}\n")
+    if wish.as_json:
+        sys.stdout.write(json.dumps({"profile": told.profile, "scores": score_rows(rows)}, indent=1, allow_nan=False))
+        sys.stdout.write("\n")
+        return
+    from fbench.metrics.profiles.headlines import lines
+
+    out = console()
+    out.print(f"{told.what}: profile {told.profile}", soft_wrap=True)
+    out.print()
+    table = lines(rows, told.profile)
+    for group in _in_groups(table):
+        out.print(_table(table, group))
+        out.print()
+    if len(told.sequences) > 1 and table:
+        out.print(_by_sequence(rows, table, told.sequences))
+        out.print()
+    for line in _reasons(table):
+        out.print(f"– {line}", soft_wrap=True)
+
+
+def _in_groups(table: "Sequence[Line]") -> list[list[str]]:
+    """Columns, as many at a time as a terminal has room for."""
+    columns = list(dict.fromkeys(name for line in table for name in line.scores))
+    return [columns[i : i + _MAX_COLUMNS] for i in range(0, len(columns), _MAX_COLUMNS)]
+
+
+def _table(lines: "Sequence[Line]", columns: Sequence[str]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("metric", no_wrap=True)
+    for name in columns:
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("matched by")
+    for line in lines:
+        if any(name in line.scores for name in columns):
+            cells = (_cell(line.scores.get(name)) for name in columns)
+            table.add_row(line.metric, *cells, line.matching)
+    return table
+
+
+def _by_sequence(rows: Sequence[Score], lines: "Sequence[Line]", sequences: Sequence[str]) -> Table:
+    """The first metrics of the first class, a line a sequence."""
+    from fbench.metrics.profiles.headlines import by_slice
+
+    column, first = next(iter(lines[0].scores.items()))
+    lines = [line for line in lines if column in line.scores][:_COLUMNS_BY_SEQUENCE]
+    level = first.slice.removeprefix("all")
+    table = Table(box=None, pad_edge=False)
+    table.add_column(f"sequence ({column})")
+    for line in lines:
+        table.add_column(line.metric, justify="right", no_wrap=True)
+    index = by_slice(rows)
+    wholes = [line.scores[column] for line in lines]
+    for name in sequences:
+        cells = [_cell(index.get((f"sequence {name}{level}", row.class_, row.metric, row.matching))) for row in wholes]
+        table.add_row(name, *cells)
+    return table
+
+
+def _cell(score: Score | None) -> str:
+    """Three decimals and the unit; counts as they are."""
+    if score is None:
+        return ""
+    if score.value is None:
+        return "–"
+    if score.unit == "1" and score.metric in _counts() and score.value == int(score.value):
+        return f"{score.value:.0f}{interval_text(score, 0)}"
+    unit = "" if score.unit.lower() in ("1", "iou") else f" {score.unit}"
+    return f"{score.value:.3f}{unit}{interval_text(score)}"
+
+
+def _counts() -> frozenset[str]:
+    from fbench.metrics.cards import COUNTS
+
+    return COUNTS
+
+
+def _reasons(table: "Sequence[Line]") -> list[str]:
+    """Why numbers are missing, each reason once."""
+    found: dict[str, list[str]] = {}
+    for line in table:
+        for score in line.scores.values():
+            if score.reason is not None and line.metric not in found.setdefault(score.reason, []):
+                found[score.reason].append(line.metric)
+    return [f"{', '.join(metrics)}: {reason}" for reason, metrics in found.items()]
