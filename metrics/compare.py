@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from fbench.metrics.card import Better
+from fbench.metrics.cards import CARDS
 from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.manifest import InputEntry, Manifest, TruthEntry
 from fbench.replay.scores import Score
 
-Verdict = Literal["same", "better", "worse", "gone", "new", "null"]
+Verdict = Literal["same", "better", "worse", "changed", "gone", "new", "null"]
+"""`changed`: of a number that is neither good nor bad."""
 Key = tuple[str, str, str, str]
 
 _DECISIVE = ("f1", "mota")
@@ -77,50 +79,6 @@ def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> C
     return Comparison(rows, tolerance)
 
 
-def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
-    """Refuse to compare runs of different logs; returns notes on what else differs.
-
-    Raises:
-        MetricError: where the logs differ, naming both.
-    """
-    if base.log.digest != head.log.digest:
-        raise MetricError(
-            f"runs of different logs can't be compared: base is {_log(base)}, head is {_log(head)}; "
-            "replay both on one log"
-        )
-    notes = [f"{what}: {a} -> {b}" for what, a, b in _settings(base, head) if a != b]
-    partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
-    return (*notes, *partial)
-
-
-def _settings(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
-    before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
-    names = [*before, *(name for name in after if name not in before)] if base.pipeline == head.pipeline else []
-    files, others = _files(base), _files(head)
-    return [
-        ("pipeline", base.pipeline, head.pipeline),
-        ("frames", base.num_frames, head.num_frames),
-        *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
-        *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
-    ]
-
-
-def _files(manifest: Manifest) -> dict[str, str]:
-    """What files beside the log say, by their role; equal names may have other content."""
-    named: dict[str, list[str]] = {"truth": [_file(manifest.truth)]} if manifest.truth else {}
-    for entry in manifest.inputs:
-        named.setdefault(entry.role, []).append(_file(entry))
-    return {role: ", ".join(entries) for role, entries in named.items()}
-
-
-def _file(entry: InputEntry | TruthEntry) -> str:
-    return f"{entry.name or 'a file'} ({entry.digest[:8]})"
-
-
-def _log(manifest: Manifest) -> str:
-    return f"'{manifest.log.name}' ({manifest.log.digest[:12]})"
-
-
 def _key(score: Score) -> Key:
     return score.metric, score.class_, score.slice, score.matching
 
@@ -151,11 +109,17 @@ def _verdict(base: Score | None, head: Score | None, delta: float | None, tolera
         return "null"
     if abs(delta) <= tolerance + _ROUNDING:
         return "same"
-    return "better" if (delta < 0) == _lower_is_better(head) else "worse"
+    wanted = _wanted(head)
+    if wanted == "neither":
+        return "changed"
+    return "better" if (delta < 0) == (wanted == "lower") else "worse"
 
 
-def _lower_is_better(score: Score) -> bool:
-    return score.metric == "idsw" or score.unit == "m"
+def _wanted(score: Score) -> Better:
+    """Which values are better; a distance is an error, whatever the metric is in another unit."""
+    if score.unit == "m" or score.metric not in CARDS:
+        return "lower" if score.unit == "m" else "higher"
+    return CARDS[score.metric].better
 
 
 def _lost(row: Row) -> bool:

@@ -6,6 +6,7 @@ from functools import reduce
 from operator import add
 from typing import Generic, TypeVar
 
+from fbench.metrics.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.profile import Profile, Statistics
 from fbench.metrics.sequence import Sequence
 from fbench.replay.errors import MetricError
@@ -27,13 +28,21 @@ class Evaluation(Generic[S]):
         """The sum over all sequences."""
         return reduce(add, self.statistics.values())
 
-    def scores(self) -> list[Score]:
-        """Return rows over all sequences, then of each where there are several."""
-        rows = self.profile.scores(self.total, "all")
+    def scores(self, how: Bootstrap | None = None) -> list[Score]:
+        """Return rows over all sequences, then of each where there are several.
+
+        Args:
+            how: Resamples for confidence intervals of the numbers over all: what other sequences of their kind would
+                give; none by default.
+        """
+        rows = self.profile.scores(self.total, "all") if how is None else self._with_intervals(how)
         if len(self.statistics) > 1:
             for name, own in self.statistics.items():
                 rows += self.profile.scores(own, f"sequence {name}")
         return rows
+
+    def _with_intervals(self, how: Bootstrap) -> list[Score]:
+        return with_intervals(self.statistics, lambda total: self.profile.scores(total, "all"), how, "sequences")
 
 
 def evaluate(profile: Profile[S], sequences: Iterable[Sequence]) -> Evaluation[S]:

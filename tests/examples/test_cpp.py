@@ -29,7 +29,7 @@ def replayed(log, folder, command):
 
 
 def test_clusters_are_where_the_vehicles_are(cpp, boxes, tmp_path):
-    from fbench.metrics.detection import Detection
+    from fbench.metrics.runs.detection import Detection
     from fbench.replay.scores import ScoreOptions
 
     run = replayed(boxes, tmp_path / "a", cpp / "lidar_clusters")

@@ -2,12 +2,9 @@
 
 import pytest
 
-from fbench.metrics.compare import compare, require_comparable
+from fbench.metrics.compare import compare
 from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.manifest import InputEntry, LogEntry, TruthEntry
 from fbench.replay.scores import Score
-
-from .conftest import make_manifest
 
 
 def score(
@@ -36,6 +33,11 @@ def test_fewer_switches_and_smaller_distances_are_better() -> None:
     assert verdict("idsw", 3, 5) == "worse"
     assert verdict("motp", 0.5, 0.3, unit="m") == "better"
     assert verdict("motp", 0.5, 0.7, unit="iou") == "better"
+    assert (verdict("ml", 3, 5), verdict("mt", 3, 5), verdict("frag", 3, 5)) == ("worse", "better", "worse")
+
+
+def test_numbers_that_are_neither_good_nor_bad_only_change() -> None:
+    assert verdict("pt", 3, 5) == "changed"
 
 
 def test_rows_keep_the_bases_order_and_name_what_is_gone_and_new() -> None:
@@ -102,29 +104,3 @@ def test_scores_without_a_common_primary_row_are_refused() -> None:
 def test_a_tolerance_below_zero_is_refused(tolerance: float) -> None:
     with pytest.raises(ConfigError, match="expected a number from 0 on"):
         compare(BASE, BASE, tolerance)
-
-
-class TestRequireComparable:
-    def test_equal_runs_have_no_notes(self) -> None:
-        assert require_comparable(make_manifest(), make_manifest()) == ()
-
-    def test_other_logs_are_refused(self) -> None:
-        other = make_manifest(log=LogEntry(name="other", log_id="id", digest="e" * 32, metadata={}))
-        with pytest.raises(MetricError, match=r"base is 'log' \(dddddddddddd\), head is 'other' \(eeeeeeeeeeee\)"):
-            require_comparable(make_manifest(), other)
-
-    def test_what_else_differs_is_noted(self) -> None:
-        notes = require_comparable(make_manifest(), make_manifest(pipeline="late3d", complete=False))
-        assert notes == ("pipeline: lidar3d -> late3d", "head is incomplete")
-
-    def test_other_truth_calibration_and_configuration_are_noted(self) -> None:
-        config, other = (InputEntry(role="config", name="fbench.toml", digest=d * 16) for d in ("a1", "b2"))
-        rig = InputEntry(role="rig", name="fix.urdf", digest="c3" * 16)
-        truth = TruthEntry(name="labels.csv", format="table", digest="d4" * 16)
-        head = make_manifest(inputs=[other, rig], truth=truth)
-        assert require_comparable(make_manifest(inputs=[config]), head) == (
-            "config: fbench.toml (a1a1a1a1) -> fbench.toml (b2b2b2b2)",
-            "rig: none -> fix.urdf (c3c3c3c3)",
-            "truth: none -> labels.csv (d4d4d4d4)",
-        )
-        assert require_comparable(head, head) == ()

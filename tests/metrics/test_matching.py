@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fbench.metrics.matching import Matches, match_greedy, match_hungarian
-from fbench.replay.arrays import Bool, Float64
+from fbench.metrics.blocks import Blocks, block_starts
+from fbench.metrics.matching import match_best, match_greedy
+from fbench.replay.arrays import Bool, Float64, Int64
 
 THRESHOLD = 0.5
 
@@ -23,45 +24,58 @@ def similarities(levels: st.SearchStrategy[float] = UNIT) -> st.SearchStrategy[F
     return shapes.flatmap(lambda shape: arrays(float, shape, elements=levels))
 
 
-def pairs(matches: Matches) -> list[tuple[int, int]]:
-    """Pairs (truth, estimate); both directions must say the same."""
-    forth = [(t, int(e)) for t, e in enumerate(matches.estimate_of_truth) if e >= 0]
-    back = [(int(t), e) for e, t in enumerate(matches.truth_of_estimate) if t >= 0]
-    assert sorted(back) == forth
-    return forth
+def steps(*similarities: Float64) -> Blocks:
+    """One step a table."""
+    rows, columns = (np.cumsum([0, *(len(s) if axis == 0 else s.shape[1] for s in similarities)]) for axis in (0, 1))
+    flat = np.concatenate([np.zeros(0), *(s.ravel() for s in similarities)])
+    return Blocks(rows, columns, block_starts(rows, columns), flat)
+
+
+def greedy(similarity: Float64, score: Float64, late: Bool | None = None) -> Int64:
+    return match_greedy(steps(similarity), THRESHOLD, score, late)
+
+
+def best(similarity: Float64, late: Bool | None = None, threshold: float = THRESHOLD) -> Int64:
+    return match_best(steps(similarity), threshold, late)
+
+
+def pairs(truth_of: Int64) -> list[tuple[int, int]]:
+    """Pairs (truth, estimate); no truth box is there twice."""
+    found = sorted((int(t), e) for e, t in enumerate(truth_of) if t >= 0)
+    assert len({t for t, _ in found}) == len(found)
+    return found
 
 
 def test_greedy_lets_the_best_score_choose() -> None:
     similarity = np.array([[0.9, 0.6], [0.0, 0.0]])
-    assert pairs(match_greedy(similarity, THRESHOLD, np.array([0.1, 0.9]))) == [(0, 1)]
+    assert pairs(greedy(similarity, np.array([0.1, 0.9]))) == [(0, 1)]
 
 
 def test_greedy_gives_an_estimate_its_most_similar_free_truth() -> None:
     similarity = np.array([[0.6, 0.9], [0.7, 0.95]])
-    assert pairs(match_greedy(similarity, THRESHOLD, np.array([0.2, 0.8]))) == [(0, 0), (1, 1)]
+    assert pairs(greedy(similarity, np.array([0.2, 0.8]))) == [(0, 0), (1, 1)]
 
 
 def test_equal_scores_go_by_similarity_then_index() -> None:
-    assert pairs(match_greedy(np.array([[0.6, 0.9]]), THRESHOLD, np.zeros(2))) == [(0, 1)]
-    assert pairs(match_greedy(np.array([[0.7, 0.7]]), THRESHOLD, np.zeros(2))) == [(0, 0)]
-    assert pairs(match_greedy(np.array([[0.7], [0.7]]), THRESHOLD, np.zeros(1))) == [(0, 0)]
+    assert pairs(greedy(np.array([[0.6, 0.9]]), np.zeros(2))) == [(0, 1)]
+    assert pairs(greedy(np.array([[0.7, 0.7]]), np.zeros(2))) == [(0, 0)]
+    assert pairs(greedy(np.array([[0.7], [0.7]]), np.zeros(1))) == [(0, 0)]
 
 
-def test_hungarian_pairs_more_where_greedy_pairs_less() -> None:
+def test_best_pairs_more_where_greedy_pairs_less() -> None:
     similarity = np.array([[0.9, 0.8], [0.7, 0.0]])
-    assert pairs(match_greedy(similarity, THRESHOLD, np.array([0.9, 0.1]))) == [(0, 0)]
-    assert pairs(match_hungarian(similarity, THRESHOLD)) == [(0, 1), (1, 0)]
+    assert pairs(greedy(similarity, np.array([0.9, 0.1]))) == [(0, 0)]
+    assert pairs(best(similarity)) == [(0, 1), (1, 0)]
 
 
 def test_a_pair_below_the_threshold_displaces_nothing() -> None:
     # Ungated, the assignment of the highest total is (0, 1), (1, 0) with 0.49 + 0.49 > 0.6 + 0.
     similarity = np.array([[0.6, 0.49], [0.49, 0.0]])
-    assert pairs(match_hungarian(similarity, THRESHOLD)) == [(0, 0)]
+    assert pairs(best(similarity)) == [(0, 0)]
 
 
-@pytest.mark.parametrize("match", [lambda s: match_greedy(s, THRESHOLD, np.zeros(s.shape[1])),
-                                   lambda s: match_hungarian(s, THRESHOLD)])  # fmt: skip
-def test_the_threshold_is_included_and_nan_and_inf_never_match(match: Callable[[Float64], Matches]) -> None:
+@pytest.mark.parametrize("match", [lambda s: greedy(s, np.zeros(s.shape[1])), best])
+def test_the_threshold_is_included_and_nan_and_inf_never_match(match: Callable[[Float64], Int64]) -> None:
     assert pairs(match(np.array([[0.5]]))) == [(0, 0)]
     assert pairs(match(np.array([[np.nextafter(0.5, 0)]]))) == []
     assert pairs(match(np.array([[np.nan, -np.inf]]))) == []
@@ -69,23 +83,19 @@ def test_the_threshold_is_included_and_nan_and_inf_never_match(match: Callable[[
 
 @pytest.mark.parametrize("shape", [(0, 0), (0, 3), (3, 0)])
 def test_empty_sides_match_nothing(shape: tuple[int, int]) -> None:
-    for matches in (
-        match_greedy(np.zeros(shape), THRESHOLD, np.zeros(shape[1])),
-        match_hungarian(np.zeros(shape), THRESHOLD),
-    ):
-        assert matches.estimate_of_truth.tolist() == [-1] * shape[0]
-        assert matches.truth_of_estimate.tolist() == [-1] * shape[1]
+    for matches in (greedy(np.zeros(shape), np.zeros(shape[1])), best(np.zeros(shape))):
+        assert matches.tolist() == [-1] * shape[1]
 
 
-def test_preferred_estimates_come_first() -> None:
-    similarity, preferred = np.array([[0.6, 0.9]]), np.array([True, False])
-    assert pairs(match_greedy(similarity, THRESHOLD, np.array([0.1, 0.9]), preferred)) == [(0, 0)]
-    assert pairs(match_hungarian(similarity, THRESHOLD, preferred)) == [(0, 0)]
+def test_late_estimates_come_last() -> None:
+    similarity, late = np.array([[0.6, 0.9]]), np.array([False, True])
+    assert pairs(greedy(similarity, np.array([0.1, 0.9]), late)) == [(0, 0)]
+    assert pairs(best(similarity, late)) == [(0, 0)]
 
 
-def test_more_pairs_beat_preferred_pairs() -> None:
+def test_more_pairs_beat_early_ones() -> None:
     similarity = np.array([[0.9, 0.9], [0.9, 0.0]])
-    assert pairs(match_hungarian(similarity, THRESHOLD, np.array([True, False]))) == [(0, 1), (1, 0)]
+    assert pairs(best(similarity, np.array([False, True]))) == [(0, 1), (1, 0)]
 
 
 @given(similarities(), st.data())
@@ -99,7 +109,7 @@ def test_greedy_equals_the_rule_spelt_out(similarity: Float64, data: st.DataObje
             best = max(near, key=lambda t: (similarity[t, e], -t))
             free.remove(best)
             expected.append((best, e))
-    assert pairs(match_greedy(similarity, THRESHOLD, score)) == sorted(expected)
+    assert pairs(greedy(similarity, score)) == sorted(expected)
 
 
 def brute_force(similarity: Float64, preferred: Bool) -> tuple[int, int, float]:
@@ -114,18 +124,45 @@ def brute_force(similarity: Float64, preferred: Bool) -> tuple[int, int, float]:
 
 
 @given(similarities() | similarities(st.sampled_from([0.0, 0.5, 0.75, 1.0])), st.data())
-def test_hungarian_equals_brute_force(similarity: Float64, data: st.DataObject) -> None:
+def test_best_equals_brute_force(similarity: Float64, data: st.DataObject) -> None:
     m = similarity.shape[1]
-    preferred = np.array(data.draw(st.lists(st.booleans(), min_size=m, max_size=m)), bool)
-    found = pairs(match_hungarian(similarity, THRESHOLD, preferred))
+    late = np.array(data.draw(st.lists(st.booleans(), min_size=m, max_size=m)), bool)
+    found = pairs(best(similarity, late))
     assert all(similarity[t, e] >= THRESHOLD for t, e in found)
-    num, favoured, total = brute_force(similarity, preferred)
-    assert (len(found), sum(bool(preferred[e]) for _, e in found)) == (num, favoured)
+    num, favoured, total = brute_force(similarity, ~late)
+    assert (len(found), sum(bool(~late[e]) for _, e in found)) == (num, favoured)
     assert sum(similarity[t, e] for t, e in found) == pytest.approx(total)
 
 
 @given(similarities())
-def test_pairs_of_one_frame_dont_depend_on_the_unit(similarity: Float64) -> None:
-    found = match_hungarian(similarity, THRESHOLD)
-    scaled = match_hungarian(similarity * 8 - 3, THRESHOLD * 8 - 3)
-    assert len(pairs(found)) == len(pairs(scaled))
+def test_pairs_dont_depend_on_the_unit(similarity: Float64) -> None:
+    scaled = best(similarity * 8 - 3, threshold=THRESHOLD * 8 - 3)
+    assert len(pairs(best(similarity))) == len(pairs(scaled))
+
+
+@given(st.lists(similarities(st.sampled_from([0.0, 0.5, 0.75, 1.0])), max_size=4), st.data())
+def test_steps_are_matched_each_for_itself(tables: list[Float64], data: st.DataObject) -> None:
+    sizes = [table.shape[1] for table in tables]
+    num = sum(sizes)
+    score = np.array(data.draw(st.lists(st.sampled_from([0.1, 0.5, 0.9]), min_size=num, max_size=num)), float)
+    late = np.array(data.draw(st.lists(st.booleans(), min_size=num, max_size=num)), bool)
+    together = steps(*tables)
+    found = match_greedy(together, THRESHOLD, score, late), match_best(together, THRESHOLD, late)
+    row = column = 0
+    for table, size in zip(tables, sizes, strict=True):
+        own = slice(column, column + size)
+        alone = greedy(table, score[own], late[own]), best(table, late[own])
+        for whole, part in zip(found, alone, strict=True):
+            assert whole[own].tolist() == [t + row if t >= 0 else -1 for t in part.tolist()]
+        row, column = row + len(table), column + size
+
+
+@given(st.lists(similarities(), min_size=1, max_size=4), st.data())
+def test_selected_pairs_are_those_of_the_marked_rows_and_columns(tables: list[Float64], data: st.DataObject) -> None:
+    blocks = steps(*tables)
+    masks = [np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)), bool) for n in blocks.shape]
+    selected = blocks.select(*masks)
+    for step, table in enumerate(tables):
+        rows = masks[0][blocks.row_start[step] : blocks.row_start[step + 1]]
+        columns = masks[1][blocks.column_start[step] : blocks.column_start[step + 1]]
+        assert selected.block(step).tolist() == table[rows][:, columns].tolist()

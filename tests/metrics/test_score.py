@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.metrics.clear import Clear
-from fbench.metrics.detection import Detection
+from fbench.metrics.runs.detection import Detection
+from fbench.metrics.runs.tracking import Tracking
 from fbench.metrics.score import score_run
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig
@@ -20,8 +20,13 @@ from fbench.replay.store import Run
 
 from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
-METRICS: tuple[Metric, ...] = (Clear(), Detection())
+METRICS: tuple[Metric, ...] = (Tracking(), Detection())
 PRIMARY = ["f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw"]
+OTHERS = [
+    "idf1", "hota", "best_f1", "best_f1_threshold", "ap", "deta", "assa", "loca", "idp", "idr", "frag", "mt", "pt",
+    "ml", "occlusion_survival",
+]  # fmt: skip
+IN_IMAGES = ["distance_error", "range_rate_error"]
 
 
 def all_scores(run: Run) -> list[Score]:
@@ -31,15 +36,20 @@ def all_scores(run: Run) -> list[Score]:
 def test_rows_of_a_3d_run_are_ordered(make_run: MakeRun) -> None:
     truth = boxes3d((10, 0), (20, 0), label=["car", "truck"], ids=[1, 2])
     rows = all_scores(make_run(Case(truth, truth), rig=front_camera()))
-    assert [r.metric for r in rows] == [*PRIMARY * 4, "coverage"]
-    blocks = [(r.class_, r.matching.split()[0]) for r in rows[:: len(PRIMARY)]]
+    whole = [r for r in rows if r.slice == "all"]
+    every = [*PRIMARY, *OTHERS]
+    assert [r.metric for r in whole] == [*every, *every, *IN_IMAGES, *every, *every, "coverage"]
+    blocks = list(dict.fromkeys((r.class_, r.matching.split()[0]) for r in rows))
     assert blocks == [("vehicle", "bev"), ("vehicle", "iou"), ("car", "bev"), ("truck", "bev"), ("all", "bev")]
+    assert [r.slice for r in rows if r.metric == "f1" and r.slice != "all"] == [
+        "range 0-10 m", "range 10-20 m", "range 20-30 m", "range 30-50 m",
+    ]  # fmt: skip
 
 
 def test_a_2d_run_is_scored_in_the_image_alone(make_run: MakeRun) -> None:
     box = boxes2d((0, 0, 9, 9), label="car", ids=[1])
     rows = all_scores(make_run(Case(box, truth2d=box), rig=front_camera()))
-    assert [r.metric for r in rows if r.class_ == "vehicle"] == PRIMARY
+    assert [r.metric for r in rows if r.class_ == "vehicle"] == [*PRIMARY, *OTHERS, *IN_IMAGES]
     assert {r.matching for r in rows} == {"iou 0.5"}
     assert rows[0].value == 1.0
 
@@ -49,7 +59,8 @@ def test_runs_without_truth_have_the_same_rows(make_run: MakeRun, truth: Boxes3D
     found = boxes3d((10, 0), ids=[1])
     full = all_scores(make_run(Case(found, boxes3d((10, 0), label="car", ids=[1])), rig=front_camera()))
     empty = all_scores(make_run(Case(found, truth), rig=front_camera()))
-    assert [(r.metric, r.class_, r.matching) for r in full] == [(r.metric, r.class_, r.matching) for r in empty]
+    names = [[(r.metric, r.class_, r.matching) for r in rows if r.slice == "all"] for rows in (full, empty)]
+    assert names[0] == names[1]
     assert [r.reason for r in empty[3:7]] == ["no truth" if truth is None else "no truth boxes"] * 4
 
 
@@ -57,11 +68,12 @@ def test_rows_of_other_metrics_follow(make_run: MakeRun) -> None:
     class Extra:
         def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
             matching = Detection().scores(run, options)[0].matching
-            return [Score(m, "vehicle", "all", matching, 1.0, None, "1") for m in ("hota", "assa")]
+            return [Score(m, "vehicle", "all", matching, 1.0, None, "1") for m in ("own", "other")]
 
     car = boxes3d((10, 0), label="car", ids=[1])
     rows = score_run(make_run(Case(car, car)), ScoreOptions(), (Extra(), *METRICS))
-    assert [r.metric for r in rows][:9] == [*PRIMARY, "hota", "assa"]
+    own = [r.metric for r in rows if (r.class_, r.slice) == ("vehicle", "all") and r.matching.startswith("bev")]
+    assert own == [*PRIMARY, *OTHERS, "own", "other"]
 
 
 def test_equal_runs_give_equal_bytes_and_read_back(make_run: MakeRun, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fbench.metrics.detection import Detection
+from fbench.metrics.runs.detection import Detection
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Rig
 from fbench.replay.manifest import FrameEntry
@@ -27,7 +27,7 @@ NOTHING3D, NOTHING2D = Boxes3D.empty(), Boxes2D.empty()
 def scores(run: Run, options: ScoreOptions = OPTIONS, class_: str = "vehicle", space: str = "bev") -> dict[str, Score]:
     """Rows of one class in one space, by metric."""
     rows = Detection().scores(run, options)
-    return {r.metric: r for r in rows if r.class_ == class_ and r.matching.startswith(space)}
+    return {r.metric: r for r in rows if (r.class_, r.slice) == (class_, "all") and r.matching.startswith(space)}
 
 
 def counts(run: Run, **where: Any) -> tuple[float, ...]:
@@ -37,7 +37,8 @@ def counts(run: Run, **where: Any) -> tuple[float, ...]:
 
 
 def values(run: Run, **where: Any) -> dict[str, float | None]:
-    return {name: row.value for name, row in scores(run, **where).items()}
+    rows = scores(run, **where)
+    return {name: rows[name].value for name in ("f1", "precision", "recall")}
 
 
 def test_hit_miss_and_false_alarm(make_run: MakeRun) -> None:
@@ -78,6 +79,9 @@ class TestEmpty:
             "f1": "no truth and no estimates",
             "precision": "no estimates",
             "recall": "no truth boxes",
+            "best_f1": "no truth boxes",
+            "best_f1_threshold": "no truth boxes",
+            "ap": "no truth boxes",
         }
 
     def test_estimates_without_truth_boxes_are_false_alarms(self, make_run: MakeRun) -> None:
@@ -94,8 +98,8 @@ class TestEmpty:
         car = boxes3d((10, 0), label="car")
         with_truth = Detection().scores(make_run(Case(boxes3d((10, 0)), car)), OPTIONS)
         without = Detection().scores(make_run(Case(boxes3d((10, 0)))), OPTIONS)
-        name = [(r.metric, r.class_, r.slice, r.matching) for r in with_truth]
-        assert name == [(r.metric, r.class_, r.slice, r.matching) for r in without]
+        name = [(r.metric, r.class_, r.matching) for r in with_truth if r.slice == "all"]
+        assert name == [(r.metric, r.class_, r.matching) for r in without]
         assert {r.reason for r in without if "bev" in r.matching and r.metric != "coverage"} == {"no truth"}
 
     def test_unlabelled_frames_arent_scored_and_coverage_says_so(self, make_run: MakeRun) -> None:
@@ -209,9 +213,11 @@ class TestRegion:
 
     def test_the_matching_text_names_the_region(self, make_run: MakeRun) -> None:
         car = boxes3d((10, 0), label="car")
-        rows = [r.matching for r in Detection().scores(make_run(Case(car, car), rig=front_camera()), OPTIONS)]
-        assert rows[0] == "bev 2 m, within 50 m, in view"
-        assert rows[3] == "iou 0.5, truth projected from 3D, within 50 m, in view"
+        rows = list(Detection().scores(make_run(Case(car, car), rig=front_camera()), OPTIONS))
+        assert list(dict.fromkeys(row.matching for row in rows)) == [
+            "bev 2 m, within 50 m, in view",
+            "iou 0.5, truth projected from 3D, within 50 m, in view",
+        ]
         assert Detection().scores(make_run(Case(car, car)), OPTIONS)[0].matching == "bev 2 m, within 50 m"
 
 

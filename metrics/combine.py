@@ -1,0 +1,213 @@
+"""Scores of several runs of one pipeline together: counts are added, ratios taken of the sums."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from operator import add
+from typing import TypeVar
+
+from fbench.metrics.bootstrap import Bootstrap, with_intervals
+from fbench.metrics.profile import Statistics
+from fbench.metrics.runs import detection, tracking
+from fbench.metrics.runs.detection import coverage, detection_entries
+from fbench.metrics.runs.shared import SharedRun
+from fbench.metrics.runs.tracking import tracking_entries
+from fbench.metrics.score import ordered
+from fbench.metrics.standard.detection import DetectionCounts
+from fbench.metrics.standard.entries import Entry, Heading, added
+from fbench.metrics.standard.tracking import TrackingCounts
+from fbench.replay.errors import MetricError
+from fbench.replay.scores import Score, ScoreOptions
+from fbench.replay.store import Run
+
+S = TypeVar("S", bound=Statistics)
+_ALWAYS = ("log", "scenario", "condition")
+_LONGEST_WORD = 40
+RATES = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "distance_error", "range_rate_error")
+"""What depends on single steps, or nearly: MOTA also on what came one step before."""
+OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_survival")
+"""What depends on whole tracks."""
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Statistics of one run, or of several added."""
+
+    detection: tuple[Entry[DetectionCounts], ...]
+    tracking: tuple[Entry[TrackingCounts], ...]
+    matching: str
+    """In the pipeline's own space."""
+    num_scored: int
+    """Frames that have truth."""
+    num_frames: int
+
+    def __add__(self, other: "RunTable") -> "RunTable":
+        return RunTable(
+            added([self.detection, other.detection]), added([self.tracking, other.tracking]), self.matching,
+            self.num_scored + other.num_scored, self.num_frames + other.num_frames,
+        )  # fmt: skip
+
+    def rows(self) -> list[Score]:
+        """Return all rows, primary ones first."""
+        return ordered([*self.rows_of_entries(), coverage(self.matching, self.num_scored, self.num_frames)])
+
+    def rows_of_entries(self) -> list[Score]:
+        """Return the rows of detections, then of tracks."""
+        rows = [row for entry in self.detection for row in detection.rows_of(entry)]
+        return rows + [row for entry in self.tracking for row in tracking.rows_of(entry)]
+
+    def of_part(self, part: str) -> "RunTable":
+        """Return the whole of it as a slice of something larger."""
+        return replace(self, detection=tuple(_of_part(self.detection, part)),
+                       tracking=tuple(_of_part(self.tracking, part)))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunStatistics:
+    """What must be known of a run to score it with others."""
+
+    key: tuple[str, str, str]
+    """Name and id of the log, and the digest of what came out."""
+    pipeline: str
+    tags: Mapping[str, str]
+    """`log`, and the words of its metadata: scenario, condition ..."""
+    table: RunTable
+
+    @property
+    def name(self) -> str:
+        """As one text."""
+        return "\n".join(self.key)
+
+
+def measure_run(run: Run, options: ScoreOptions) -> RunStatistics:
+    """Measure one run; keeps nothing of it but counts.
+
+    Raises:
+        MetricError: where an id occurs twice in one frame.
+        ConfigError: where the options ask for regions that the log hasn't.
+    """
+    manifest, shared = run.manifest, SharedRun(run.folder)
+    found, tracked = detection_entries(shared, options), tracking_entries(shared, options)
+    native = found[0].heading
+    words = {key: value for key, value in manifest.log.metadata.items() if _is_word(value)}
+    return RunStatistics(
+        (manifest.log.name, manifest.log.log_id, manifest.digest), manifest.pipeline,
+        {"log": manifest.log.name, **words},
+        RunTable(found, tracked, native.matching, native.num_frames, len(shared.frames)),
+    )  # fmt: skip
+
+
+def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
+    """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
+    differ, as slices such as `condition fog`.
+
+    Args:
+        runs: Of one pipeline, in any order.
+        how: Resamples of runs for confidence intervals of all runs together; none by default.
+
+    Raises:
+        MetricError: where there is no run, runs are of several pipelines, or one is there twice.
+    """
+    known = _checked(runs)
+    total = reduce(add, (run.table for run in known))
+    rows = total.rows() if how is None else _with_intervals(known, how)
+    for part, members in _parts(known):
+        own = reduce(add, (run.table for run in members)).of_part(part)
+        rows += [row for row in own.rows() if row.slice != "all"]
+    return rows
+
+
+def resampled(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
+    """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
+    bare = [replace(table, detection=tuple(map(_without_curve, table.detection))) for table in tables.values()]
+    known = {_key(row): row for row in _intervals(
+        dict(zip(tables, (table.detection for table in bare), strict=True)), detection.rows_of, DetectionCounts(), how,
+        unit, metrics)}  # fmt: skip
+    known |= {_key(row): row for row in _intervals(
+        {name: table.tracking for name, table in tables.items()}, tracking.rows_of, TrackingCounts(), how, unit,
+        metrics)}  # fmt: skip
+    rows = reduce(add, (tables[name] for name in sorted(tables))).rows()
+    return [_copied(row, known.get(_key(row))) for row in rows]
+
+
+def _with_intervals(runs: Sequence[RunStatistics], how: Bootstrap) -> list[Score]:
+    return resampled({run.name: run.table for run in runs}, how, "logs", (*RATES, *OF_TRACKS))
+
+
+def _intervals(
+    tables: Mapping[str, Sequence[Entry[S]]],
+    rows_of: Callable[[Entry[S]], list[Score]],
+    nothing: S,
+    how: Bootstrap,
+    unit: str,
+    metrics: Sequence[str],
+) -> Iterator[Score]:
+    """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
+    for total in added(tables[name] for name in sorted(tables)):
+        if total.heading.slice == "all" and total.heading.reason is None:
+            units = {name: _counts(table, total, nothing) for name, table in tables.items()}
+            yield from with_intervals(units, partial(_rows, rows_of, total.heading), how, unit, metrics)
+
+
+def _counts(table: Sequence[Entry[S]], wanted: Entry[S], nothing: S) -> S:
+    return next((entry.counts for entry in table if entry.key == wanted.key), nothing)
+
+
+def _rows(rows_of: Callable[[Entry[S]], list[Score]], heading: Heading, counts: S) -> list[Score]:
+    return rows_of(Entry(heading, counts))
+
+
+def _without_curve(entry: Entry[DetectionCounts]) -> Entry[DetectionCounts]:
+    """Curves would take long to resample."""
+    n = entry.counts
+    return Entry(entry.heading, DetectionCounts(n.boxes, distance=n.distance, range_rate=n.range_rate))
+
+
+def _copied(row: Score, other: Score | None) -> Score:
+    return row if other is None else replace(row, low=other.low, high=other.high, interval=other.interval)
+
+
+def _key(row: Score) -> tuple[str, str, str, str]:
+    return row.metric, row.class_, row.slice, row.matching
+
+
+def _checked(runs: Iterable[RunStatistics]) -> list[RunStatistics]:
+    known = sorted(runs, key=lambda run: run.key)
+    if not known:
+        raise MetricError("no run to score")
+    pipelines = sorted({run.pipeline for run in known})
+    if len(pipelines) > 1:
+        raise MetricError(f"runs of several pipelines ({', '.join(pipelines)}) can't be scored together; compare them")
+    twice = [key for key, num in Counter(run.key for run in known).items() if num > 1]
+    if twice:
+        raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
+    return known
+
+
+def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
+    """Each value of each tag by which runs differ; of others than log, scenario and condition only what several runs
+    have in common.
+    """
+    others = sorted({key for run in runs for key in run.tags} - set(_ALWAYS))
+    for tag in (*_ALWAYS, *others):
+        values = Counter(run.tags.get(tag) for run in runs)
+        if len(values) < 2 or (tag not in _ALWAYS and max(values.values()) < 2):
+            continue
+        for value in sorted(v for v in values if v is not None):
+            yield f"{tag} {value}", [run for run in runs if run.tags.get(tag) == value]
+
+
+def _is_word(value: str) -> bool:
+    """Not a number, and not a text as long as that of regions."""
+    try:
+        float(value)
+    except ValueError:
+        return 0 < len(value) <= _LONGEST_WORD
+    return False
+
+
+def _of_part(entries: Iterable[Entry[S]], part: str) -> Iterator[Entry[S]]:
+    for entry in entries:
+        if entry.heading.slice == "all":
+            yield Entry(replace(entry.heading, slice=part), entry.counts)

@@ -1,0 +1,171 @@
+"""Truth and results of one sequence on the same steps."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fbench.metrics.files.cameras import by_camera
+from fbench.metrics.files.side import Side, unreal
+from fbench.metrics.objects import Objects
+from fbench.metrics.sequence import Sequence, Steps
+from fbench.replay.arrays import Float64, Int64
+from fbench.replay.errors import ConfigError, MetricError
+from fbench.replay.faults import FaultLog
+from fbench.replay.truth.labelling import TOLERANCE_NS
+
+
+@dataclass(frozen=True)
+class Where:
+    """Names for errors."""
+
+    sequence: str
+    truth: str
+    estimates: str
+
+
+def joined(truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog) -> Sequence:
+    """Return one sequence of both sides.
+
+    Args:
+        truth: All of it; what isn't finite or has no size is left out, and counted as GT004.
+        estimates: All of them; what isn't finite stays, and is counted as PRD001.
+        num_frames: As told from outside; else as the sides say, else up to the last box of either.
+        where: For errors.
+        faults: Gets the counts.
+
+    Raises:
+        ConfigError: where frames, or coordinates, are of different kinds.
+        MetricError: where a box is beyond the end, or one id twice in a frame (GT003).
+    """
+    _require_alike(truth, estimates, where)
+    frames = _frames(truth, estimates, num_frames, where)
+    own, num_strange = _on_frames(estimates, frames)
+    true = _on_frames(truth, frames)[0]
+    true, num_invalid = _real(true, where, faults)
+    _count_invalid(own.objects, where, faults)
+    true, own = _same_pixels(true, own)
+    steps = _steps(frames, truth)
+    steps, in_truth, in_estimates = by_camera(steps, true, own, (where.truth, where.estimates))
+    for side, objects in (("truth", in_truth), ("detections", in_estimates)):
+        _require_unique(steps, objects, where, side)
+    ego = _ego(truth, estimates, frames)
+    return Sequence(
+        where.sequence,
+        steps,
+        in_truth,
+        in_estimates,
+        num_unlabelled=num_strange,
+        num_invalid_truth=num_invalid,
+        ego_m=None if ego is None else ego[np.searchsorted(frames, _keys(frames, steps, truth))],
+    )
+
+
+def _require_alike(truth: Side, estimates: Side, where: Where) -> None:
+    if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
+        one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
+        raise ConfigError(f"{where.truth} has {one}, {where.estimates} has {other}; give both the same")
+    if truth.space and estimates.space and truth.space != estimates.space:
+        raise ConfigError(
+            f"{where.truth}: boxes in '{truth.space}', those of {where.estimates} in '{estimates.space}'; "
+            "give both the same coordinate frame"
+        )
+
+
+def _frames(truth: Side, estimates: Side, num_frames: int | None, where: Where) -> Int64:
+    """Keys of all frames that are scored, ascending."""
+    if truth.keys is not None:
+        return truth.keys
+    if truth.has_stamps:
+        return np.unique(truth.objects.step)
+    told = next((num for num in (num_frames, truth.num_frames, estimates.num_frames) if num), None)
+    last = max((int(side.objects.step[-1]) for side in (truth, estimates) if len(side.objects)), default=-1)
+    known = max((int(side.keys[-1]) for side in (estimates,) if side.keys is not None and len(side.keys)), default=-1)
+    if told is not None and last >= told:
+        side = where.truth if len(truth.objects) and int(truth.objects.step[-1]) >= told else where.estimates
+        raise MetricError(f"{side}: sequence {where.sequence} has {told} frames, but a box is in frame {last}")
+    return np.arange(max(last, known) + 1 if told is None else told, dtype=np.int64)
+
+
+def _on_frames(side: Side, frames: Int64) -> tuple[Side, int]:
+    """Give steps their numbers; boxes of other frames are left out, and these frames counted."""
+    objects = side.objects
+    at = _nearest(objects.step, frames, TOLERANCE_NS if side.has_stamps else 0)
+    num_strange = len(np.unique(objects.step[at < 0]))
+    there = at >= 0
+    camera = side.camera[there] if len(side.camera) else side.camera
+    return replace(side, objects=replace(objects[there], step=at[there]), camera=camera), num_strange
+
+
+def _nearest(keys: Int64, frames: Int64, tolerance: int) -> Int64:
+    """Number of the frame (N,) that each key belongs to, -1 where it is none."""
+    if not len(frames):
+        return np.full(len(keys), -1, np.int64)
+    right = np.clip(np.searchsorted(frames, keys), 0, len(frames) - 1)
+    left = np.maximum(right - 1, 0)
+    at = np.where(np.abs(keys - frames[left]) < np.abs(frames[right] - keys), left, right)
+    return np.where(np.abs(keys - frames[at]) <= tolerance, at, -1).astype(np.int64)
+
+
+def _real(truth: Side, where: Where, faults: FaultLog) -> tuple[Side, int]:
+    bad = unreal(truth.objects)
+    labels, counts = np.unique(truth.objects.label[bad], return_counts=True)
+    for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
+        faults.add("GT004", f"{where.truth}, sequence {where.sequence}: {num} of class '{label}'", num)
+    if not bad.any():
+        return truth, 0
+    camera = truth.camera[~bad] if len(truth.camera) else truth.camera
+    return replace(truth, objects=truth.objects[~bad], camera=camera), int(bad.sum())
+
+
+def _count_invalid(estimates: Objects, where: Where, faults: FaultLog) -> None:
+    num = int(unreal(estimates).sum())
+    if num:
+        faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
+
+
+def _same_pixels(truth: Side, estimates: Side) -> tuple[Side, Side]:
+    """Where both count pixels alike, positions stay as the files have them, bit for bit."""
+    if truth.first_pixel == estimates.first_pixel:
+        return truth, estimates
+    return _from_0(truth), _from_0(estimates)
+
+
+def _from_0(side: Side) -> Side:
+    if not side.first_pixel or side.objects.xyxy_px is None:
+        return side
+    return replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
+
+
+def _steps(frames: Int64, truth: Side) -> Steps:
+    zeros = np.zeros(len(frames), np.int64)
+    if truth.has_stamps:
+        return Steps(np.arange(len(frames)), frames, zeros)
+    return Steps(frames, zeros, zeros)
+
+
+def _keys(frames: Int64, steps: Steps, truth: Side) -> Int64:
+    return steps.stamp_ns if truth.has_stamps else steps.frame
+
+
+def _require_unique(steps: Steps, objects: Objects, where: Where, side: str) -> None:
+    named = objects.track_id >= 0
+    step, ids = objects.step[named], objects.track_id[named]
+    order = np.lexsort((ids, step))
+    twice = np.flatnonzero((np.diff(step[order]) == 0) & (np.diff(ids[order]) == 0))
+    if len(twice):
+        at = order[twice[0]]
+        file = where.truth if side == "truth" else where.estimates
+        frame = int(steps.frame[step[at]])
+        which = f"{file}, sequence {where.sequence}: id {ids[at]} twice in frame {frame}"
+        raise MetricError(f"{which}; an id names one object of a frame", "GT003")
+
+
+def _ego(truth: Side, estimates: Side, frames: Int64) -> Float64 | None:
+    """(frames, 3) where the body is, as the truth says, else as the results do; NaN where nobody says."""
+    found = np.full((len(frames), 3), np.nan)
+    for side in (estimates, truth):
+        if side.ego_m is not None and side.keys is not None:
+            at = _nearest(side.keys, frames, TOLERANCE_NS if side.has_stamps else 0)
+            told = (at >= 0) & ~np.isnan(side.ego_m).any(axis=1)
+            found[at[told]] = side.ego_m[told]
+    return None if np.isnan(found).all() else found

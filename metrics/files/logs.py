@@ -1,0 +1,162 @@
+"""The truth of logs, for results in files: MCAP files and Parquet folders as `fbench log import` writes them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from fbench.metrics.files.nuscenes import Sample, Submission
+from fbench.metrics.files.side import Side, nothing
+from fbench.metrics.reference_runs.rows import Rows, both, objects_of
+from fbench.metrics.reference_runs.stacked import stacked
+from fbench.metrics.reference_runs.world import in_world
+from fbench.replay.arrays import Int64, Text
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.config.source import LogWish, log_source
+from fbench.replay.data import LogInfo
+from fbench.replay.errors import LogError, MetricError
+from fbench.replay.export.log_boxes import log_sequence
+from fbench.replay.export.nuscenes import TOKENS
+from fbench.replay.export.sequence import BoxSequence
+from fbench.replay.export.wish import ExportWish, LeftOut
+from fbench.replay.faults import FaultLog
+from fbench.replay.log_keys import CAMERA0
+from fbench.replay.logs.open import LOG_JSON
+
+SUFFIX = ".mcap"
+
+
+def is_log(path: Path) -> bool:
+    """Tell whether a path is a log of fbench, by its name."""
+    return (path.is_file() and path.suffix == SUFFIX) or (path / LOG_JSON).is_file()
+
+
+def logs_in(path: Path) -> list[Path]:
+    """Return the logs that a path is or, as a folder, holds; none where it is something else."""
+    if is_log(path):
+        return [path]
+    return [own for own in sorted(path.iterdir()) if is_log(own)] if path.is_dir() else []
+
+
+@dataclass(frozen=True, eq=False)
+class LogTruth:
+    """Logs by their names, read one by one."""
+
+    path: Path
+    logs: Mapping[str, Path]
+    infos: Mapping[str, LogInfo]
+    faults: FaultLog = field(default_factory=FaultLog)
+    """Gets what is wrong with the logs."""
+    form: str = "log"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the order of files."""
+        return tuple(self.logs)
+
+    @property
+    def is_single(self) -> bool:
+        """Whether the name doesn't matter; the samples of nuScenes have names."""
+        return len(self.logs) == 1 and not self._is_nuscenes(self.names[0])
+
+    @property
+    def submission(self) -> Submission | None:
+        """What tells when and in which log the samples of a submission are; `None` where no log is of nuScenes."""
+        samples = {token: own for name in self.names if self._is_nuscenes(name) for token, own in self._samples(name)}
+        return Submission(self.path, {}, samples, are_ordered=True, has_stamps=True) if samples else None
+
+    def _samples(self, name: str) -> Iterator[tuple[str, Sample]]:
+        tokens = self.infos[name].metadata[TOKENS].split()
+        for truth in log_source(LogWish(self.logs[name])).open(FaultLog()).truths():
+            if truth.frame_number is not None and truth.frame_number < len(tokens):
+                yield tokens[truth.frame_number], Sample(truth.stamp_ns, name)
+
+    def read(self, name: str) -> Side:
+        """Read the truth of a log. Steps are frames by the numbers of their source, or stamps where it has none.
+
+        Raises:
+            LogError: where it can't be read.
+        """
+        is_nuscenes = self._is_nuscenes(name)
+        wish = ExportWish("nuscenes" if is_nuscenes else "kitti-tracking", "truth")
+        sequence = log_sequence(log_source(LogWish(self.logs[name])), wish, LeftOut(), self.faults)
+        return _in_world(sequence) if is_nuscenes else _at_body(sequence)
+
+    def _is_nuscenes(self, name: str) -> bool:
+        return TOKENS in self.infos[name].metadata
+
+
+def open_logs(path: Path, logs: list[Path]) -> LogTruth:
+    """Open logs; nothing is read but what tells names, and whether there is truth. Those without any are left out.
+
+    Raises:
+        LogError: where one can't be read, or two have one name.
+        MetricError: where none has truth (GT001).
+    """
+    found: dict[str, Path] = {}
+    infos: dict[str, LogInfo] = {}
+    for log in logs:
+        reader = log_source(LogWish(log)).open(FaultLog())
+        name = reader.info.name
+        if name in found:
+            raise LogError(f"{path}: {found[name].name} and {log.name} are both called '{name}'")
+        if next(reader.truths(), None) is not None:
+            found[name], infos[name] = log, reader.info
+    if not found:
+        raise MetricError(f"{path}: no truth, so there is nothing to score", "GT001")
+    return LogTruth(path, found, infos)
+
+
+def _at_body(sequence: BoxSequence) -> Side:
+    """Rectangles and solids; in body coordinates, which in KITTI's logs are those of its files."""
+    is_kitti = CAMERA0 in sequence.metadata
+    numbers = np.array([frame.number for frame in sequence.frames if frame.number is not None], np.int64)
+    has_numbers = is_kitti and len(np.unique(numbers)) == len(sequence.frames)
+    keys = numbers if has_numbers else np.array([frame.stamp_ns for frame in sequence.frames], np.int64)
+    order = np.argsort(keys, kind="stable")
+    rows = _rows(sequence, order)
+    objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
+    camera = _cameras(rows)
+    return Side(
+        objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera,
+        space="camera" if is_kitti else "body",
+    )  # fmt: skip
+
+
+def _rows(sequence: BoxSequence, order: Int64) -> Rows:
+    """All objects; where rectangles are of several cameras, solids alone, or rectangles where there are no solids."""
+    flats, solids = [], []
+    for place, at in enumerate(order.tolist()):
+        frame = sequence.frames[at]
+        flats.append((place, Boxes2D.empty() if frame.boxes2d is None else frame.boxes2d))
+        solids.append((place, Boxes3D.empty() if frame.boxes3d is None else frame.boxes3d))
+    flat, solid = stacked([b for _, b in flats], Boxes2D.empty()), stacked([b for _, b in solids], Boxes3D.empty())
+    flat_frame, solid_frame = _frames(flats), _frames(solids)
+    if len(sequence.cameras_of_boxes) > 1 and len(solid):
+        flat, flat_frame = flat[:0], flat_frame[:0]
+    return both(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
+
+
+def _frames(parts: list[tuple[int, Boxes2D]] | list[tuple[int, Boxes3D]]) -> Int64:
+    return np.repeat(np.array([place for place, _ in parts], np.int64), [len(boxes) for _, boxes in parts])
+
+
+def _cameras(rows: Rows) -> Text:
+    """Whose image each rectangle is in, where there are several."""
+    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
+    return names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
+
+
+def _in_world(sequence: BoxSequence) -> Side:
+    frames = sorted((frame for frame in sequence.frames if frame.number is not None), key=lambda f: f.stamp_ns)
+    poses = [frame.world_T_body for frame in frames]
+    known = [pose for pose in poses if pose is not None]
+    if len(known) < len(poses):
+        raise LogError(f"{sequence.where}: doesn't tell where the body was at each keyframe")
+    solids = [(i, Boxes3D.empty() if f.boxes3d is None else f.boxes3d) for i, f in enumerate(frames)]
+    boxes = stacked([own for _, own in solids], Boxes3D.empty())
+    keys = np.array([frame.stamp_ns for frame in frames], np.int64)
+    stack = np.array(known).reshape(-1, 4, 4)
+    found = in_world(_frames(solids), boxes, stack, "nuscenes", is_truth=True)
+    return Side(replace(found, step=keys[found.step]), keys, has_stamps=True, space="world", ego_m=stack[:, :3, 3])

@@ -1,0 +1,99 @@
+"""One side, truth or estimates, of one sequence as its files hold it, before the two are brought together."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fbench.metrics.objects import Objects
+from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.boxes import MAX_MAGNITUDE
+
+NO_CAMERA: Text = np.array([], np.str_)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """N boxes with what says when and where they were."""
+
+    objects: Objects
+    """Their `step` is the key: number of the frame from 0, or stamp [ns]."""
+    keys: Int64 | None = None
+    """Ascending keys of all frames that the source knows, also empty ones; `None`: from 0 to the highest."""
+    has_stamps: bool = False
+    """Whether keys are stamps."""
+    num_frames: int | None = None
+    """Where the source says it."""
+    camera: Text = field(default_factory=NO_CAMERA.copy)
+    """(N,) whose image each rectangle is in; empty (0,): nobody says."""
+    space: str = ""
+    """Coordinate frame of solids; empty: nobody says."""
+    first_pixel: int = 0
+    """Position of the middle of the first pixel: MOTChallenge counts from 1."""
+    ego_m: Float64 | None = None
+    """(keys, 3) where the body is, NaN where nobody says."""
+    are_ordered: bool = True
+    """Whether keys follow time; tokens without a table of samples don't."""
+
+
+def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
+    """Return objects in the order of their steps, those of one step as they came, and the order (N,) in which they are.
+
+    Args:
+        columns: Fields of `Objects` by name; unsorted; `None` and absent ones are unknown.
+    """
+    order = np.argsort(columns["step"], kind="stable")
+    found: dict[str, Any] = columns
+    if (np.diff(columns["step"]) < 0).any():
+        found = {name: None if value is None else value[order] for name, value in columns.items()}
+    return Objects(**found), order
+
+
+def nothing() -> Objects:
+    """Return no objects, of both kinds."""
+    none, triple = np.zeros(0), np.zeros((0, 3))
+    return Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), none, np.zeros((0, 4)), triple,
+                   triple, none)  # fmt: skip
+
+
+def unreal(objects: Objects) -> Bool:
+    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space."""
+    bad, anywhere = [~np.isfinite(objects.score)], [np.zeros(len(objects), bool)]
+    if objects.xyxy_px is not None:
+        there = _there(objects.xyxy_px)
+        fits = _are_finite(objects.xyxy_px) & _are_positive(objects.xyxy_px[:, 2:] - objects.xyxy_px[:, :2])
+        bad.append(there & ~fits)
+        anywhere.append(there)
+    if objects.center_m is not None and objects.size_lwh_m is not None and objects.yaw_rad is not None:
+        numbers = np.column_stack([objects.center_m, objects.size_lwh_m, objects.yaw_rad])
+        there = _there(numbers)
+        fits = _are_finite(numbers) & _are_positive(objects.size_lwh_m)
+        bad.append(there & ~fits)
+        anywhere.append(there)
+    found: Bool = np.any(bad, axis=0) | ~np.any(anywhere, axis=0)
+    return found
+
+
+def has_rectangles(objects: Objects) -> bool:
+    """Tell whether any box has one, or there are no boxes at all."""
+    return objects.xyxy_px is not None and (not len(objects) or bool(_there(objects.xyxy_px).any()))
+
+
+def has_solids(objects: Objects) -> bool:
+    """Tell whether any box has one, or there are no boxes at all."""
+    return objects.center_m is not None and (not len(objects) or bool(_there(objects.center_m).any()))
+
+
+def _there(numbers: Array) -> Bool:
+    there: Bool = ~np.all(np.isnan(numbers), axis=1)
+    return there
+
+
+def _are_finite(numbers: Array) -> Bool:
+    finite: Bool = np.all(np.abs(numbers) < MAX_MAGNITUDE, axis=1)
+    return finite
+
+
+def _are_positive(sizes: Array) -> Bool:
+    positive: Bool = np.all(sizes > 0, axis=1)
+    return positive

@@ -1,0 +1,224 @@
+"""Tables, CSV or Parquet, as columns: `replay/boxfiles/table.py` says which; a column `sequence` parts them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from fbench.metrics.files.side import Side, nothing, objects_of
+from fbench.metrics.objects import Objects
+from fbench.replay.arrays import Array, Bool, Int64, Text
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.boxfiles.run_table import is_run_table
+from fbench.replay.boxfiles.table_boxes import Rows, rows_of, spaces_of
+from fbench.replay.boxfiles.table_files import TableFile, open_table_file
+from fbench.replay.boxfiles.table_order import Key, key_of
+from fbench.replay.boxfiles.table_values import Values
+from fbench.replay.data import Mount, Rig
+from fbench.replay.errors import ConfigError, LimitError, LogError
+from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.tree import TransformTree
+
+SEQUENCE = "sequence"
+_DEFAULT_CAMERA = "image"
+_MAX_ROWS = 20_000_000
+"""Rows of one sequence that are taken into memory."""
+_MAX_KEPT = 500_000
+"""Rows of a table of several sequences up to which it is read once and kept."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """One file, of which sequences are read one by one."""
+
+    file: TableFile
+    key: Key
+    sequences: tuple[str, ...]
+    """In the order in which they begin; empty: the file is one."""
+    cameras: tuple[str, ...]
+
+    def read(self, sequence: str = "") -> Side:
+        """Return the boxes of one sequence; those of all where the file has no column for it.
+
+        Raises:
+            LogError: naming file, row and column of what can't be read.
+        """
+        parts = [self._part(values) for values in self._rows(sequence)]
+        if not parts:
+            return Side(nothing(), has_stamps=not self.key.is_frame)
+        columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        has_solid = ~np.isnan(columns["center_m"]).all(axis=1)
+        camera, frames = columns.pop("camera"), np.unique(columns.pop("frame_id")[has_solid])
+        if len(frames) > 1:
+            raise ConfigError(f"{self.file.path}: boxes in '{frames[0]}' and '{frames[1]}'; scoring needs one frame_id")
+        there = columns.pop("there")
+        keys = np.unique(columns["step"])
+        objects, order = objects_of({name: column[there] for name, column in columns.items()})
+        return Side(
+            _slim(objects),
+            keys if self._tells_empty(there) else None,
+            not self.key.is_frame,
+            camera=camera[there][order],
+            space=str(frames[0]) if len(frames) else "",
+        )
+
+    def _tells_empty(self, there: Bool) -> bool:
+        """With stamps, or with rows for empty frames, the table says which frames there are."""
+        return not self.key.is_frame or not there.all()
+
+    @cached_property
+    def _small(self) -> dict[str, pa.Table] | None:
+        """Rows by sequence, where the table is so small that it is read once; `None` where each sequence is looked for
+        in all of it.
+        """
+        parts: dict[str, list[pa.Table]] = {}
+        num = 0
+        for batch in self.file.batches():
+            num += batch.num_rows
+            if num > _MAX_KEPT:
+                return None
+            names = Values(self.file.path, batch).texts(SEQUENCE)
+            for name in np.unique(names).tolist():
+                parts.setdefault(name, []).append(batch.filter(pa.array(names == name)))
+        return {name: pa.concat_tables(own) for name, own in parts.items()}
+
+    def _rows(self, sequence: str) -> Iterator[Values]:
+        if self.sequences and self._small is not None:
+            yield Values(self.file.path, self._small[sequence])
+            return
+        num = 0
+        for batch in self.file.batches():
+            values = Values(self.file.path, batch)
+            if self.sequences:
+                values = Values(self.file.path, batch.filter(pa.array(values.texts(SEQUENCE) == sequence)))
+            if len(values):
+                num += len(values)
+                if num > _MAX_ROWS:
+                    raise LimitError(f"{self.file.path}: one sequence has more than {_MAX_ROWS} rows")
+                yield values
+
+    def _part(self, values: Values) -> dict[str, Array]:
+        rows = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates())
+        size = len(values)
+        labels = values.texts("label") if "label" in values else np.full(size, "", "U1")
+        part: dict[str, Array] = {
+            "step": self.key.read(values),
+            "label": np.array([text.lower() for text in labels.tolist()], np.str_),
+            "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
+            "score": _score(values),
+            "there": rows.has_solid | rows.has_flat,
+            "camera": np.full(size, "", "U1"),
+            "frame_id": _spread(rows.frames, rows.has_solid, ""),
+            **_flat(rows, size),
+            **_solid(rows, size),
+            **_extra(values),
+        }
+        if rows.has_flat.any() and self.cameras:
+            part["camera"] = _spread(rows.flats.camera, rows.has_flat, "")
+        return part
+
+    def _coordinates(self) -> CoordinateFrames:
+        """Cameras are what the table calls so."""
+        upright = np.array([0.0, 0, 0, 1])
+        names = self.cameras or (_DEFAULT_CAMERA,)
+        rig = Rig({name: Mount("camera", np.zeros(3), upright) for name in (*names, _DEFAULT_CAMERA)}, {})
+        return CoordinateFrames(rig, TransformTree(), "body")
+
+
+def open_table(path: Path) -> Table:
+    """Open a table and find its sequences and cameras.
+
+    Raises:
+        ConfigError: where it is a table of a run folder.
+        LogError: where it isn't a table of boxes.
+    """
+    file = open_table_file(path)
+    if is_run_table(file):
+        raise ConfigError(f"{path}: a table of a run folder; score the folder: fbench score {path.parent}")
+    spaces_of(file)
+    return Table(file, key_of(file), _distinct(file, SEQUENCE), _distinct(file, "camera"))
+
+
+def _distinct(file: TableFile, column: str) -> tuple[str, ...]:
+    """Different texts of a column in the order in which they come."""
+    found: dict[str, None] = {}
+    for batch in file.batches([column]) if column in file.names else ():
+        names, first = np.unique(Values(file.path, batch).texts(column), return_index=True)
+        found |= dict.fromkeys(names[np.argsort(first)].tolist())
+    if column == SEQUENCE and "" in found:
+        raise LogError(f"{file.path}: a row without sequence")
+    return tuple(name for name in found if name)
+
+
+def _score(values: Values) -> Array:
+    """A score that isn't there is 0; one that isn't finite stays so."""
+    if "score" not in values:
+        return np.zeros(len(values))
+    numbers, there = values.numbers("score")
+    return np.where(there, numbers, 0.0)
+
+
+def _spread(some: Array, rows: Bool, absent: Any) -> Array:
+    """Values of some rows among all; the others have `absent`."""
+    found = np.full((len(rows), *some.shape[1:]), absent, some.dtype)
+    found[rows] = some
+    return found
+
+
+def _flat(rows: Rows, size: int) -> dict[str, Array]:
+    flats: Boxes2D = rows.flats
+    unknown = np.full(size, np.nan)
+    told = {"distance_m": flats.distance_m, "range_rate_mps": flats.range_rate_mps}
+    return {
+        "xyxy_px": _spread(flats.xyxy_px, rows.has_flat, np.nan),
+        **{name: unknown if value is None else _spread(value, rows.has_flat, np.nan) for name, value in told.items()},
+    }
+
+
+def _solid(rows: Rows, size: int) -> dict[str, Array]:
+    solids: Boxes3D = rows.solids
+    velocity = np.full((size, 3), np.nan)
+    if solids.velocity_mps is not None:
+        velocity = _spread(solids.velocity_mps, rows.has_solid, np.nan)
+    return {
+        "center_m": _spread(solids.center_m, rows.has_solid, np.nan),
+        "size_lwh_m": _spread(solids.size_lwh_m, rows.has_solid, np.nan),
+        "yaw_rad": _spread(solids.yaw_rad, rows.has_solid, np.nan),
+        "velocity_mps": velocity,
+    }
+
+
+def _extra(values: Values) -> dict[str, Array]:
+    size = len(values)
+    points = [np.maximum(values.wholes(f"num_{s}_pts"), -1) for s in ("lidar", "radar") if f"num_{s}_pts" in values]
+    known: Int64 = np.stack(points).max(axis=0) if points else np.full(size, -1, np.int64)
+    total = np.where(known < 0, -1, np.maximum(points, 0).sum(axis=0)) if points else known
+    attribute: Text = values.texts("attribute") if "attribute" in values else np.full(size, "", "U1")
+    return {
+        **{n: values.numbers(n)[0] if n in values else np.full(size, np.nan) for n in _LEVELS},
+        "ignore": values.flags("ignore") if "ignore" in values else np.zeros(size, bool),
+        "attribute": attribute,
+        "num_points": total,
+    }
+
+
+_LEVELS = ("visibility", "occlusion", "truncation")
+
+
+def _slim(objects: Objects) -> Objects:
+    """Leave out columns in which nothing is known."""
+    if not len(objects):
+        return nothing()
+    optional = ("xyxy_px", "center_m", "velocity_mps", "distance_m", "range_rate_mps", *_LEVELS)
+    unknown = [name for name in optional if np.isnan(getattr(objects, name)).all()]
+    if "center_m" in unknown:
+        unknown += ["size_lwh_m", "yaw_rad"]
+    unknown += [] if objects.ignore is not None and objects.ignore.any() else ["ignore"]
+    unknown += [] if objects.attribute is not None and (objects.attribute != "").any() else ["attribute"]
+    unknown += [] if objects.num_points is not None and (objects.num_points >= 0).any() else ["num_points"]
+    absent: dict[str, Any] = dict.fromkeys(unknown)
+    return replace(objects, **absent)

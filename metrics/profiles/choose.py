@@ -1,0 +1,77 @@
+"""Which profile counts, with which match, for which results."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from fbench.metrics.files.sequences import FilePair
+from fbench.metrics.files.side import Side, has_solids
+from fbench.metrics.profile import Match
+from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, profile_of
+from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
+from fbench.replay.errors import ConfigError
+from fbench.replay.names import did_you_mean
+from fbench.replay.scores import Score
+
+
+def chosen(name: str, match: str | None) -> AnyProfile:
+    """Return a profile by its name.
+
+    Args:
+        name: Of the profile.
+        match: As after `--match`; `None`: as the profile has it.
+
+    Raises:
+        ConfigError: for an unknown name, or a match that the profile can't do.
+    """
+    profile = profile_of(name)
+    return profile if match is None else profile.with_match(Match.parse(match))
+
+
+def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
+    """Return the profile as it fits files: `default` matches in space where both sides have 3D boxes, else in images.
+
+    Args:
+        profile: As it was chosen.
+        pair: Truth and results; its first sequences are looked into.
+        has_match: Whether the user said what matches.
+
+    Raises:
+        ConfigError: where the files don't say what the profile needs: the order of samples, or where the body is.
+    """
+    if isinstance(profile, DefaultProfile) and not has_match:
+        return replace(profile, match=_match_for(pair))
+    if profile.name in NEEDS_WORLD or profile.name in NEEDS_TIME:
+        _require_samples(profile, pair, pair.truth.read(pair.pairing.pairs[0].truth))
+    return profile
+
+
+def only(rows: Iterable[Score], classes: tuple[str, ...]) -> list[Score]:
+    """Return the rows of some classes; all of them where none is named.
+
+    Raises:
+        ConfigError: where no row is of a class.
+    """
+    found = list(rows)
+    known = list(dict.fromkeys(row.class_ for row in found))
+    for name in classes:
+        if name not in known:
+            raise ConfigError(f"--class {name}: the profile has no rows of it{did_you_mean(name, known)}")
+    return [row for row in found if not classes or row.class_ in classes]
+
+
+def _match_for(pair: FilePair) -> Match:
+    for one in pair.pairing.pairs:
+        truth = pair.truth.read(one.truth).objects
+        estimates = None if one.estimates is None else pair.estimates.read(one.estimates).objects
+        if estimates is not None and len(truth) and len(estimates):
+            return IN_SPACE if has_solids(truth) and has_solids(estimates) else IN_IMAGES
+    return IN_IMAGES
+
+
+def _require_samples(profile: AnyProfile, pair: FilePair, truth: Side) -> None:
+    beside = f"put samples.csv (token, stamp_ns, scene, ego_x, ego_y, ego_z) beside {pair.truth.path}"
+    if profile.name in NEEDS_TIME and not truth.are_ordered:
+        raise ConfigError(f"{profile.name}: nobody tells when the samples are; {beside}, or sample.json of nuScenes")
+    if truth.space == "world" and truth.ego_m is None:
+        raise ConfigError(f"{profile.name}: boxes are in the world, and nobody tells where the ego is; give truth "
+                          f"ego_translation, or {beside}")  # fmt: skip

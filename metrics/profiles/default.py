@@ -1,0 +1,105 @@
+"""The profile `default`: what fbench says of runs, for results in files."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from fbench.metrics.objects import Objects
+from fbench.metrics.profile import Match
+from fbench.metrics.sequence import Sequence
+from fbench.metrics.standard.detection import DetectionCounts, curve_rows, detection_counts, detection_rows
+from fbench.metrics.standard.entries import Entry, Heading, added
+from fbench.metrics.standard.groups import VEHICLE, Group, label_group
+from fbench.metrics.standard.tracking import TrackingCounts, tracking_counts
+from fbench.metrics.standard.tracking_rows import tracking_rows
+from fbench.replay.classes import label
+from fbench.replay.data import LABELS
+from fbench.replay.scores import Score
+
+IN_SPACE, IN_IMAGES = Match("bev", 2.0), Match("iou2d", 0.5)
+
+
+@dataclass(frozen=True)
+class Both:
+    """Detections and tracks of one class are the same boxes here."""
+
+    detection: DetectionCounts
+    tracking: TrackingCounts
+
+    def __add__(self, other: "Both") -> "Both":
+        return Both(self.detection + other.detection, self.tracking + other.tracking)
+
+
+@dataclass(frozen=True)
+class DefaultStatistics:
+    """Counts by class."""
+
+    entries: tuple[Entry[Both], ...]
+
+    def __add__(self, other: "DefaultStatistics") -> "DefaultStatistics":
+        return DefaultStatistics(added([self.entries, other.entries]))
+
+
+@dataclass(frozen=True)
+class DefaultProfile:
+    """Detection at the operating point, CLEAR MOT, identity and HOTA, for all vehicles as one class and each label.
+
+    Labels of the source become those of fbench; boxes without any count as vehicles. Truth marked as ignored excuses
+    what is found there.
+    """
+
+    match: Match = IN_SPACE
+    name: str = "default"
+    summary: str = "precision, recall, F1, CLEAR MOT, IDF1 and HOTA as fbench scores its runs"
+
+    def with_match(self, match: Match) -> Self:
+        """Return the profile with another rule of what matches; any will do."""
+        return replace(self, match=match)
+
+    def measure(self, sequence: Sequence) -> DefaultStatistics:
+        """Return the statistics of one sequence.
+
+        Raises:
+            MetricError: where boxes lack what the match compares.
+        """
+        known = replace(sequence, truth=_named(sequence.truth), estimates=_named(sequence.estimates))
+        return DefaultStatistics(tuple(self._entry(known, group) for group in _groups(known)))
+
+    def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
+        """Return rows of all vehicles, then of each label."""
+        entries = sorted(statistics.entries, key=lambda entry: _rank(entry.heading.class_))
+        return [row for entry in entries for row in self._rows(entry, part)]
+
+    def _entry(self, sequence: Sequence, group: Group) -> Entry[Both]:
+        counts = Both(
+            detection_counts(sequence, group, self.match), tracking_counts(sequence, group, self.match)
+        )  # fmt: skip
+        return Entry(Heading(group.name, "all", str(self.match), None, len(sequence.steps)), counts)
+
+    def _rows(self, entry: Entry[Both], part: str) -> list[Score]:
+        head = replace(entry.heading, slice=part)
+        rows = detection_rows(entry.counts.detection, head)
+        rows += tracking_rows(entry.counts.tracking, head, "m" if self.match.is_distance else "iou")
+        return rows + curve_rows(entry.counts.detection, head)
+
+
+def _groups(sequence: Sequence) -> Iterable[Group]:
+    asked = sequence.truth.label
+    if sequence.truth.ignore is not None:
+        asked = asked[~sequence.truth.ignore]
+    met = {*np.unique(asked).tolist(), *np.unique(sequence.estimates.label).tolist()}
+    if met & {*VEHICLE.labels, ""} or not met:
+        yield VEHICLE
+    yield from (label_group(name) for name in LABELS if name in met)
+
+
+def _named(objects: Objects) -> Objects:
+    words, which = np.unique(objects.label, return_inverse=True)
+    names = np.array([label(str(word)) for word in words], np.str_)
+    return replace(objects, label=names[which] if len(words) else objects.label)
+
+
+def _rank(name: str) -> int:
+    return -1 if name == VEHICLE.name else LABELS.index(name) if name in LABELS else len(LABELS)

@@ -1,0 +1,1 @@
+"""Boxes of runs and logs as the benchmarks' own files would have them."""

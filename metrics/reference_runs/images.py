@@ -1,0 +1,116 @@
+"""A run as KITTI's and MOTChallenge's files would have it: objects of one camera with rectangles and solids."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from fbench.metrics.files.side import unreal
+from fbench.metrics.objects import Objects
+from fbench.metrics.reference_runs.names import Family
+from fbench.metrics.reference_runs.rows import Rows, both, concatenated, objects_of
+from fbench.metrics.reference_runs.view import Space, View, view_of
+from fbench.metrics.sequence import Sequence
+from fbench.replay.arrays import Bool, Float64
+from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.export.levels import body_T_level
+from fbench.replay.geometry.camera import project_boxes
+from fbench.replay.geometry.transforms import inverse, transform
+from fbench.replay.log_keys import CAMERA0
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxTable
+
+
+def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> Sequence:
+    """Return truth and results of a run by the names of a benchmark; solids are in body coordinates.
+
+    Rectangles are those that were recorded, else those around projected 3D boxes. In space what a single camera doesn't
+    see is left out on both sides, as its benchmark's files do; where there are several cameras, nothing has a
+    rectangle.
+
+    Raises:
+        MetricError: where the run has no such truth (GT001), or no image.
+    """
+    view = view_of(run, table.boxes, space)
+    truth = _objects(view, family, lambda camera: _truth(view, camera))
+    bad = unreal(truth)
+    return Sequence(
+        run.manifest.log.name,
+        view.labelled.steps(view.cameras if len(view.cameras) > 1 else ()),
+        truth[~bad],
+        _objects(view, family, lambda camera: _results(view, camera, table)),
+        view.labelled.num_unlabelled,
+        int(bad.sum()),
+    )
+
+
+def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Objects:
+    """All cameras' rows: one step a frame, or one for each camera of it."""
+    cameras = view.cameras or ("",)
+    parts = [_placed(view, camera, rows_in(camera)) for camera in cameras]
+    alphas = [_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)]
+    step = np.concatenate([part.frame * len(cameras) + i for i, part in enumerate(parts)])
+    order = np.argsort(step, kind="stable")
+    return objects_of(concatenated(parts)[order], family, step[order], np.concatenate(alphas)[order])
+
+
+def _truth(view: View, camera: str) -> Rows:
+    frame2d, flat = view.labelled.rows(view.run.truth_table("2d"))
+    frame3d, solid = view.labelled.rows(view.run.truth_table("3d"))
+    flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
+    solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
+    rows = both(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
+    if view.space == "2d":
+        return rows[rows.found.flat_rows >= 0] if view.is_recorded else rows
+    return rows[(rows.found.solid_rows >= 0) | rows.ignored] if view.space == "3d" else rows
+
+
+def _results(view: View, camera: str, table: BoxTable) -> Rows:
+    frame, boxes = view.labelled.rows(table)
+    nothing = np.zeros(0, np.int64)
+    if isinstance(boxes, Boxes2D):
+        return both(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
+    return both(nothing, Boxes2D.empty(), nothing, frame, boxes)
+
+
+def _placed(view: View, camera: str, rows: Rows) -> Rows:
+    """Project what has no rectangle, and leave out what the camera doesn't see; what isn't finite stays once."""
+    alone = np.flatnonzero(rows.found.flat_rows < 0)
+    if not camera or not len(alone):
+        return rows
+    xyxy, seen = np.array(rows.found.xyxy_px), np.ones(len(rows), bool)
+    xyxy[alone], seen[alone] = _projected(view, camera, rows[alone])
+    return Rows(rows.frame, replace(rows.found, xyxy_px=xyxy))[seen]
+
+
+def _projected(view: View, camera: str, rows: Rows) -> tuple[Float64, Bool]:
+    """Outlines (N, 4), and which boxes are kept."""
+    solid = rows.found.solid[rows.found.solid_rows]
+    sane, is_first = finite(solid)[0], camera == view.cameras[0]
+    xyxy, kept = np.full((len(solid), 4), np.nan), ~sane & is_first
+    for rig, own in view.labelled.rigs(rows.frame):
+        good = np.flatnonzero(own & sane)
+        xyxy[good], kept[good] = project_boxes(rig, camera, solid[good])
+    return xyxy, kept
+
+
+def _alphas(view: View, camera: str, rows: Rows) -> Float64:
+    """Angles (N,) at which the camera sees the solids, as KITTI has them; NaN where there is none."""
+    angles = np.full(len(rows), np.nan)
+    has = np.flatnonzero(rows.found.solid_rows >= 0)
+    solid, owner = rows.found.solid[rows.found.solid_rows[has]], view.run.manifest.log.metadata.get(CAMERA0, camera)
+    for rig, own in view.labelled.rigs(rows.frame[has]):
+        body_T = body_T_level(owner, rig) if owner else None
+        angles[has[own]] = _observed(solid[own], None if body_T is None else inverse(body_T))
+    return angles
+
+
+def _observed(solid: Boxes3D, level_T_body: Float64 | None) -> Float64:
+    center, yaw = solid.center_m, solid.yaw_rad
+    if level_T_body is not None and len(solid):
+        turn = level_T_body.copy()
+        turn[:3, 3] = 0
+        ahead = transform(turn, np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))]))
+        center, yaw = transform(level_T_body, center), np.arctan2(ahead[:, 1], ahead[:, 0])
+    angle: Float64 = np.arctan2(center[:, 1], center[:, 0]) - yaw - np.pi / 2
+    return angle

@@ -1,0 +1,142 @@
+"""A run as nuScenes' files would have it: solids in the world at keyframes."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fbench.metrics.files.side import unreal
+from fbench.metrics.objects import Objects
+from fbench.metrics.reference_runs.names import Family, names_of
+from fbench.metrics.runs.columns import objects_of
+from fbench.metrics.runs.view import Labelled
+from fbench.metrics.sequence import Sequence
+from fbench.replay.arrays import Bool, Float64, Int64, Text, text_array
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.errors import MetricError
+from fbench.replay.export.attributes import NAMES, attributes
+from fbench.replay.export.nuscenes import MAX_BOXES, TOKENS
+from fbench.replay.geometry.transforms import pose_matrices
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxTable
+
+
+def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool) -> Sequence:
+    """Return truth and results of a run by nuScenes' names: at keyframes, in the world where the log has poses of all
+    of them, else in body coordinates, which do where frames are looked at one by one.
+
+    What a submission couldn't hold is left out of results: classes that aren't scored, and of more than 500 boxes those
+    with the lowest scores. Velocities that a pipeline doesn't tell count as 0, as there.
+
+    Raises:
+        MetricError: where the run has no 3D truth (GT001), or no poses and `needs_world`.
+    """
+    labelled = _keyframes(run)
+    if not labelled.frames:
+        what = "truth in 3D" if any(frame.truth_spaces for frame in run.frames) else "truth"
+        raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
+    world_T_body = _poses(labelled)
+    if world_T_body is None and needs_world:
+        raise MetricError(
+            f"{run.folder}: its log doesn't tell where the body was, without which tracks can't be scored in the world"
+        )
+    poses = np.tile(np.eye(4), (len(labelled.frames), 1, 1)) if world_T_body is None else world_T_body
+    truth = in_world(*labelled.rows(run.truth_table("3d")), poses, family, is_truth=True)
+    bad = unreal(truth)
+    return Sequence(
+        run.manifest.log.name,
+        labelled.steps(),
+        truth[~bad],
+        _best(in_world(*labelled.rows(table), poses, family, is_truth=False)),
+        len(run.frames) - len(labelled.frames),
+        int(bad.sum()),
+        ego_m=None if world_T_body is None else world_T_body[:, :3, 3],
+    )
+
+
+def _keyframes(run: Run) -> Labelled:
+    """Frames with truth; of a log of nuScenes those with a number: between them truth may have been interpolated."""
+    labelled = Labelled.of(run, "3d")
+    if TOKENS not in run.manifest.log.metadata:
+        return labelled
+    return replace(labelled, frames=tuple(frame for frame in labelled.frames if frame.frame_number is not None))
+
+
+def _poses(labelled: Labelled) -> Float64 | None:
+    """(F, 4, 4) of these frames; `None` where one is unknown."""
+    rows = {frame.index: row for row, frame in enumerate(labelled.run.frames)}
+    found = labelled.run.poses[[rows[frame.index] for frame in labelled.frames]]
+    return pose_matrices(found[:, :3], found[:, 3:]) if np.isfinite(found).all() else None
+
+
+def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Family, is_truth: bool) -> Objects:
+    """Return boxes with nuScenes' names and attributes, in the world.
+
+    Args:
+        frame: (N,) step of each.
+        boxes: N of them in body coordinates.
+        poses: (F, 4, 4) `world_T_body` of the steps.
+        family: Which of nuScenes' benchmarks.
+        is_truth: Results of classes that aren't scored are left out, those without a class are not.
+
+    Raises:
+        MetricError: where boxes are in images.
+    """
+    if not isinstance(boxes, Boxes3D):
+        raise MetricError("boxes in images can't be scored as nuScenes scores them, in 3D")
+    blank = np.full(len(boxes), "")
+    sources, labels = (blank if told is None else told for told in (boxes.source_label, boxes.label))
+    names = names_of(family, sources, labels, np.zeros(len(boxes), bool))
+    velocity = _velocities(boxes, poses[frame])
+    own = replace(
+        boxes,
+        center_m=_turned(poses[frame], boxes.center_m) + poses[frame, :3, 3],
+        yaw_rad=_headings(boxes, poses[frame]),
+        velocity_mps=velocity if is_truth else np.where(np.isnan(velocity), 0.0, velocity),
+        label=names,
+        attribute=_attributes(boxes, names, velocity, is_truth),
+    )
+    # What has no class at all stays, to be counted as such.
+    kept = (names != "") | ((labels == "") & (sources == "")) | is_truth
+    return replace(objects_of(own[kept], frame[kept], np.ones(int(kept.sum()), bool)), distance_m=None, inside=None)
+
+
+def _turned(poses: Float64, vectors: Float64) -> Float64:
+    """Turn vectors (N, 3) into the world; what isn't finite stays so. Sums of products don't depend on the BLAS."""
+    with np.errstate(invalid="ignore"):
+        x, y, z = ((poses[:, axis, :3] * vectors).sum(axis=1) for axis in range(3))
+    return np.column_stack([x, y, z])
+
+
+def _headings(boxes: Boxes3D, poses: Float64) -> Float64:
+    """Direction (N,) of the length in the ground plane of the world."""
+    pitch = np.zeros(len(boxes)) if boxes.pitch_rad is None else boxes.pitch_rad
+    with np.errstate(invalid="ignore"):
+        ahead = [np.cos(boxes.yaw_rad) * np.cos(pitch), np.sin(boxes.yaw_rad) * np.cos(pitch), -np.sin(pitch)]
+    x, y, _ = _turned(poses, np.column_stack(ahead)).T
+    return np.asarray(np.arctan2(y, x), np.float64)
+
+
+def _velocities(boxes: Boxes3D, poses: Float64) -> Float64:
+    """(N, 3) over ground in the axes of the world, NaN where unknown."""
+    unknown = np.full((len(boxes), 3), np.nan)
+    return _turned(poses, unknown if boxes.velocity_mps is None else boxes.velocity_mps)
+
+
+def _attributes(boxes: Boxes3D, names: Text, velocity_mps: Float64, is_truth: bool) -> Text:
+    """Of truth those that nuScenes knows; of results also what follows from how fast they are."""
+    if not is_truth:
+        return text_array(attributes(boxes, names.tolist(), velocity_mps))
+    told = np.full(len(boxes), "") if boxes.attribute is None else boxes.attribute
+    return np.where(np.isin(told, NAMES), told, "")
+
+
+def _best(results: Objects) -> Objects:
+    """At most `MAX_BOXES` of each step, those with the highest scores."""
+    if np.bincount(results.step, minlength=1).max(initial=0) <= MAX_BOXES:
+        return results
+    order = np.lexsort((-results.score, results.step))
+    starts = np.searchsorted(results.step, results.step)
+    place = np.empty(len(results), np.int64)
+    place[order] = np.arange(len(results)) - starts
+    kept: Bool = place < MAX_BOXES
+    return results[kept]

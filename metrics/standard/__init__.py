@@ -1,0 +1,1 @@
+"""How fbench itself counts: the profile `default`."""

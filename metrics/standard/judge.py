@@ -1,0 +1,97 @@
+"""What became of each box: hit, miss, false alarm, or neither."""
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import numpy as np
+
+from fbench.metrics.matching import match_best, match_greedy
+from fbench.metrics.standard.counted import Counted
+from fbench.metrics.standard.counts import BoxCounts
+from fbench.replay.arrays import Array, Int64
+
+
+class Outcome(IntEnum):
+    """Of an estimate."""
+
+    HIT = 0
+    FALSE_ALARM = 1
+    INVALID = 2
+    """A false alarm because it isn't finite, or has a negative size."""
+    OUTSIDE = 3
+    """Neither: outside the region."""
+    EXCUSED = 4
+    """Neither: on truth that needn't be found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Partners and outcomes of the boxes of one class of one sequence."""
+
+    counted: Counted
+    truth_of_estimate: Int64
+    """(M,) which of the N truth boxes was found; -1: none."""
+    outcome: Array
+    """(M,) int8 `Outcome`."""
+
+    @property
+    def is_found(self) -> Array:
+        """(N,) which truth boxes have a partner."""
+        found = np.zeros(len(self.counted.truth_row), bool)
+        found[self.truth_of_estimate[self.truth_of_estimate >= 0]] = True
+        return found
+
+    @property
+    def counts(self) -> BoxCounts:
+        """Sums over all steps."""
+        num = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
+        tp, invalid = num[Outcome.HIT], num[Outcome.INVALID]
+        return BoxCounts(
+            tp=tp,
+            fp=num[Outcome.FALSE_ALARM] + invalid,
+            fn=len(self.counted.truth_row) - tp,
+            ignored=num[Outcome.OUTSIDE] + num[Outcome.EXCUSED],
+            invalid=invalid,
+            invalid_truth=self.counted.sequence.num_invalid_truth,
+        )
+
+
+def judge_detections(counted: Counted) -> Judgement:
+    """Match greedily: of the estimates inside the region, then of the others, the best score chooses first."""
+    partner = match_greedy(counted.similarity, counted.match.floor, counted.score, ~counted.inside)
+    return judged(counted, partner)
+
+
+def judge_ranked(counted: Counted) -> Judgement:
+    """Match greedily by score alone, so that what is left at a higher threshold is matched as it would be there."""
+    return judged(counted, match_greedy(counted.similarity, counted.match.floor, counted.score))
+
+
+def judge_tracks(counted: Counted) -> Judgement:
+    """Match each step for most pairs, then most estimates inside the region, then the best total."""
+    return judged(counted, match_best(counted.similarity, counted.match.floor, ~counted.inside))
+
+
+def judged(counted: Counted, partner: Int64) -> Judgement:
+    """An estimate without partner is a false alarm unless it is excused or outside the region."""
+    free = partner < 0
+    outcome = np.where(free, Outcome.FALSE_ALARM, Outcome.HIT).astype(np.int8)
+    outcome[free & ~counted.inside] = Outcome.OUTSIDE
+    candidates = free & counted.inside & ~counted.invalid
+    if candidates.any():
+        outcome[_excused(counted, candidates)] = Outcome.EXCUSED
+    outcome[counted.invalid] = Outcome.INVALID
+    return Judgement(counted, partner, outcome)
+
+
+def _excused(counted: Counted, candidates: Array) -> Array:
+    """Which of the candidates (M,) lie on truth that needn't be found."""
+    excuse = counted.excuse
+    _rows, columns = excuse.pairs
+    good = (excuse.values >= counted.match.floor) & candidates[columns]
+    excused = np.zeros(len(candidates), bool)
+    if counted.shared_excuse:
+        excused[columns[good]] = True
+        return excused
+    single = replace(excuse, values=np.where(good, excuse.values, -np.inf))
+    return np.asarray(match_best(single, counted.match.floor) >= 0)

@@ -1,0 +1,166 @@
+"""CLEAR MOT, identity, HOTA and survival of occlusions, all of the same boxes."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fbench.metrics.problem import Problem
+from fbench.metrics.profile import Match
+from fbench.metrics.sequence import Sequence
+from fbench.metrics.standard.counted import Counted, alike, counted
+from fbench.metrics.standard.counts import BoxCounts
+from fbench.metrics.standard.groups import Group
+from fbench.metrics.standard.judge import Judgement, Outcome, judge_tracks
+from fbench.metrics.standard.survival import SurvivalCounts, survival_counts
+from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
+from fbench.metrics.tracking.hota import HotaCounts, hota_counts
+from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
+from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.errors import MetricError
+
+
+@dataclass(frozen=True)
+class TrackingCounts:
+    """Sufficient statistics of one class."""
+
+    boxes: BoxCounts = field(default_factory=BoxCounts)
+    clear: ClearCounts = field(default_factory=ClearCounts)
+    identity: IdentityCounts = field(default_factory=IdentityCounts)
+    hota: HotaCounts = field(default_factory=HotaCounts)
+    survival: SurvivalCounts = field(default_factory=SurvivalCounts)
+    num_truth_ids: int = 0
+    """Truth boxes with an id."""
+    num_estimates: int = 0
+    num_estimate_ids: int = 0
+    """Estimates with an id."""
+
+    def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
+        return TrackingCounts(
+            self.boxes + other.boxes, self.clear + other.clear, self.identity + other.identity,
+            self.hota + other.hota, self.survival + other.survival, self.num_truth_ids + other.num_truth_ids,
+            self.num_estimates + other.num_estimates, self.num_estimate_ids + other.num_estimate_ids,
+        )  # fmt: skip
+
+
+def clear_rules(match: Match) -> ClearRules:
+    """Return fbench's own rules: a pair of the previous step stays while it is inside the threshold; the rest is
+    matched for most pairs, then best total.
+    """
+    offset = match.threshold if match.is_distance else 0.0
+    return ClearRules(floor=match.floor, margin=0.0, offset=offset, settle_first=True, most_pairs=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Which truth each track was on, step by step, in one class of one sequence."""
+
+    counted: Counted
+    judgement: Judgement
+    """Of each step alone: what is left out."""
+    used: Bool
+    """(M,) estimates that aren't left out."""
+    problem: Problem
+    """Of the used estimates."""
+    pairs: ClearPairs
+    """Partners, as rows of the problem."""
+
+
+def followed(sequence: Sequence, group: Group, match: Match) -> Followed:
+    """Match one class of one sequence.
+
+    What doesn't count (outside the region, or on truth that needn't be found) is found out first, step by step, and
+    left out, so that all metrics see the same boxes. A box without id is a track of its own.
+
+    Raises:
+        MetricError: where boxes lack what the match compares.
+    """
+    held = counted(alike(sequence, group, match))
+    judgement = judge_tracks(held)
+    used = (judgement.outcome != Outcome.OUTSIDE) & (judgement.outcome != Outcome.EXCUSED)
+    problem = _problem(sequence, held, used)
+    return Followed(held, judgement, used, problem, clear_pairs(problem, clear_rules(match)))
+
+
+def tracking_counts(sequence: Sequence, group: Group, match: Match) -> TrackingCounts:
+    """Match and count one class of one sequence, see `followed`.
+
+    Raises:
+        MetricError: where boxes lack what the match compares.
+    """
+    found = followed(sequence, group, match)
+    held, used, problem, pairs = found.counted, found.used, found.problem, found.pairs
+    clear = replace(clear_counts(problem, clear_rules(match), pairs), switches=_switches(held, used, problem, pairs))
+    likeness = replace(problem, similarity=_zero_to_one(problem.similarity, match))
+    truth, estimates = held.truth, held.estimates
+    boxes = replace(found.judgement.counts, tp=clear.tp, fp=clear.fp, fn=clear.fn)
+    return TrackingCounts(
+        boxes, clear, identity_counts(problem, match.floor), hota_counts(likeness),
+        survival_counts(problem, _partner_ids(problem, pairs), truth.visibility, sequence.steps),
+        int((truth.track_id >= 0).sum()), int(used.sum()), int((estimates.track_id[used] >= 0).sum()),
+    )  # fmt: skip
+
+
+def require_unique_ids(sequence: Sequence, where: str = "") -> None:
+    """Refuse a sequence in which an id occurs twice at one step.
+
+    Raises:
+        MetricError: naming frame and id (fault GT003).
+    """
+    for what, objects in (("truth", sequence.truth), ("tracks", sequence.estimates)):
+        named = objects.track_id >= 0
+        both = np.column_stack([objects.step[named], objects.track_id[named]])
+        pairs, times = np.unique(both, axis=0, return_counts=True)
+        if (times > 1).any():
+            step, twice = pairs[times > 1][0].tolist()
+            steps = sequence.steps
+            image = f", camera {steps.camera[step]}" if steps.camera else ""
+            raise MetricError(
+                f"{where or sequence.name}: frame {steps.frame[step]}{image}: {what} has id {twice} twice; "
+                "an id names one object of a frame",
+                "GT003",
+            )
+
+
+def _problem(sequence: Sequence, held: Counted, used: Bool) -> Problem:
+    num_steps, steps = len(sequence.steps), sequence.steps
+    estimates = held.estimates[used]
+    columns = used[held.similarity.pairs[1]]
+    truth_start, estimate_start = held.truth.starts(num_steps), estimates.starts(num_steps)
+    sizes = np.diff(truth_start) * np.diff(estimate_start)
+    return Problem(
+        truth_start, estimate_start, np.concatenate([[0], np.cumsum(sizes)]), held.similarity.values[columns],
+        steps.stream, _dense(held.truth.track_id, steps.stream[held.truth.step]),
+        _dense(estimates.track_id, steps.stream[estimates.step]), estimates.score, held.truth_row,
+        held.estimate_row[used],
+    )  # fmt: skip
+
+
+def _dense(ids: Int64, stream: Int64) -> Int64:
+    """Number tracks from 0 on; an id in two streams is two tracks, a box without id one of its own."""
+    alone = np.where(ids < 0, np.arange(len(ids)), -1)
+    return np.unique(np.column_stack([stream, ids, alone]), axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _switches(held: Counted, used: Bool, problem: Problem, pairs: ClearPairs) -> int:
+    """Matches of a truth track with another id than at its last match; matches without an id don't count."""
+    if (held.estimates.track_id[used] >= 0).all():
+        return int(pairs.is_switch.sum())
+    rows = np.flatnonzero(pairs.estimate_of >= 0)
+    track = held.estimates.track_id[used][pairs.estimate_of[rows]]
+    rows, track = rows[track >= 0], track[track >= 0]
+    truth = problem.truth_id[rows]
+    order = np.argsort(truth, kind="stable")
+    return int(((np.diff(truth[order]) == 0) & (np.diff(track[order]) != 0)).sum())
+
+
+def _partner_ids(problem: Problem, pairs: ClearPairs) -> Int64:
+    """(N,) track that each truth box was matched to; -1: none."""
+    ids = np.append(problem.estimate_id, -1)
+    return np.asarray(ids[pairs.estimate_of], np.int64)
+
+
+def _zero_to_one(similarity: Float64, match: Match) -> Float64:
+    """Distances become 1 - d / threshold, as TrackEval has it for 3D (`_calculate_euclidean_similarity`)."""
+    if not match.is_distance:
+        return np.maximum(similarity, 0.0)
+    return np.asarray(np.maximum(1.0 + similarity / match.threshold, 0.0))

@@ -1,0 +1,195 @@
+"""Profiles by name, as data."""
+
+import json
+
+import pytest
+
+from fbench.metrics.cards import CARDS, COUNTS, card_of
+from fbench.metrics.evaluate import evaluate
+from fbench.metrics.files.sequences import open_files
+from fbench.metrics.profile import Match
+from fbench.metrics.profiles.catalog import PROFILES, profile_of
+from fbench.metrics.profiles.choose import chosen, fitted, only
+from fbench.metrics.profiles.default import DefaultProfile
+from fbench.metrics.profiles.describe import described, explained
+from fbench.metrics.profiles.facts import facts_of
+from fbench.metrics.profiles.headlines import headlines_of, lines
+from fbench.replay.errors import ConfigError, MetricError
+
+CAR = "{f} {i} Car 0 0 0.5 {l} 100 {r} 190 1.5 1.6 4.0 {x} 1.7 10.0 0.1"
+
+
+def kitti(tmp_path, name, label="Car", score=""):
+    rows = [CAR.format(f=f, i=i, l=100 + 200 * i, r=180 + 200 * i, x=6.0 * i) + score for f in range(4) for i in (0, 1)]
+    path = tmp_path / name
+    path.write_text("\n".join(rows).replace("Car", label) + "\n")
+    return path
+
+
+def submission(tmp_path, name, task):
+    box: dict[str, object] = {
+        "translation": [10.0, 20, 1],
+        "size": [1.8, 4.2, 1.5],
+        "rotation": [1.0, 0, 0, 0],
+        "velocity": [1.0, 0.0],
+    }
+    box |= {f"{task}_name": "car", f"{task}_score": 0.5, "tracking_id": "a", "attribute_name": "vehicle.moving"}
+    box |= {"ego_translation": [4.0, 2.0, 0.5], "num_pts": 5}
+    path = tmp_path / name
+    path.write_text(json.dumps({"meta": {}, "results": {str(i): [box] for i in range(3)}}))
+    return path
+
+
+def mot(tmp_path, name, result):
+    tail = "-1,-1,-1" if result else "1,1"
+    path = tmp_path / name
+    path.write_text("".join(f"{f},{i},{100 * i},20,30,40,1,{tail}\n" for f in (1, 2, 3) for i in (1, 2)))
+    return path
+
+
+def mot15(tmp_path, name, result):
+    path = tmp_path / name
+    path.write_text("".join(f"{f},{i},{100 * i},20,30,40,1,-1,-1,-1\n" for f in (1, 2, 3) for i in (1, 2)))
+    return path
+
+
+def files_for(name, tmp_path):
+    """Truth and results that are the same."""
+    if name.startswith("nuscenes"):
+        task = name.partition("-")[2]
+        return submission(tmp_path, "t.json", task), submission(tmp_path, "r.json", task)
+    if name.startswith("trackeval-mot"):
+        write = mot15 if name.endswith("15") else mot
+        return write(tmp_path, "gt.txt", False), write(tmp_path, "r.txt", True)
+    return kitti(tmp_path, "t.txt"), kitti(tmp_path, "r.txt", score=" 0.5")
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp_path):
+    pair = open_files(*files_for(name, tmp_path))
+    profile = fitted(profile_of(name), pair, has_match=False)
+    rows = evaluate(profile, pair.sequences()).scores()
+    assert profile.name == name
+    assert [row.metric for row in rows if row.metric not in CARDS] == []
+    headlines = headlines_of(name)
+    assert set(headlines.metrics) <= {row.metric for row in rows}
+    table = lines(rows, name)
+    assert table[0].metric == headlines.metrics[0]
+    # Results that are the truth are perfect, but KITTI looks at fewer recalls where there are few boxes.
+    first = next(iter(table[0].scores.values()))
+    assert first.value == pytest.approx({"kitti-object": 0.175, "kitti-3dmot": 0.175}.get(name, first.value))
+    if name.startswith(("trackeval", "default", "motmetrics", "coco", "nuscenes-tracking")):
+        assert first.value == pytest.approx(1)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_every_profile_is_data(name):
+    profile = profile_of(name)
+    rules = described(profile)
+    assert profile.summary
+    assert "\n" not in profile.summary
+    assert explained(profile)
+    assert rules
+    assert all(text and "object at 0x" not in text and "<" not in text for text in rules.values())
+    assert facts_of(profile).space in ("2d", "3d", "both")
+
+
+def test_what_profiles_say_is_in_order():
+    assert described(profile_of("kitti-3dmot"))["rules.match"] == "iou3d 0.25"
+    assert described(profile_of("trackeval-kitti"))["preparation.classes[1].distractors"] == "person, person_sitting"
+
+
+def test_unknown_names():
+    with pytest.raises(ConfigError, match=r"unknown profile 'kitti3dmot'; did you mean 'kitti-3dmot'\?"):
+        profile_of("kitti3dmot")
+    with pytest.raises(ConfigError, match=r"unknown metric 'hotaa'; did you mean 'hota'\?"):
+        card_of("hotaa")
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [("kitti-3dmot", "bev:2"), ("coco", "iou3d:0.5"), ("nuscenes-detection", "iou2d:0.5"), ("kitti-object", "bev:2")],
+)
+def test_matches_that_a_profile_cant_do(name, match):
+    with pytest.raises(ConfigError, match=name):
+        chosen(name, match)
+
+
+def test_default_matches_in_space_where_both_sides_are_there(tmp_path):
+    solid = kitti(tmp_path, "t.txt")
+    flat = tmp_path / "flat.txt"
+    flat.write_text(" ".join(["0 0 Car -1 -1 -1 100 100 180 190", *["-1"] * 7]) + "\n")
+    cases = (
+        (None, solid, Match("bev", 2.0)),
+        (None, flat, Match("iou2d", 0.5)),
+        ("iou3d:0.3", flat, Match("iou3d", 0.3)),
+    )
+    for match, results, expected in cases:
+        found = fitted(chosen("default", match), open_files(solid, results), match is not None)
+        assert isinstance(found, DefaultProfile)
+        assert found.match == expected
+
+
+def test_default_has_all_vehicles_and_each_label(tmp_path):
+    truth = kitti(tmp_path, "t.txt", "Cyclist")
+    pair = open_files(truth, truth)
+    rows = evaluate(profile_of("default"), pair.sequences()).scores()
+    assert {row.class_ for row in rows} == {"bicycle"}
+    vans = kitti(tmp_path, "v.txt", "Van")
+    rows = evaluate(profile_of("default"), open_files(vans, vans).sequences()).scores()
+    assert list(dict.fromkeys(row.class_ for row in rows)) == ["vehicle", "van"]
+
+
+def test_default_adds_sequences_in_any_order(tmp_path):
+    parts = [
+        evaluate(profile_of("default"), open_files(p, p).sequences()).total
+        for p in (kitti(tmp_path, "a.txt"), kitti(tmp_path, "b.txt", "Van"), kitti(tmp_path, "c.txt", "Tram"))
+    ]
+    a, b, c = parts
+    profile = profile_of("default")
+    assert profile.scores((a + b) + c, "all") == profile.scores(c + (b + a), "all")
+
+
+@pytest.mark.parametrize("name", ["kitti-3dmot", "nuscenes-detection", "nuscenes-tracking"])
+def test_profiles_in_space_refuse_boxes_in_images(name, tmp_path):
+    files = mot(tmp_path, "gt.txt", False), mot(tmp_path, "r.txt", True)
+    with pytest.raises(MetricError):
+        evaluate(profile_of(name), open_files(*files).sequences())
+
+
+def test_nuscenes_needs_to_know_where_the_ego_is_and_when(tmp_path):
+    truth = submission(tmp_path, "t.json", "tracking")
+    text = truth.read_text()
+    truth.write_text(text.replace("ego_translation", "nothing"))
+    with pytest.raises(ConfigError, match=r"nuscenes-detection: .* nobody tells where the ego is; give truth"):
+        fitted(profile_of("nuscenes-detection"), open_files(truth, truth), False)
+    truth.write_text(text.replace('"0":', '"x":'))
+    with pytest.raises(ConfigError, match=r"nuscenes-tracking: nobody tells when the samples are; put samples.csv"):
+        fitted(profile_of("nuscenes-tracking"), open_files(truth, truth), False)
+
+
+def test_only_some_classes(tmp_path):
+    files = kitti(tmp_path, "t.txt"), kitti(tmp_path, "r.txt")
+    rows = evaluate(profile_of("trackeval-kitti"), open_files(*files).sequences()).scores()
+    assert {row.class_ for row in only(rows, ("car",))} == {"car"}
+    with pytest.raises(ConfigError, match=r"--class cars: the profile has no rows of it; did you mean 'car'"):
+        only(rows, ("cars",))
+
+
+def test_cards_are_whole():
+    for name, card in CARDS.items():
+        assert name == card.name == card.name.lower()
+        assert card.meaning.endswith(".")
+        assert card.formula
+        assert card.range
+        assert card.source.url.startswith("http")
+        assert 1975 < card.source.year < 2030
+        assert set(card.by_profile) <= set(PROFILES)
+        assert card.undefined != "" or card.is_count or card.name in ("motp_sum",)
+    assert {"idsw", "mt", "clr_tp"} <= COUNTS
+    wanted = (
+        "f1 precision recall coverage mota mota_no_fp motp idsw frag mt pt ml idf1 idp idr hota deta assa loca detre "
+    )
+    wanted += "detpr assre asspr owta amota amotp samota motar map ap ate ase aoe ave aae nds ap40 ap11 aos "
+    wanted += "occlusion_survival distance_error range_rate_error"
+    assert set(wanted.split()) <= set(CARDS)
