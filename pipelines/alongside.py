@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fbench.replay.data import Frame, Truth
-from fbench.replay.labelling import joined
+from fbench.replay.truth.labelling import joined
 
 HELD = 256
 """So many results are held; also so far a log is read on after a clock jumped back."""
