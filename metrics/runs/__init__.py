@@ -1,0 +1,1 @@
+"""Runs as sequences that can be scored."""

@@ -1,0 +1,104 @@
+"""Boxes of a run as the columns that metrics read."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fbench.metrics.objects import Objects
+from fbench.metrics.sequence import Sequence, Steps
+from fbench.replay.arrays import Array, Bool, Float64, Int64
+from fbench.replay.boxes import Boxes2D, Boxes3D
+from fbench.replay.data import Boxes
+
+
+def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None = None) -> Objects:
+    """Return N boxes as objects, sorted by step and content, so that the order in which a pipeline gives them never
+    decides a match.
+
+    Args:
+        boxes: In 3D in body coordinates, or in images.
+        step: (N,) where each belongs.
+        inside: (N,) in the region of interest.
+        xyxy_px: (N, 4) outlines of 3D boxes in the step's camera [px].
+    """
+    order = _canonical(boxes, step)
+    boxes, n = boxes[order], len(boxes)
+    common = Objects(
+        step=step[order],
+        label=np.full(n, "") if boxes.label is None else boxes.label,
+        track_id=np.full(n, -1) if boxes.track_id is None else boxes.track_id,
+        score=np.zeros(n) if boxes.score is None else boxes.score,
+        occlusion=boxes.occlusion,
+        truncation=boxes.truncation,
+        visibility=boxes.visibility,
+        num_points=_points(boxes),
+        attribute=boxes.attribute,
+        sources=boxes.sources,
+        ignore=boxes.ignore,
+        inside=inside[order],
+    )
+    return _with_place(common, boxes, None if xyxy_px is None else xyxy_px[order])
+
+
+def nothing(name: str, num_unlabelled: int) -> Sequence:
+    """Return a sequence without steps."""
+    none = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
+    return Sequence(name, Steps.counted(0), none, none, num_unlabelled)
+
+
+def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
+    """Return the part of a sequence at the marked steps (S,)."""
+    steps = sequence.steps
+    camera = tuple(steps.camera[step] for step in np.flatnonzero(kept)) if steps.camera else ()
+    number = np.cumsum(kept) - 1
+    return replace(
+        sequence,
+        steps=Steps(steps.frame[kept], steps.stamp_ns[kept], steps.stream[kept], camera),
+        truth=_renumbered(sequence.truth, kept, number),
+        estimates=_renumbered(sequence.estimates, kept, number),
+        num_unlabelled=0,
+        num_invalid_truth=0,
+        ego_m=None if sequence.ego_m is None else sequence.ego_m[kept],
+    )
+
+
+def _canonical(boxes: Boxes, step: Int64) -> Int64:
+    keys: list[Array] = [*boxes.geometry.T, *(k for k in (boxes.score, boxes.label, boxes.track_id) if k is not None)]
+    return np.lexsort([*keys[::-1], step])
+
+
+def _with_place(rows: Objects, boxes: Boxes, xyxy_px: Float64 | None) -> Objects:
+    if isinstance(boxes, Boxes2D):
+        return replace(
+            rows, xyxy_px=boxes.xyxy_px, distance_m=boxes.distance_m, range_rate_mps=boxes.range_rate_mps
+        )  # fmt: skip
+    return replace(
+        rows, xyxy_px=xyxy_px, center_m=boxes.center_m, size_lwh_m=boxes.size_lwh_m, yaw_rad=_heading(boxes),
+        velocity_mps=boxes.velocity_mps, distance_m=_distance(boxes),
+    )  # fmt: skip
+
+
+def _heading(boxes: Boxes3D) -> Float64:
+    """Yaw; NaN where any angle isn't finite, so that such a box is found out."""
+    others = [angle for angle in (boxes.roll_rad, boxes.pitch_rad) if angle is not None]
+    sane = np.all([np.isfinite(angle) for angle in others], axis=0) if others else np.ones(len(boxes), bool)
+    return np.where(sane, boxes.yaw_rad, np.nan)
+
+
+def _distance(boxes: Boxes3D) -> Float64:
+    x, y, z = boxes.center_m.T
+    return np.asarray(np.hypot(np.hypot(x, y), z), np.float64)
+
+
+def _points(boxes: Boxes) -> Int64 | None:
+    """LiDAR and radar points together; unknown where either side doesn't tell of a box."""
+    known = [points for points in (boxes.num_lidar_pts, boxes.num_radar_pts) if points is not None]
+    if not known:
+        return None
+    total = sum((np.maximum(points, 0) for points in known), np.zeros(len(boxes), np.int64))
+    return np.where(np.all([points < 0 for points in known], axis=0), -1, total)
+
+
+def _renumbered(objects: Objects, kept: Bool, number: Int64) -> Objects:
+    held = objects[kept[objects.step]]
+    return replace(held, step=number[held.step])

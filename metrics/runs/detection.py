@@ -1,0 +1,86 @@
+"""Scores of a run's detections."""
+
+from collections.abc import Sequence
+
+from fbench.metrics.runs.regions import region_parts
+from fbench.metrics.runs.view import View
+from fbench.metrics.runs.views import label_groups, views
+from fbench.metrics.standard.counted import alike
+from fbench.metrics.standard.detection import (
+    DetectionCounts,
+    curve_rows,
+    detection_counts,
+    detection_rows,
+    deviation_rows,
+    part_counts,
+)
+from fbench.metrics.standard.entries import Entry, Heading
+from fbench.metrics.standard.groups import VEHICLE, Group
+from fbench.metrics.standard.slices import by_range, by_source, by_visibility
+from fbench.replay.scores import Score, ScoreOptions, ratio
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxTable
+
+
+class Detection:
+    """F1, precision and recall of `run.detections` at the score threshold that the pipeline has.
+
+    P = TP/(TP + FP), R = TP/(TP + FN), F1 = 2PR/(P + R) = TP/(TP + FN/2 + FP/2), each 0 to 1. Estimates are matched
+    greedily by score to the nearest truth (see `match_greedy`); 3D within a distance in the ground plane, in images
+    from an IoU on. Frames without truth aren't scored; empty frames are, and what is detected there is a false alarm.
+    Null where the denominator is 0. Counts are summed over frames before dividing.
+    """
+
+    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+        """Return rows for all vehicles as one class in each space, for each label, for slices, then `coverage`."""
+        entries = detection_entries(run, options)
+        native = entries[0].heading
+        rows = [row for entry in entries for row in rows_of(entry)]
+        return [*rows, coverage(native.matching, native.num_frames, len(run.frames))]
+
+
+def detection_entries(run: Run, options: ScoreOptions) -> tuple[Entry[DetectionCounts], ...]:
+    """Measure the detections of a run: all vehicles in each space, then labels and slices in its own space."""
+    spaces = views(run, run.detections, options)
+    slices = () if spaces[0].reason else _slices(run, spaces[0], options)
+    return (*whole_entries(spaces, run.detections), *slices)
+
+
+def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[DetectionCounts], ...]:
+    """Measure all vehicles in each space, then labels in the first."""
+    entries = [_entry(view, VEHICLE) for view in spaces]
+    return (*entries, *(_entry(spaces[0], group) for group in label_groups(spaces[0], table)))
+
+
+def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
+    """Return the rows of one entry; what depends on scores and distances only of the whole."""
+    rows = detection_rows(entry.counts, entry.heading)
+    if entry.heading.slice != "all":
+        # A false alarm has no visibility, so neither precision nor F1 means anything there.
+        return [row for row in rows if row.metric == "recall" or not row.slice.startswith("visibility")]
+    rows += curve_rows(entry.counts, entry.heading)
+    if entry.heading.matching.startswith("iou"):
+        rows += deviation_rows(entry.counts, entry.heading)
+    return rows
+
+
+def coverage(matching: str, num_scored: int, num_frames: int) -> Score:
+    """Return the share of frames that have truth and so were scored."""
+    counts = {"scored": num_scored, "frames": num_frames}
+    return ratio("coverage", "all", matching, num_scored, num_frames, "no frames", counts)
+
+
+def _entry(view: View, group: Group) -> Entry[DetectionCounts]:
+    counts = DetectionCounts() if view.reason else detection_counts(view.sequence, group, view.match)
+    return Entry(Heading(group.name, "all", view.matching, view.reason, view.num_scored), counts)
+
+
+def _slices(run: Run, view: View, options: ScoreOptions) -> list[Entry[DetectionCounts]]:
+    sequence = view.sequence
+    parts = [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
+    parts += region_parts(run, sequence)
+    pairs = alike(sequence, VEHICLE, view.match)
+    return [
+        Entry(Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored), part_counts(pairs, part))
+        for part in parts
+    ]

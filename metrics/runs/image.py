@@ -1,0 +1,148 @@
+"""A run in its images: rectangles of each camera, recorded or projected from 3D."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fbench.metrics.objects import Objects
+from fbench.metrics.profile import Match
+from fbench.metrics.runs.columns import nothing, objects_of
+from fbench.metrics.runs.ground import in_regions, in_view, within
+from fbench.metrics.runs.places import on_ground
+from fbench.metrics.runs.shared import once
+from fbench.metrics.runs.view import Labelled, View
+from fbench.metrics.sequence import Sequence
+from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.boxes import Boxes2D, Boxes3D, finite
+from fbench.replay.data import Boxes, Rig
+from fbench.replay.geometry.camera import not_projectable, project_boxes
+from fbench.replay.scores import ScoreOptions
+from fbench.replay.sensor_choice import chosen_sensors
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxTable
+
+
+def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
+    """Return the detections or tracks of a run beside the 2D truth of its log where that has any, in the cameras that
+    it names; else beside its 3D truth, projected.
+
+    A pipeline that works in images is judged in those of the cameras that it got.
+    """
+    space = _Space.of(run, table, options)
+    labelled = Labelled.of(run, space.kind)
+    reason = space.reason or (None if labelled.frames else "no truth")
+    name, match = run.manifest.log.name, Match("iou2d", options.iou)
+    if reason is not None:
+        sequence = nothing(name, labelled.num_unlabelled)
+        return View(match, space.matching, sequence, len(run.frames), reason)
+    key = ("truth in images", space.cameras, space.derived, options)
+    truth, num_invalid = once(run, key, lambda: space.truth(labelled))
+    sequence = Sequence(
+        name,
+        labelled.steps(space.cameras),
+        truth,
+        space.objects(labelled, *labelled.rows(table)),
+        labelled.num_unlabelled,
+        num_invalid,
+    )
+    return View(match, space.matching, sequence, len(run.frames), None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Space:
+    """Which images, and where truth in them comes from."""
+
+    rig: Rig
+    options: ScoreOptions
+    cameras: tuple[str, ...]
+    derived: bool
+    """Whether truth is 3D truth, projected."""
+    ranged: bool
+    """Whether the distance of truth is known; where it isn't, boxes of any distance count."""
+    projects: bool
+    """Whether truth or estimates are 3D and must be projected."""
+
+    @classmethod
+    def of(cls, run: Run, table: BoxTable, options: ScoreOptions) -> "_Space":
+        rig = run.manifest.rig
+        derived = not any("2d" in frame.truth_spaces.split() for frame in run.frames)
+        recorded = run.truth_table("2d").boxes
+        cameras, ranged = set(rig.cameras), derived
+        if not derived and isinstance(recorded, Boxes2D):
+            cameras = {str(name) for name in np.unique(recorded.camera)} or cameras
+            ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
+        if isinstance(table.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
+            names = rig.sensors("camera", "lidar", "radar")
+            cameras -= set(names) - set(chosen_sensors(names, run.manifest.frames.sensors))
+        projects = derived or isinstance(table.boxes, Boxes3D)
+        return cls(rig, options, tuple(sorted(cameras)), derived, ranged, projects)
+
+    @property
+    def kind(self) -> Literal["2d", "3d"]:
+        """Which truth is used."""
+        return "3d" if self.derived else "2d"
+
+    @property
+    def reason(self) -> str | None:
+        """Why nothing can be scored here."""
+        if not self.cameras:
+            return "no cameras"
+        if self.options.regions and not self.derived:
+            return "boxes of truth in images have no place in a region"
+        known = [(name, self.rig.cameras[name]) for name in self.cameras if name in self.rig.cameras]
+        bent = [name for name, camera in known if not_projectable(camera) is not None]
+        return f"lens distortion of '{bent[0]}' isn't modelled" if self.projects and bent else None
+
+    @property
+    def matching(self) -> str:
+        """How boxes match and which of them count."""
+        derived = ", truth projected from 3D" if self.derived else ""
+        near = f", within {self.options.range_m:g} m" if self.ranged else ""
+        view = ", in view" if self.derived and self.options.in_view else ""
+        return f"iou {self.options.iou:g}{derived}{near}{view}{in_regions(self.options)}"
+
+    def truth(self, labelled: Labelled) -> tuple[Objects, int]:
+        """Truth in each camera, and how many boxes of it aren't finite."""
+        frame, truth = labelled.rows(labelled.run.truth_table(self.kind))
+        good, _ = finite(truth)
+        return self.objects(labelled, frame[good], truth[good]), int((~good).sum())
+
+    def objects(self, labelled: Labelled, frame: Int64, boxes: Boxes) -> Objects:
+        """Boxes of these frames (N,) in each camera."""
+        if isinstance(boxes, Boxes2D):
+            return self._recorded(frame, boxes)
+        parts = [self._projected(camera, labelled, frame, boxes) for camera in range(len(self.cameras))]
+        step, rows, inside, xyxy = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return objects_of(boxes[rows], step, inside, xyxy)
+
+    def _recorded(self, frame: Int64, boxes: Boxes2D) -> Objects:
+        held = np.isin(boxes.camera, self.cameras)
+        boxes, frame = boxes[held], frame[held]
+        camera = np.searchsorted(self.cameras, boxes.camera)
+        inside = np.ones(len(boxes), bool)
+        if self.ranged and boxes.distance_m is not None:
+            inside = ~(boxes.distance_m > self.options.range_m)
+        return objects_of(boxes, frame * len(self.cameras) + camera, inside)
+
+    def _projected(
+        self, camera: int, labelled: Labelled, frame: Int64, boxes: Boxes3D
+    ) -> tuple[Int64, Int64, Bool, Float64]:
+        """Steps, rows, region and outlines of the boxes in one camera."""
+        name = self.cameras[camera]
+        sane, _ = finite(boxes)
+        outline, seen, inside = np.full((len(boxes), 4), np.nan), np.zeros(len(boxes), bool), np.ones(len(boxes), bool)
+        for rig, rows in labelled.rigs(frame):
+            good = np.flatnonzero(rows & sane)
+            outline[good], seen[good] = project_boxes(rig, name, boxes[good])
+            centers = np.where(sane[rows, None], boxes.center_m[rows], 0.0)
+            if self.ranged:
+                inside[rows] &= within(centers, self.options.range_m)
+            if self.derived and self.options.in_view:
+                inside[rows] &= in_view(rig, name, centers)
+            if self.options.regions:
+                at = labelled.indices[frame[rows]]
+                inside[rows] &= on_ground(labelled.run, self.options.regions, at, centers)
+        # A box that isn't finite can't be projected; it counts once, in the first image.
+        kept = np.flatnonzero(seen | (~sane & (camera == 0)))
+        return frame[kept] * len(self.cameras) + camera, kept, inside[kept], outline[kept]

@@ -1,0 +1,70 @@
+"""Scores of a run's tracks."""
+
+from collections.abc import Sequence
+
+from fbench.metrics.runs.view import View
+from fbench.metrics.runs.views import label_groups, views
+from fbench.metrics.standard.entries import Entry, Heading
+from fbench.metrics.standard.groups import VEHICLE, Group
+from fbench.metrics.standard.tracking import TrackingCounts, require_unique_ids, tracking_counts
+from fbench.metrics.standard.tracking_rows import tracking_rows
+from fbench.replay.scores import Score, ScoreOptions
+from fbench.replay.store import Run
+from fbench.replay.tables import BoxTable
+
+
+class Tracking:
+    """CLEAR MOT, identity and HOTA of `run.tracks`.
+
+    - `mota` = 1 - sum(FN + FP + IDSW) / sum(GT), up to 1, not clipped below (Bernardin and Stiefelhagen 2008).
+    - `mota_no_fp` = 1 - sum(FN + IDSW) / sum(GT): leaves out false alarms, and so is not MOTA; it rewards a tracker
+      that floods the scene. Kept because the thesis that fbench follows prints it as MOTA.
+    - `motp`: mean over all matches, of the distance [m] in the ground plane or of the IoU in images.
+    - `idsw`: how often truth was matched to another track than at its last match, any gap of frames between them.
+    - `frag`, `mt`, `pt`, `ml`: interruptions, and truth tracks by the share of their boxes that was found.
+    - `idf1`, `idp`, `idr` (Ristani et al. 2016), `hota`, `deta`, `assa`, `loca` (Luiten et al. 2020).
+    - `occlusion_survival`: share of occlusions after which an object has the id that it had before.
+
+    A pair of the previous scored frame that had truth and tracks stays while it is inside the threshold; the rest is
+    matched for most pairs, then best total. Identities don't continue over segment borders, nor from one camera to
+    another. Without truth boxes, or where truth or tracks have no ids, what needs them is null.
+    """
+
+    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+        """Return rows for all vehicles as one class in each space, then for each label.
+
+        Raises:
+            MetricError: where an id occurs twice in one frame.
+        """
+        return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
+
+
+def tracking_entries(run: Run, options: ScoreOptions) -> tuple[Entry[TrackingCounts], ...]:
+    """Measure the tracks of a run: all vehicles in each space, then labels in its own space.
+
+    Raises:
+        MetricError: where an id occurs twice in one frame.
+    """
+    spaces = views(run, run.tracks, options)
+    # The folder may still have a name that nobody knows.
+    where = f"'{run.manifest.pipeline}' on log '{run.manifest.log.name}'"
+    for view in spaces:
+        require_unique_ids(view.sequence, where)
+    return whole_entries(spaces, run.tracks)
+
+
+def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[TrackingCounts], ...]:
+    """Measure all vehicles in each space, then labels in the first; ids are unique in each step."""
+    entries = [_entry(view, VEHICLE) for view in spaces]
+    return (*entries, *(_entry(spaces[0], group) for group in label_groups(spaces[0], table)))
+
+
+def rows_of(entry: Entry[TrackingCounts]) -> list[Score]:
+    """Return the rows of one entry."""
+    unit = "m" if entry.heading.matching.startswith("bev") else "iou"
+    return tracking_rows(entry.counts, entry.heading, unit)
+
+
+def _entry(view: View, group: Group) -> Entry[TrackingCounts]:
+    counts = TrackingCounts() if view.reason else tracking_counts(view.sequence, group, view.match)
+    return Entry(Heading(group.name, "all", view.matching, view.reason, view.num_scored), counts)

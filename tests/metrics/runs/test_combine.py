@@ -1,0 +1,137 @@
+"""Runs together: counts are added, slices by what logs say of themselves."""
+
+import json
+from itertools import permutations
+from pathlib import Path
+
+import pytest
+from tests.metrics.conftest import Case, boxes3d, write_run
+
+from fbench.metrics.bootstrap import Bootstrap
+from fbench.metrics.combine import RunStatistics, combined, measure_run
+from fbench.metrics.runs.detection import Detection
+from fbench.metrics.runs.tracking import Tracking
+from fbench.metrics.score import score_run
+from fbench.replay.cli.score_together import score_together
+from fbench.replay.errors import ConfigError, MetricError
+from fbench.replay.manifest import LogEntry
+from fbench.replay.scores import Score, ScoreOptions, load_scores
+from fbench.replay.store import Run
+
+METRICS = (Detection(), Tracking())
+CAR = boxes3d((10, 0), label="car", ids=[1])
+WRONG = boxes3d((30, 0), ids=[7])
+RIGHT = boxes3d((10, 0), ids=[7])
+
+
+def written(folder: Path, name: str, cases: list[Case], pipeline: str = "lidar3d", **words: str) -> Run:
+    log = LogEntry(name=name, log_id=name, digest="d" * 32, metadata=words)
+    return write_run(folder / f"run-{name}", cases, log=log, pipeline=pipeline)
+
+
+def measured(*runs: Run) -> list[RunStatistics]:
+    return [measure_run(run, ScoreOptions()) for run in runs]
+
+
+def table(rows: list[Score]) -> dict[tuple[str, str, str], Score]:
+    """The first of each: in the pipeline's own space."""
+    return {(row.metric, row.class_, row.slice): row for row in reversed(rows)}
+
+
+def test_one_run_scores_as_it_does_alone(tmp_path: Path) -> None:
+    run = written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR), Case(RIGHT)], seed="3")
+    assert combined(measured(run)) == score_run(run, ScoreOptions(), METRICS)
+
+
+def test_counts_are_added_not_ratios_averaged(tmp_path: Path) -> None:
+    good = written(tmp_path, "a", [Case(RIGHT, CAR)] * 3)
+    bad = written(tmp_path, "b", [Case(WRONG, CAR), Case(WRONG)])
+    rows = table(combined(measured(good, bad)))
+    f1 = rows["f1", "vehicle", "all"]
+    assert (f1.value, f1.counts["tp"], f1.counts["fp"], f1.counts["fn"]) == (0.75, 3, 1, 1)
+    assert rows["mota", "vehicle", "all"].value == 0.5
+    assert rows["coverage", "all", "all"].counts == {"scored": 4, "frames": 5}
+    assert rows["f1", "vehicle", "log a"].value == 1.0
+    assert rows["f1", "vehicle", "log b"].value == 0.0
+    assert rows["mota", "vehicle", "log a"].value == 1.0
+
+
+def test_slices_are_by_words_that_differ(tmp_path: Path) -> None:
+    words = {"scenario": "urban", "notes": "-" * 50, "weather.lux": "5"}
+    runs = [
+        written(tmp_path, "a", [Case(RIGHT, CAR)], condition="clear", traffic="low", seed="1", **words),
+        written(tmp_path, "b", [Case(WRONG, CAR)], condition="fog", traffic="low", seed="2", **words),
+        written(tmp_path, "c", [Case(RIGHT, CAR)], condition="fog", traffic="high", seed="3", **words),
+    ]
+    rows = table(combined(measured(*runs)))
+    slices = {slice_ for metric, _, slice_ in rows if metric == "f1" and not slice_.startswith("range")}
+    assert slices == {
+        "all", "log a", "log b", "log c", "condition clear", "condition fog", "traffic high", "traffic low"
+    }  # fmt: skip
+    assert rows["f1", "vehicle", "condition fog"].value == 0.5
+    assert rows["idf1", "vehicle", "traffic low"].value == 0.5
+
+
+def test_the_order_of_runs_changes_nothing(tmp_path: Path) -> None:
+    found = zip("abc", [RIGHT, WRONG, WRONG], strict=True)
+    runs = measured(*(written(tmp_path, name, [Case(RIGHT, CAR), Case(boxes, CAR)]) for name, boxes in found))
+    first, *others = [combined(order) for order in permutations(runs)]
+    assert all(rows == first for rows in others)
+
+
+def test_what_only_some_runs_have_is_kept(tmp_path: Path) -> None:
+    van = boxes3d((10, 0), label="van", ids=[1])
+    labelled = boxes3d((10, 0), label="car", ids=[7])
+    runs = measured(written(tmp_path, "a", [Case(labelled, CAR)]), written(tmp_path, "b", [Case(labelled, van)]),
+                    written(tmp_path, "c", [Case(labelled)]))  # fmt: skip
+    rows = table(combined(runs))
+    assert (rows["recall", "car", "all"].value, rows["recall", "van", "all"].value) == (1.0, 0.0)
+    assert rows["f1", "vehicle", "log c"].reason == "no truth"
+    assert rows["f1", "vehicle", "all"].value == 1.0
+
+
+def test_runs_of_different_pipelines_are_refused(tmp_path: Path) -> None:
+    runs = measured(written(tmp_path, "a", [Case(RIGHT, CAR)]), written(tmp_path, "b", [Case(RIGHT, CAR)], "radar3d"))
+    with pytest.raises(MetricError, match=r"several pipelines \(lidar3d, radar3d\)"):
+        combined(runs)
+    with pytest.raises(MetricError, match="no run"):
+        combined([])
+    with pytest.raises(MetricError, match="twice"):
+        combined([runs[0], runs[0]])
+
+
+def test_intervals_over_logs(tmp_path: Path) -> None:
+    runs = measured(*(
+        written(tmp_path, f"log{i}", [Case(RIGHT if i % 2 else WRONG, CAR), Case(RIGHT, CAR)]) for i in range(5)
+    ))  # fmt: skip
+    rows = table(combined(runs, Bootstrap(num=100)))
+    for metric in ("f1", "mota", "idf1", "hota"):
+        row = rows[metric, "vehicle", "all"]
+        assert row.low is not None
+        assert row.high is not None
+        assert row.low <= (row.value or 0) <= row.high
+        assert row.interval == "95 % of 100 bootstrap resamples of 5 logs"
+    assert rows["f1", "vehicle", "log log1"].low is None
+    few = table(combined(runs[:2], Bootstrap(num=100)))["f1", "vehicle", "all"]
+    assert (few.low, few.interval) == (None, "2 logs, at least 5 are needed")
+    assert [(row.metric, row.value) for row in combined(runs, Bootstrap(num=9))] == [
+        (row.metric, row.value) for row in combined(runs)
+    ]
+
+
+def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = [written(tmp_path, name, [Case(RIGHT, CAR)]) for name in "ab"]
+    folders = [run.folder for run in runs]
+    assert score_together(folders, ScoreOptions(), Bootstrap(num=9), tmp_path / "all.json", True) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["scores"][0] == {
+        "metric": "f1", "class": "vehicle", "slice": "all", "matching": "bev 2 m, within 50 m", "value": 1.0,
+        "reason": None, "unit": "1", "counts": {"tp": 2, "fp": 0, "fn": 0, "ignored": 0, "invalid": 0,
+                                                 "invalid_truth": 0, "frames": 2},
+        "interval": "2 logs, at least 5 are needed",
+    }  # fmt: skip
+    assert load_scores(tmp_path / "all.json") == combined(measured(*runs), Bootstrap(num=9))
+    assert score_together(folders, ScoreOptions(), None, None, False) == 0
+    assert "2 runs together" in capsys.readouterr().out
+    with pytest.raises(ConfigError, match="no such run folder"):
+        score_together([tmp_path / "none"], ScoreOptions(), None, None, False)

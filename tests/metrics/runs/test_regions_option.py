@@ -1,0 +1,119 @@
+"""Regions of a log as region of interest, and as slices."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.metrics.conftest import NO_CAMERA, Case, boxes2d, boxes3d, front_camera, make_manifest
+
+from fbench.metrics.runs.detection import Detection
+from fbench.metrics.runs.tracking import Tracking
+from fbench.metrics.score import score_run
+from fbench.replay.data import Rig, Truth
+from fbench.replay.errors import ConfigError
+from fbench.replay.manifest import LogEntry
+from fbench.replay.regions import Region, regions_text
+from fbench.replay.scores import Score, ScoreOptions, region_kinds
+from fbench.replay.store import FrameRecord, Run, RunWriter
+
+ROAD = Region("road", np.array([[100.0, -5], [130, -5], [130, 5], [100, 5]]))
+WALK = Region("sidewalk", np.array([[100.0, 5], [130, 5], [130, 15], [100, 15]]))
+EAST = np.array([100.0, 0, 0, 0, 0, 0, 1])
+NORTH = np.array([110.0, -10, 0, 0, 0, np.sin(np.pi / 4), np.cos(np.pi / 4)])
+"""Poses: at (100, 0) towards x, and at (110, -10) towards y."""
+
+
+def regional_run(folder: Path, cases: list[Case], poses: list[np.ndarray], rig: Rig = NO_CAMERA) -> Run:
+    metadata = {"regions": regions_text([ROAD, WALK])}
+    with RunWriter(folder) as writer:
+        for i, case in enumerate(cases):
+            writer.add_frame(FrameRecord(i, i * 100, 0, None, {}, "", ""), {"total": 1})
+            writer.add_boxes("detections", i, case.estimates)
+            writer.add_boxes("tracks", i, case.estimates)
+            writer.label_frame(i, Truth(i * 100, i * 100, case.truth, case.truth2d))
+        writer.set_poses(np.array(poses))
+        log = LogEntry(name="log", log_id="id", digest="d" * 32, metadata=metadata)
+        return Run(writer.finish(make_manifest(rig, log=log)))
+
+
+def counts(run: Run, options: ScoreOptions, slice_: str = "all", space: str = "bev") -> tuple[float, ...]:
+    rows = score_run(run, options, (Detection(), Tracking()))
+    c = next(r for r in rows if (r.metric, r.slice) == ("f1", slice_) and r.matching.startswith(space)).counts
+    return c["tp"], c["fp"], c["fn"], c["ignored"]
+
+
+# In the world at x = 110: on the road, on the sidewalk, on neither.
+TRUTH = boxes3d((10, 0), (10, 10), (10, 20), label="car", ids=[1, 2, 3])
+FOUND = boxes3d((10, 0), (10, 12.5), (10, 24), (20, -20), ids=[1, 2, 3, 4])
+
+
+def test_only_boxes_in_the_regions_count(tmp_path: Path) -> None:
+    run = regional_run(tmp_path / "run", [Case(FOUND, TRUTH)], [EAST])
+    assert counts(run, ScoreOptions()) == (1, 3, 2, 0)
+    assert counts(run, ScoreOptions(regions=("road",))) == (1, 0, 0, 3)
+    assert counts(run, ScoreOptions(regions=("sidewalk",))) == (0, 1, 1, 3)
+    assert counts(run, ScoreOptions(regions=("sidewalk", "road"))) == (1, 1, 1, 2)
+
+
+def test_slices_count_as_the_option_does(tmp_path: Path) -> None:
+    run = regional_run(tmp_path / "run", [Case(FOUND, TRUTH)] * 2, [EAST, NORTH])
+    for kind in ("road", "sidewalk"):
+        assert counts(run, ScoreOptions(), f"region {kind}") == counts(run, ScoreOptions(regions=(kind,)))
+
+
+def test_boxes_are_moved_and_turned_into_the_world(tmp_path: Path) -> None:
+    """10 m ahead of (110, -10) towards y is (110, 0): on the road; 10 m to its left is x = 100."""
+    ahead, left = boxes3d((10, 0), label="car"), boxes3d((10, 12), label="car")
+    options = ScoreOptions(regions=("road",))
+    assert counts(regional_run(tmp_path / "a", [Case(ahead, ahead)], [NORTH]), options) == (1, 0, 0, 0)
+    assert counts(regional_run(tmp_path / "b", [Case(left, left)], [NORTH]), options) == (0, 0, 0, 1)
+
+
+def test_the_matching_text_names_them(tmp_path: Path) -> None:
+    run = regional_run(tmp_path / "run", [Case(FOUND, TRUTH)], [EAST], front_camera())
+    rows = score_run(run, ScoreOptions(regions=("sidewalk", "road")), (Detection(), Tracking()))
+    assert {row.matching for row in rows} == {
+        "bev 2 m, within 50 m, in view, in region road or sidewalk",
+        "iou 0.5, truth projected from 3D, within 50 m, in view, in region road or sidewalk",
+    }
+
+
+def test_projected_boxes_are_in_regions_too(tmp_path: Path) -> None:
+    truth = boxes3d((20, 0), (20, 10), label="car")
+    run = regional_run(tmp_path / "run", [Case(truth, truth)], [EAST], front_camera())
+    assert counts(run, ScoreOptions(regions=("road",)), space="iou") == (1, 0, 0, 1)
+
+
+def test_2d_results_arent_blamed_for_what_is_elsewhere(tmp_path: Path) -> None:
+    """Nobody knows where they are; on projected truth beside the road they are excused."""
+    truth = boxes3d((10, 0), (10, 8), label="car")
+    # Front faces at x = 8 m: 400 / 8 = 50 px a metre; the second from y = 7 to 9 m, its image ends at u = -0.5.
+    found = boxes2d((349.5, 262, 449.5, 337), (-0.5, 262, 49.5, 337))
+    run = regional_run(tmp_path / "run", [Case(found, truth)], [EAST], front_camera())
+    tp, fp, fn, _ = counts(run, ScoreOptions(regions=("road",)), space="iou")
+    assert (tp, fn) == (1, 0)
+    assert fp == 0
+
+
+def test_recorded_2d_truth_has_no_place(tmp_path: Path) -> None:
+    box = boxes2d((0, 0, 9, 9), label="car")
+    run = regional_run(tmp_path / "run", [Case(box, truth2d=box)], [EAST], front_camera())
+    rows: list[Score] = score_run(run, ScoreOptions(regions=("road",)), (Detection(),))
+    assert (rows[0].value, rows[0].reason) == (None, "boxes of truth in images have no place in a region")
+
+
+def test_unknown_kinds_and_missing_poses_are_refused(tmp_path: Path) -> None:
+    run = regional_run(tmp_path / "a", [Case(FOUND, TRUTH)], [EAST])
+    with pytest.raises(ConfigError, match="no region 'raod'; did you mean 'road'"):
+        counts(run, ScoreOptions(regions=("raod",)))
+    lost = regional_run(tmp_path / "b", [Case(FOUND, TRUTH)] * 2, [EAST, np.full(7, np.nan)])
+    with pytest.raises(ConfigError, match="doesn't tell where the body was"):
+        counts(lost, ScoreOptions(regions=("road",)))
+    assert counts(lost, ScoreOptions()) == (2, 6, 4, 0)
+
+
+def test_kinds_are_read_with_commas_between() -> None:
+    assert region_kinds(None) == ()
+    assert region_kinds("road, sidewalk,road") == ("road", "sidewalk")
+    with pytest.raises(ConfigError, match="has no name"):
+        ScoreOptions(regions=region_kinds("road,"))
