@@ -60,7 +60,7 @@ def test_builtins_come_in_by_entry_points():
     assert {"camera2d", "lidar3d", "radar3d", "late3d"} <= set(found("pipelines"))
     assert "astyx" in found("datasets")
     assert "html" in found("reports")
-    assert {"detection", "clear"} <= set(found("metrics"))
+    assert {"detection", "tracking"} <= set(found("metrics"))
     for group in ("datasets", "pipelines", "metrics", "reports"):
         for name in found(group):
             assert load(group, name).__doc__

@@ -66,6 +66,14 @@ def test_notes_go_to_stderr(fbench, folders, tmp_path):
     ]
 
 
+def test_truth_for_no_sequence_is_an_error(fbench, folders, tmp_path):
+    for path in (tmp_path / "truth").iterdir():
+        path.rename(path.with_name(f"9{path.name}"))
+    result = fbench("score", *folders)
+    assert (result.code, result.err.count("\n")) == (3, 1)
+    assert "no truth for any sequence" in result.err
+
+
 def test_lost_boxes_are_told_by_the_exit_code(fbench, folders, tmp_path):
     path = tmp_path / "truth" / "0000.txt"
     path.write_text(path.read_text().replace(" 10.0 ", " nan ", 1))
