@@ -67,9 +67,8 @@ def test_notes_go_to_stderr(fbench, folders, tmp_path):
 
 
 def test_truth_for_no_sequence_is_an_error(fbench, folders, tmp_path):
-    for path in (tmp_path / "truth").iterdir():
-        path.rename(path.with_name(f"9{path.name}"))
-    result = fbench("score", *folders)
+    (tmp_path / "truth" / "0001.txt").unlink()
+    result = fbench("score", *folders, "--sequences", "0001")
     assert (result.code, result.err.count("\n")) == (3, 1)
     assert "no truth for any sequence" in result.err
 
