@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, LogInfo, Mount, PointCloud, Pose, Rig, Truth
 from fbench.replay.logs.parquet.write import ParquetWriter
+from fbench.replay.secrets import clean_mapping
 
 from .. import builders as b
 from . import logs
@@ -112,7 +113,7 @@ def test_rig_and_info(mounts, cameras, metadata, log_id):
     rig, info = Rig(mounts, cameras), LogInfo("log", log_id, metadata)
     with tempfile.TemporaryDirectory() as folder:
         reader, faults = logs.read(logs.write(Path(folder) / "log", [], rig, info))
-        assert reader.info == info
+        assert reader.info == LogInfo("log", log_id, clean_mapping(metadata))  # a word may happen to name a secret
         assert b.canonical(reader.rig.mounts) == b.canonical(mounts)
         assert b.canonical(reader.rig.cameras) == b.canonical(cameras)
     assert not faults.counts
