@@ -147,8 +147,9 @@ def _tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
     has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
     if not preparation.drops_missing_ids:
         for side, has, what in zip((sequence.truth, sequence.estimates), has_id, ("truth", "results"), strict=True):
-            if not has.all():
-                frame = sequence.steps.frame[side.step[np.argmin(has)]]
+            fine = has if side.ignore is None or not preparation.drops_ignored else has | side.ignore
+            if not fine.all():
+                frame = sequence.steps.frame[side.step[np.argmin(fine)]]
                 raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
     return has_id
 

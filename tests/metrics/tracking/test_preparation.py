@@ -103,6 +103,13 @@ def test_boxes_without_id_are_left_out_by_kitti_and_refused_by_others():
         MOTMETRICS.measure(Sequence("s", Steps.counted(1), objects(), nameless))
 
 
+def test_truth_that_counts_for_nothing_needs_no_id():
+    region = replace(objects(("dontcare", BIG)), track_id=np.array([-1]), ignore=np.array([True]))
+    assert left(region, objects(), MOT15) == ([], [])
+    with pytest.raises(MetricError, match="truth without an id"):
+        left(replace(region, ignore=np.array([False])), objects(), MOT15)
+
+
 @pytest.mark.parametrize("box", [(np.nan, 0, 1, 1), (0, 0, np.inf, 40), (40, 0, 0, 40)])
 def test_results_that_are_no_boxes_are_false_alarms(box):
     one = Sequence("s", Steps.counted(1), objects(("car", BIG)), objects(("car", box)))
