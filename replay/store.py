@@ -288,11 +288,11 @@ class Run:
 
     def truth3d(self, index: int) -> Boxes3D | None:
         """3D truth of frame `index`; `None` where it isn't labelled."""
-        return self._at("truth.parquet", self._truth3d, index, "3d", Boxes3D)
+        return self._at(index, "3d", Boxes3D)
 
     def truth2d(self, index: int) -> Boxes2D | None:
         """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
-        return self._at("truth_2d.parquet", self._truth2d, index, "2d", Boxes2D)
+        return self._at(index, "2d", Boxes2D)
 
     def truth_table(self, space: Literal["3d", "2d"]) -> BoxTable:
         """3D truth, or recorded 2D truth, of all frames that have it; empty where none has.
@@ -308,12 +308,12 @@ class Run:
             return BoxTable(np.zeros(0, np.int64), kind.empty())
         return table
 
-    def _at(self, name: str, table: BoxTable | None, index: int, space: str, kind: type[B]) -> B | None:
+    def _at(self, index: int, space: Literal["3d", "2d"], kind: type[B]) -> B | None:
         if space not in self._spaces.get(index, "").split():
             return None
-        boxes = None if table is None else table.at(index)
+        boxes = self.truth_table(space).at(index)
         if not isinstance(boxes, kind):
-            raise RunError(f"{self.folder / name}: can't be read (frames have truth, but it isn't there)")
+            raise RunError(f"{self.folder}: can't be read ({space} truth of another kind)")
         return boxes
 
     @cached_property

@@ -74,11 +74,6 @@ def unreal(objects: Objects) -> Bool:
     return found
 
 
-def has_rectangles(objects: Objects) -> bool:
-    """Tell whether any box has one, or there are no boxes at all."""
-    return objects.xyxy_px is not None and (not len(objects) or bool(_there(objects.xyxy_px).any()))
-
-
 def has_solids(objects: Objects) -> bool:
     """Tell whether any box has one, or there are no boxes at all."""
     return objects.center_m is not None and (not len(objects) or bool(_there(objects.center_m).any()))

@@ -9,7 +9,7 @@ from fbench.metrics.blocks import Blocks, pairs_of
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Match
 from fbench.metrics.sequence import Sequence
-from fbench.metrics.similarity import blocks
+from fbench.metrics.similarity import blocks, image_overlaps
 from fbench.metrics.standard.groups import Group
 from fbench.metrics.standard.slices import Part
 from fbench.metrics.validity import is_valid
@@ -95,7 +95,10 @@ def alike(sequence: Sequence, group: Group, match: Match) -> Alike:
     invalid = ~is_valid(estimates, match.likeness)
     values, start = blocks(truth, estimates, starts[0], starts[1], match.likeness, sequence.ego_m)
     pairs = pairs_of(starts[0], starts[1])
-    shares = _shares(truth, estimates, pairs) if match.likeness == "iou2d" else values
+    if match.likeness == "iou2d":
+        shares, _ = image_overlaps(truth, estimates, starts[0], starts[1], np.ones(len(truth), bool))
+    else:
+        shares = values
     usable = ~invalid[pairs[1]]
     excused = usable & group.excuses(truth, estimates, pairs)
     similarity, excuse = (
@@ -118,15 +121,3 @@ def counted(pairs: Alike, part: Part | None = None) -> Counted:
         pairs.sequence, np.flatnonzero(must), np.flatnonzero(~must), rows[given], pairs.similarity.select(must, given),
         pairs.excuse.select(~must, given), pairs.match, inside[given], pairs.invalid[given],
     )  # fmt: skip
-
-
-def _shares(regions: Objects, estimates: Objects, pairs: tuple[Int64, Int64]) -> Float64:
-    """Share (B,) of each estimate that lies in a region of its image."""
-    if not len(pairs[0]) or regions.xyxy_px is None or estimates.xyxy_px is None:
-        return np.zeros(len(pairs[0]))
-    a, b = regions.xyxy_px[pairs[0]], estimates.xyxy_px[pairs[1]]
-    overlap = np.minimum(a[:, 2:], b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
-    common = np.prod(np.clip(overlap, 0, None), axis=1)
-    area = np.prod(np.clip(b[:, 2:] - b[:, :2], 0, None), axis=1)
-    share: Float64 = np.divide(common, area, out=np.zeros_like(common), where=area > 0)
-    return share

@@ -35,13 +35,6 @@ class Judgement:
     """(M,) int8 `Outcome`."""
 
     @property
-    def is_found(self) -> Array:
-        """(N,) which truth boxes have a partner."""
-        found = np.zeros(len(self.counted.truth_row), bool)
-        found[self.truth_of_estimate[self.truth_of_estimate >= 0]] = True
-        return found
-
-    @property
     def counts(self) -> BoxCounts:
         """Sums over all steps."""
         num = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
