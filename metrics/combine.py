@@ -7,7 +7,6 @@ from functools import partial, reduce
 from operator import add
 from typing import TypeVar
 
-from fbench.metrics.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.profile import Statistics
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.detection import coverage, detection_entries
@@ -17,6 +16,7 @@ from fbench.metrics.score import ordered
 from fbench.metrics.standard.detection import DetectionCounts
 from fbench.metrics.standard.entries import Entry, Heading, added
 from fbench.metrics.standard.tracking import TrackingCounts
+from fbench.metrics.statistics.bootstrap import Bootstrap, with_intervals
 from fbench.replay.errors import MetricError
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run

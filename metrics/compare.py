@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fbench.metrics.card import Better
-from fbench.metrics.cards import CARDS
+from fbench.metrics.cards.card import Better
+from fbench.metrics.cards.catalog import CARDS
 from fbench.replay.errors import ConfigError, MetricError
 from fbench.replay.scores import Score
 

@@ -6,9 +6,9 @@ from functools import reduce
 from operator import add
 from typing import Generic, TypeVar
 
-from fbench.metrics.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.profile import Profile, Statistics
 from fbench.metrics.sequence import Sequence
+from fbench.metrics.statistics.bootstrap import Bootstrap, with_intervals
 from fbench.replay.errors import MetricError
 from fbench.replay.scores import Score
 

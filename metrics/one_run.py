@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-from fbench.metrics.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.combine import OF_TRACKS, RATES, RunTable, resampled
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.shared import SharedRun
 from fbench.metrics.runs.stretches import Pieces, pieces
 from fbench.metrics.runs.views import views
+from fbench.metrics.statistics.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 

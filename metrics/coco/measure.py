@@ -7,10 +7,10 @@ import numpy as np
 
 from fbench.metrics.coco.rules import CocoRules
 from fbench.metrics.coco.statistics import ClassStatistics, CocoStatistics, Outcome, Ranked
-from fbench.metrics.greedy import match_greedily, score_order
+from fbench.metrics.matching.greedy import match_greedily, score_order
+from fbench.metrics.matching.similarity import image_overlaps
 from fbench.metrics.objects import Objects
 from fbench.metrics.sequence import Sequence, Steps
-from fbench.metrics.similarity import image_overlaps
 from fbench.metrics.validity import is_valid
 from fbench.replay.arrays import Array, Bool, Float64, Int64
 

@@ -13,7 +13,7 @@ def greedy_blocks(
 ) -> Int64:  # fmt: skip
     """Let estimates choose truth one after the other; returns truth rows (T, M), -1 where there is none.
 
-    See `fbench.metrics.greedy.match_greedily`.
+    See `fbench.metrics.matching.greedy.match_greedily`.
     """
     partner, taken = np.empty((len(floors), len(order)), np.int64), np.empty(len(rank), np.bool_)
     for f in range(len(floors)):

@@ -57,7 +57,7 @@ def curve(tables: Many[ObjectTable], difficulty: int, overlap: float) -> Curve:
         difficulty: Index.
         overlap: Boxes match above it.
     """
-    from fbench.metrics.exact import fractions  # numba takes a while to import
+    from fbench.metrics.statistics.exact import fractions  # numba takes a while to import
 
     walks = [_Walk.of(table, difficulty, overlap) for table in tables]
     num_truth = sum(int((~table.truth_ignored[difficulty]).sum()) for table in tables)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.blocks import pairs_of
+from fbench.metrics.matching.blocks import pairs_of
+from fbench.metrics.matching.similarity import blocks
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Likeness
-from fbench.metrics.similarity import blocks
 from fbench.replay.arrays import Bool, Float64, Int64, freeze_fields
 
 

@@ -5,11 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.blocks import Blocks, pairs_of
+from fbench.metrics.matching.blocks import Blocks, pairs_of
+from fbench.metrics.matching.similarity import blocks, image_overlaps
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Match
 from fbench.metrics.sequence import Sequence
-from fbench.metrics.similarity import blocks, image_overlaps
 from fbench.metrics.standard.groups import Group
 from fbench.metrics.standard.slices import Part
 from fbench.metrics.validity import is_valid

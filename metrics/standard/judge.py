@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from fbench.metrics.matching import match_best, match_greedy
+from fbench.metrics.matching.one_to_one import match_best, match_greedy
 from fbench.metrics.standard.counted import Counted
 from fbench.metrics.standard.counts import BoxCounts
 from fbench.replay.arrays import Array, Int64

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.exact import exact_sum
 from fbench.metrics.kernels.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
 from fbench.metrics.problem import Problem
+from fbench.metrics.statistics.exact import exact_sum
 from fbench.replay.arrays import Bool, Float64, Int64, freeze_fields
 
 

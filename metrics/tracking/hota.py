@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from fbench.metrics.exact import exact_sums, fractions, plus
 from fbench.metrics.problem import Problem
+from fbench.metrics.statistics.exact import exact_sums, fractions, plus
 from fbench.metrics.tracking.near import NearPairs, near_pairs
 from fbench.replay.arrays import Float64, Int64
 

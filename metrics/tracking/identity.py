@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.blocks import block_starts
+from fbench.metrics.matching.blocks import block_starts
 from fbench.metrics.problem import Problem
 from fbench.metrics.tracking.near import near_pairs
 from fbench.replay.arrays import Int64

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fbench.metrics.blocks import pairs_of
+from fbench.metrics.matching.blocks import pairs_of
+from fbench.metrics.matching.similarity import blocks, image_overlaps
 from fbench.metrics.objects import Objects
 from fbench.metrics.problem import Problem
 from fbench.metrics.profile import Match
 from fbench.metrics.sequence import Sequence
-from fbench.metrics.similarity import blocks, image_overlaps
 from fbench.metrics.tracking.order import by_content
 from fbench.metrics.tracking.rules import ClassRule, Preparation
 from fbench.metrics.validity import is_valid

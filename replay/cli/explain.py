@@ -12,7 +12,7 @@ from fbench.replay.errors import EXIT_OK
 from fbench.replay.scores import ScoreOptions
 
 if TYPE_CHECKING:
-    from fbench.metrics.verdict import Explanation, Table, Verdict
+    from fbench.metrics.explaining.verdict import Explanation, Table, Verdict
 
 _OUTCOMES = ("missed", "false alarm", "invalid", "hit", "ignored")
 
@@ -23,7 +23,7 @@ def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_js
     Raises:
         FbenchError: where there is no such run, frame or class, or the frame isn't scored.
     """
-    from fbench.metrics.explain import explain_frame
+    from fbench.metrics.explaining.frame import explain_frame
 
     told = explain_frame(open_run(run), options, frame, class_)
     if as_json:

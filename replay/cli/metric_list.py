@@ -8,7 +8,7 @@ from fbench.replay.cli.show import console
 
 def show_metrics() -> None:
     """List the plug-ins that score runs, then every metric."""
-    from fbench.metrics.cards import CARDS
+    from fbench.metrics.cards.catalog import CARDS
 
     show_group("metrics")
     table = _table("metric", "better", "unit", "meaning")
@@ -25,7 +25,7 @@ def show_metric(name: str) -> None:
     Raises:
         ConfigError: for an unknown name.
     """
-    from fbench.metrics.cards import card_of
+    from fbench.metrics.cards.catalog import card_of
 
     card = card_of(name)
     table = _table("", "")

@@ -104,7 +104,7 @@ def _cell(score: Score | None) -> str:
 
 
 def _counts() -> frozenset[str]:
-    from fbench.metrics.cards import COUNTS
+    from fbench.metrics.cards.catalog import COUNTS
 
     return COUNTS
 

@@ -10,7 +10,7 @@ from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.scores import ScoreOptions, save_scores, score_rows
 
 if TYPE_CHECKING:
-    from fbench.metrics.bootstrap import Bootstrap
+    from fbench.metrics.statistics.bootstrap import Bootstrap
 
 
 def score_together(

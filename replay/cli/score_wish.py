@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from fbench.replay.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fbench.metrics.bootstrap import Bootstrap
+    from fbench.metrics.statistics.bootstrap import Bootstrap
 
 _OF_FILES = {
     "detections": "--detections", "detections_format": "--detections-format", "sequences": "--sequences",
@@ -38,7 +38,7 @@ class Resampling:
         """Return how resamples are drawn; `None`: no intervals."""
         if not self.num:
             return None
-        from fbench.metrics.bootstrap import Bootstrap
+        from fbench.metrics.statistics.bootstrap import Bootstrap
 
         return Bootstrap(self.seed, self.num)
 

@@ -10,7 +10,7 @@ from fbench.replay.scores import ScoreOptions, save_scores
 from fbench.replay.store import Run
 
 if TYPE_CHECKING:
-    from fbench.metrics.bootstrap import Bootstrap
+    from fbench.metrics.statistics.bootstrap import Bootstrap
 
 
 def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:

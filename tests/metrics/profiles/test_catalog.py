@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from fbench.metrics.cards import CARDS, COUNTS, card_of
+from fbench.metrics.cards.catalog import CARDS, COUNTS, card_of
 from fbench.metrics.evaluate import evaluate
 from fbench.metrics.files.sequences import open_files
 from fbench.metrics.profile import Match

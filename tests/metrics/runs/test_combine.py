@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from tests.metrics.conftest import Case, boxes3d, write_run
 
-from fbench.metrics.bootstrap import Bootstrap
 from fbench.metrics.combine import RunStatistics, combined, measure_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
 from fbench.metrics.score import score_run
+from fbench.metrics.statistics.bootstrap import Bootstrap
 from fbench.replay.cli.score_together import score_together
 from fbench.replay.errors import ConfigError, MetricError
 from fbench.replay.manifest import LogEntry

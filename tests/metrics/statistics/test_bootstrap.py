@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.bootstrap import Bootstrap, Interval, interval, intervals, with_intervals
 from fbench.metrics.evaluate import evaluate
-from fbench.metrics.leaves import weighted_sums
 from fbench.metrics.profile import Match
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.metrics.standard.tracking import TrackingCounts
+from fbench.metrics.statistics.bootstrap import Bootstrap, Interval, interval, intervals, with_intervals
+from fbench.metrics.statistics.leaves import weighted_sums
 from fbench.metrics.tracking.hota import HotaCounts
 from fbench.replay.draws import generator
 from fbench.replay.errors import ConfigError

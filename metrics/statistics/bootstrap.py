@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from fbench.metrics.leaves import weighted_sums
 from fbench.metrics.profile import Statistics
+from fbench.metrics.statistics.leaves import weighted_sums
 from fbench.replay.arrays import Int64
 from fbench.replay.draws import generator
 from fbench.replay.errors import ConfigError

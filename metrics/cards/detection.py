@@ -1,6 +1,6 @@
 """Cards of what is said about boxes, each by itself."""
 
-from fbench.metrics.card import CAESAR, FBENCH, GEIGER, LIN, RIJSBERGEN, SHARE, SIMONELLI, MetricCard
+from fbench.metrics.cards.card import CAESAR, FBENCH, GEIGER, LIN, RIJSBERGEN, SHARE, SIMONELLI, MetricCard
 
 _NO_TRUTH = "there are no truth boxes"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.metrics.blocks import block_starts
+from fbench.metrics.matching.blocks import block_starts
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Likeness
 from fbench.replay.arrays import Array, Bool, Float64, Int64

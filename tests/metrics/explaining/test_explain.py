@@ -10,10 +10,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
-from fbench.metrics.explain import explain_frame
+from fbench.metrics.explaining.frame import explain_frame
+from fbench.metrics.explaining.verdict import Explanation, Verdict
 from fbench.metrics.runs.detection import detection_entries
 from fbench.metrics.runs.tracking import tracking_entries
-from fbench.metrics.verdict import Explanation, Verdict
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.cli.explain import explain_run
 from fbench.replay.errors import ConfigError, MetricError

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fbench.metrics.matching.similarity import blocks, image_overlaps
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import LIKENESSES, Likeness
-from fbench.metrics.similarity import blocks, image_overlaps
 from fbench.replay.arrays import Float64
 from fbench.replay.errors import MetricError
 from fbench.replay.geometry.boxes import distance_bev, iou_2d

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fbench.metrics.reasons import Judged, verdicts
+from fbench.metrics.explaining.reasons import Judged, verdicts
+from fbench.metrics.explaining.verdict import Explanation, Table
 from fbench.metrics.runs.columns import of_steps
 from fbench.metrics.runs.shared import SharedRun
 from fbench.metrics.runs.view import View
@@ -11,7 +12,6 @@ from fbench.metrics.standard.counted import alike, counted
 from fbench.metrics.standard.groups import VEHICLE, Group, label_group
 from fbench.metrics.standard.judge import Outcome, judge_detections
 from fbench.metrics.standard.tracking import Followed, followed, require_unique_ids
-from fbench.metrics.verdict import Explanation, Table
 from fbench.replay.boxes import finite
 from fbench.replay.data import LABELS
 from fbench.replay.errors import ConfigError, MetricError

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 
-from fbench.metrics import cards_benchmarks, cards_detection, cards_tracking
-from fbench.metrics.card import MetricCard
+from fbench.metrics.cards import benchmarks, detection, tracking
+from fbench.metrics.cards.card import MetricCard
 from fbench.replay.errors import ConfigError
 from fbench.replay.names import did_you_mean
 
-CARDS: Mapping[str, MetricCard] = {
-    card.name: card for card in (*cards_detection.CARDS, *cards_tracking.CARDS, *cards_benchmarks.CARDS)
-}
+CARDS: Mapping[str, MetricCard] = {card.name: card for card in (*detection.CARDS, *tracking.CARDS, *benchmarks.CARDS)}
 COUNTS = frozenset(card.name for card in CARDS.values() if card.is_count)
 
 

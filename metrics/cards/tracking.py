@@ -1,6 +1,6 @@
 """Cards of what is said about tracks."""
 
-from fbench.metrics.card import (
+from fbench.metrics.cards.card import (
     BERNARDIN,
     FBENCH,
     LI,

@@ -1,6 +1,6 @@
 """Cards of what only nuScenes' and AB3DMOT's tracking benchmarks count."""
 
-from fbench.metrics.card import CAESAR, SHARE, WENG, Better, MetricCard, Source
+from fbench.metrics.cards.card import CAESAR, SHARE, WENG, Better, MetricCard, Source
 
 _NO_TRUTH = "there is no truth of the class"
 _RECALLS = "n recalls r: 40 from 0.1 to 1 in nuscenes-devkit, 1/40 to 1 in AB3DMOT"

@@ -7,15 +7,15 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.blocks import Blocks
+from fbench.metrics.explaining.verdict import Outcome as Word
+from fbench.metrics.explaining.verdict import Table, Verdict
+from fbench.metrics.matching.blocks import Blocks
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Match
 from fbench.metrics.standard.counted import Counted
 from fbench.metrics.standard.groups import Group
 from fbench.metrics.standard.judge import Outcome
 from fbench.metrics.validity import faults
-from fbench.metrics.verdict import Outcome as Word
-from fbench.metrics.verdict import Table, Verdict
 from fbench.replay.arrays import Array, Float64, Int64
 from fbench.replay.scores import ScoreOptions
 

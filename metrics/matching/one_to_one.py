@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fbench.metrics.blocks import Blocks
+from fbench.metrics.matching.blocks import Blocks
 from fbench.replay.arrays import Bool, Float64, Int64
 
 

@@ -1,0 +1,1 @@
+"""What every metric means: formula, range, unit, source."""

@@ -1,0 +1,1 @@
+"""What became of every box of a frame, in words."""

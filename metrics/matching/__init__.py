@@ -1,0 +1,1 @@
+"""The one matcher: how alike boxes are, and which of them belong together."""

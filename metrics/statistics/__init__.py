@@ -1,0 +1,1 @@
+"""Sufficient statistics: exact sums, and resampling."""
