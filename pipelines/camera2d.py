@@ -9,6 +9,7 @@ from fbench.pipelines.camera.detectors import CameraDetectors
 from fbench.pipelines.camera.look import look
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
+from fbench.pipelines.weights.named import resolve_settings
 from fbench.replay.boxes import Boxes2D, concatenate
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig, Source
 from fbench.replay.errors import ConfigError, LogError
@@ -25,6 +26,9 @@ class Camera2DParams:
     """The tracker, one per camera."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
 class Camera2D:

@@ -14,6 +14,7 @@ from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
+from fbench.pipelines.weights.named import resolve_settings
 from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
 from fbench.replay.geometry.camera import require_projection
 from fbench.replay.sensor_settings import SensorSettings
@@ -37,6 +38,9 @@ class Late3DParams:
     """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
     in everything, LiDARs in min_range_m and max_range_m, radars in max_range_m, min_magnitude_db and doppler.
     """
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
 class Late3D:

@@ -66,7 +66,7 @@ class DataError(FbenchError):
 
 
 class ModelError(FbenchError):
-    """Weights that can't be loaded or whose outputs aren't understood."""
+    """Weights that can't be fetched or loaded, or whose outputs aren't understood."""
 
 
 class RunError(FbenchError):

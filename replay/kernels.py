@@ -4,10 +4,8 @@ Only files that hold kernels import this one, because it imports numba.
 """
 
 import hashlib
-import os
 import pickle
 import platform
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +16,8 @@ import numba
 import numpy as np
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+
+from fbench.replay.user_cache import fbench_cache
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -95,23 +95,9 @@ def kernel_digest(sources: Path) -> str:
 def cache_folder(sources: Path) -> Path | None:
     """Return the folder for machine code made from the folder `sources`, or `None` where none can be written."""
     try:
-        folder = user_cache() / "fbench" / "kernels" / kernel_digest(sources)
+        folder = fbench_cache() / "kernels" / kernel_digest(sources)
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except (OSError, RuntimeError):  # read-only, full, or a user without a home
         return None
-
-
-def user_cache() -> Path:
-    """Return the folder in which this user's programs keep caches.
-
-    Raises:
-        RuntimeError: where the user has no home folder.
-    """
-    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
-        return Path(os.environ["LOCALAPPDATA"])
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    if Path(given).is_absolute():
-        return Path(given)
-    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")

@@ -9,6 +9,7 @@ from fbench.pipelines.camera.layouts import SIDE_PX, Size
 from fbench.pipelines.camera.merging import Window, merge, to_image, windows
 from fbench.pipelines.camera.model import Batch, Model
 from fbench.pipelines.checks import require_between
+from fbench.pipelines.weights.named import resolve
 from fbench.replay.arrays import Float64, Text, freeze_fields
 from fbench.replay.errors import ConfigError
 from fbench.replay.images import Pixels
@@ -19,7 +20,7 @@ class CameraParams:
     """Parameters of the camera detector."""
 
     weights: Path | None = None
-    """An ONNX file."""
+    """An ONNX file, or a name of `fbench weights list`."""
     min_score: float = 0.6
     """Boxes with a lower score are dropped."""
     nms_iou: float = 0.5
@@ -45,6 +46,7 @@ class CameraParams:
         require_between("camera.threads", self.threads, 1)
         for side in self.input_wh or ():
             require_between("camera.input_wh", side, *SIDE_PX)
+        object.__setattr__(self, "weights", resolve(self.weights))
 
 
 @dataclass(frozen=True, eq=False)

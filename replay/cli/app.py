@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from fbench.replay.cli import compare, demo, examples, init, log, plugins, replay, report, score, verify
+from fbench.replay.cli import compare, demo, examples, init, log, plugins, replay, report, score, verify, weights
 from fbench.replay.errors import EXIT_DATA, EXIT_USAGE, FbenchError
 from fbench.replay.secrets import without_secrets
 
@@ -29,6 +29,7 @@ app.command("compare", epilog=examples.COMPARE)(compare.compare)
 app.command("verify", epilog=examples.VERIFY)(verify.verify)
 app.command("plugins", epilog=examples.PLUGINS)(plugins.plugins)
 app.add_typer(log.app, name="log")
+app.add_typer(weights.app, name="weights")
 
 # Typer shows the class of all usage errors only as the parent of another.
 _UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]

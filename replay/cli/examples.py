@@ -60,3 +60,9 @@ LOG_SIMULATE = (
     "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap\n\n"
     "fbench log simulate suite --split test -o suite"
 )
+WEIGHTS_LIST = f"{_HEAD}fbench weights list\n\nfbench weights list --json"
+WEIGHTS_GET = (
+    f"{_HEAD}fbench weights get deimv2-femto\n\n"
+    "fbench weights get yolox-tiny --from downloads/yolox_tiny.onnx\n\n"
+    "fbench replay log.mcap -p late3d --set camera.weights=deimv2-femto"
+)

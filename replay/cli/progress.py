@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import (
     BarColumn,
+    DownloadColumn,
     MofNCompleteColumn,
     Progress,
     ProgressColumn,
@@ -26,6 +27,14 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
+@contextmanager
+def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how many of `total` bytes are done on stderr while the `with` block runs."""
+    with _progress(BarColumn(), DownloadColumn(), TimeRemainingColumn()) as progress:
+        task = progress.add_task(_shown(title), total=total)
+        yield lambda num_bytes: progress.update(task, completed=num_bytes)
+
+
 class ImportProgress:
     """Shows the sequence that is being imported, and how many are done."""
 
@@ -37,6 +46,11 @@ class ImportProgress:
     def __call__(self, name: str, done: int, total: int) -> None:
         """Tell how many items of a sequence are done."""
         self._progress.update(self._one, description=_shown(name), completed=done, total=total or None, visible=True)
+
+    def done(self) -> None:
+        """Tell that a sequence is done."""
+        self._progress.advance(self._all)
+        self._progress.reset(self._one, visible=False)
 
     @contextmanager
     def finished(self, num: int) -> Iterator[None]:

@@ -6,6 +6,7 @@ import numba
 import pytest
 
 from fbench.replay import kernels
+from fbench.replay.user_cache import user_cache
 
 SOURCE = """
 from fbench.replay.kernels import kernel
@@ -109,7 +110,14 @@ def test_a_relative_cache_folder_is_ignored(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    assert kernels.user_cache() == tmp_path / ".cache"
+    assert user_cache() == tmp_path / ".cache"
+
+
+def test_all_caches_may_be_elsewhere(cache: Path, sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("FBENCH_CACHE", str(tmp_path / "mine"))
+    assert kernels.cache_folder(sources).is_relative_to(tmp_path / "mine" / "kernels")
+    monkeypatch.setenv("FBENCH_CACHE", "")
+    assert kernels.cache_folder(sources).is_relative_to(cache / "fbench" / "kernels")
 
 
 def test_decorating_leaves_numbas_own_cache_folder_alone(cache: Path):

@@ -1,0 +1,1 @@
+"""Detectors for real images by name: what there is, how it is fetched, where it is kept."""
