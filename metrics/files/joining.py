@@ -35,7 +35,7 @@ def joined(truth: Side, estimates: Side, num_frames: int | None, where: Where, f
 
     Raises:
         ConfigError: where frames, or coordinates, are of different kinds.
-        MetricError: where a box is beyond the end, or one id twice in a frame (GT003).
+        MetricError: where a box is beyond the end, or one id twice in a frame for one class (GT003).
     """
     _require_alike(truth, estimates, where)
     frames = _frames(truth, estimates, num_frames, where)
@@ -148,10 +148,13 @@ def _keys(frames: Int64, steps: Steps, truth: Side) -> Int64:
 
 
 def _require_unique(steps: Steps, objects: Objects, where: Where, side: str) -> None:
+    """Each class may have ids of its own, as where a tracker runs for each (KITTI); profiles look on by themselves."""
     named = objects.track_id >= 0
     step, ids = objects.step[named], objects.track_id[named]
-    order = np.lexsort((ids, step))
-    twice = np.flatnonzero((np.diff(step[order]) == 0) & (np.diff(ids[order]) == 0))
+    kind = np.unique(objects.label[named], return_inverse=True)[1]
+    order = np.lexsort((kind, ids, step))
+    alike = [np.diff(column[order]) == 0 for column in (step, ids, kind)]
+    twice = np.flatnonzero(np.all(alike, axis=0))
     if len(twice):
         at = order[twice[0]]
         file = where.truth if side == "truth" else where.estimates

@@ -24,6 +24,7 @@ from fbench.replay.boxfiles.kitti_rows import (
     ab3dmot,
     labelled,
 )
+from fbench.replay.boxfiles.parse import whole
 from fbench.replay.boxfiles.rows import Labelled
 from fbench.replay.boxfiles.text import MAX_FRAMES, Line, frame_number, lines
 
@@ -105,8 +106,13 @@ def _images(files: Mapping[int, Path]) -> Objects:
 
 
 def _by_row(path: Path, separator: str | None, read: Callable[[Line], Labelled]) -> Objects:
-    found = [(frame_number(line.fields[0], line.where), read(line)) for line in lines(path, separator)]
+    found = [(_frame(line), read(line)) for line in lines(path, separator)]
     return columns_of([frame for frame, _ in found], [row for _, row in found])
+
+
+def _frame(line: Line) -> int:
+    """The frame of a row, which may be written as 3.0."""
+    return frame_number(str(whole(line.fields[0], line.where, "frame")), line.where)
 
 
 def _tracking(plain: PlainText) -> Objects:
@@ -168,7 +174,7 @@ def _rectangles(numbers: Float64) -> Float64 | None:
 
 def _solids(numbers: Float64, dont_care: Bool) -> dict[str, Float64 | None]:
     height, width, length, x, y, z, rotation = numbers[:, 7:].T
-    there = ~dont_care & (x > -1000) & (numbers[:, 7:10] != -1).any(axis=1)
+    there = ~dont_care & (x > -1000) & (numbers[:, 7:10] != -1).any(axis=1) & numbers[:, 7:13].any(axis=1)
     if not there.any():
         return {}
     center = np.column_stack([z, -x, height / 2 - y])

@@ -46,13 +46,12 @@ def _objects(plain: PlainText, is_truth: bool) -> Objects:
     left, top, width, height = plain.numbers((2, 3, 4, 5)).T
     has_class = plain.width in _WITH_CLASS
     confidence = plain.number(6) if plain.width > 6 else None
-    is_flag = is_truth or has_class
-    ignored = np.zeros(len(frames), bool) if confidence is None or not is_flag else np.equal(confidence, 0)
+    ignored = np.zeros(len(frames), bool) if confidence is None or not is_truth else np.abs(confidence) < 1
     columns: dict[str, Any] = {
         "step": frames - 1,
         "label": _labels(plain, len(frames)) if has_class else np.full(len(frames), CLASSES[1][0]),
         "track_id": np.maximum(plain.wholes(1), -1),
-        "score": np.zeros(len(frames)) if confidence is None or is_flag else confidence,
+        "score": np.zeros(len(frames)) if confidence is None or is_truth else confidence,
         "xyxy_px": np.column_stack([left, top, left + width, top + height]),
         "visibility": plain.number(8) if plain.width == _WITH_VISIBILITY else None,
         "ignore": ignored if ignored.any() else None,

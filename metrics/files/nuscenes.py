@@ -3,6 +3,7 @@
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,15 @@ class Submission:
     @property
     def scenes(self) -> tuple[str, ...]:
         """In the order of their names; one without a name where nobody tells."""
-        return tuple(sorted({self.samples[token].scene for token in self.results}))
+        return tuple(sorted(self._tokens))
+
+    @cached_property
+    def _tokens(self) -> Mapping[str, list[str]]:
+        """Of each scene."""
+        found: dict[str, list[str]] = {}
+        for token in self.results:
+            found.setdefault(self.samples[token].scene, []).append(token)
+        return found
 
     def read(self, scene: str) -> Side:
         """Return the boxes of one scene, in the world.
@@ -51,8 +60,7 @@ class Submission:
         Raises:
             LogError: naming sample and box of what can't be read.
         """
-        tokens = [token for token in self.results if self.samples[token].scene == scene]
-        tokens.sort(key=lambda token: (self.samples[token].key, token))
+        tokens = sorted(self._tokens[scene], key=lambda token: (self.samples[token].key, token))
         keys = np.array([self.samples[token].key for token in tokens], np.int64)
         if len(keys) and (np.diff(keys) == 0).any():
             raise LogError(f"{self.path}: two samples are at {keys[int(np.argmax(np.diff(keys) == 0))]}")
@@ -81,7 +89,7 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
         like: The truth that it belongs to.
 
     Raises:
-        LogError: where it isn't one, or nobody knows a token.
+        LogError: where it isn't one, nobody knows a token, or some samples have a scene and others none.
     """
     results = member(read_json(path), "results", str(path))
     if not results:
@@ -93,6 +101,9 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
             raise LogError(f"{path}: sample '{strange[:40]}' isn't in {like.path}")
         return Submission(path, results, like.samples, like.are_ordered, like.has_stamps)
     samples, has_stamps, are_ordered = _samples(path, companion, list(results))
+    lost = [token for token in results if not samples[token].scene]
+    if 0 < len(lost) < len(results):
+        raise LogError(f"{companion}: sample '{lost[0][:40]}' has no scene, others have one")
     return Submission(path, results, samples, are_ordered, has_stamps)
 
 

@@ -66,7 +66,7 @@ def object_table(
     truth = sequence.truth[labelled(sequence.truth, kind.labels) & (not missing)]
     results = sequence.estimates[_may_match(sequence.estimates, kind, difficulties) & (not missing)]
     if sort:
-        truth, results = by_content(truth), by_content(results)
+        truth, results = by_content(truth, sequence), by_content(results, sequence)
     sound = sound_truth(truth, likeness), sound_results(results, likeness)
     num_bad = int((~sound[0]).sum()), int((~sound[1] & (results.label == kind.label)).sum())
     truth, results = truth[sound[0]], results[sound[1]]

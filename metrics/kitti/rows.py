@@ -2,11 +2,14 @@
 
 import numpy as np
 
+from fbench.metrics.matching.blocks import pairs_of
+from fbench.metrics.matching.lives import content_ranks, life_ranks
+from fbench.metrics.matching.similarity import image_overlaps
 from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Likeness
 from fbench.metrics.sequence import Sequence
 from fbench.metrics.validity import is_valid
-from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.arrays import Array, Bool, Float64, Int64
 from fbench.replay.errors import MetricError
 
 DONT_CARE = "dontcare"
@@ -17,14 +20,23 @@ def labelled(objects: Objects, labels: tuple[str, ...]) -> Bool:
     return np.isin(objects.label, labels)
 
 
-def by_content(objects: Objects) -> Objects:
-    """Sort the objects of each step by geometry, then score, so that the order of rows decides nothing.
+def by_content(objects: Objects, sequence: Sequence) -> Objects:
+    """Sort the objects of each step by geometry, score and label, so that the order of rows decides nothing.
 
-    Of boxes that are the same in all, the one with the lowest id comes last: an assignment takes it first.
+    Of boxes that are the same in all the one whose track began first, or goes on, is first, and so an assignment takes
+    it first.
     """
-    given = (objects.yaw_rad, objects.size_lwh_m, objects.center_m, objects.xyxy_px)
-    columns = np.column_stack([-objects.track_id, objects.score, *(v for v in given if v is not None), objects.step])
-    return objects[np.lexsort(columns.T)]
+    box = content_ranks(_content(objects))
+    life = life_ranks(box, track_numbers(objects, sequence))
+    return objects[np.lexsort((life, box))]
+
+
+def _content(objects: Objects) -> list[Array]:
+    """Step, then what tells boxes of a step apart, most important first."""
+    solids = (objects.xyxy_px, objects.center_m, objects.size_lwh_m)
+    geometry = [column for values in solids if values is not None for column in values.T[::-1]]
+    rest = (objects.yaw_rad, objects.score, objects.label, objects.alpha_rad, objects.occlusion, objects.truncation)
+    return [objects.step, *geometry, *(column for column in rest if column is not None)]
 
 
 def unique_ids(objects: Objects, sequence: Sequence, side: str) -> None:
@@ -76,11 +88,12 @@ def known(values: Float64 | None, objects: Objects, default: float) -> Float64:
 
 def covered_by_regions(results: Objects, truth: Objects, num_steps: int) -> Float64:
     """Return which share (M,) of each result's rectangle the "don't care" region that covers most of it covers."""
-    from fbench.metrics.kernels.kitti_rectangles import covered_shares  # numba takes a while to import
-
-    regions = truth[truth.label == DONT_CARE]
-    starts = results.starts(num_steps), regions.starts(num_steps)
-    return covered_shares(rectangles(results), starts[0], rectangles(regions), starts[1])
+    covered, regions = np.zeros(len(results)), truth[truth.label == DONT_CARE]
+    if results.xyxy_px is not None and regions.xyxy_px is not None:
+        starts = regions.starts(num_steps), results.starts(num_steps)
+        shares, _ = image_overlaps(regions, results, *starts, np.ones(len(regions), np.bool_))
+        np.maximum.at(covered, pairs_of(*starts)[1], shares)  # below 0 where one of the two is no rectangle
+    return covered
 
 
 def track_numbers(objects: Objects, sequence: Sequence) -> Int64:

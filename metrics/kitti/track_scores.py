@@ -55,18 +55,18 @@ def _own(passes: Passes, rules: TrackRules, counts: Mapping[str, int | float], n
 
 
 def _averages(passes: Passes, num_recalls: int) -> list[_Value]:
-    """Recalls that weren't reached count 0. Sums go from the lowest recall on, as AB3DMOT adds."""
-    sums: list[float | None] = [0.0, 0.0, 0.0]
-    if not passes.best.gt:
-        sums = [None, None, None]
-    else:
-        sums = [sum(p.smota or 0.0 for p in passes.recalls), sum(p.mota or 0.0 for p in passes.recalls)]
-        sums.append(sum(p.motp for p in passes.recalls))
-    why = _NO_TRUTH.format("-inf or stops")
-    return [
-        (name, None if total is None else total / num_recalls, unit, why)
-        for name, total, unit in zip(("samota", "amota", "amotp"), sums, ("1", "1", "IoU"), strict=True)
-    ]
+    """Recalls that weren't reached count 0. Sums go from the lowest recall on, as AB3DMOT adds.
+
+    Recalls are those of all truth, ignored boxes too, so that without truth that counts there can be an AMOTP.
+    """
+    has_truth, is_reached = passes.best.gt > 0, bool(passes.recalls)
+    why = _NO_TRUTH.format("-inf" if is_reached else "0, then stops")
+    values = (
+        ("samota", has_truth, sum(p.smota or 0.0 for p in passes.recalls), "1"),
+        ("amota", has_truth, sum(p.mota or 0.0 for p in passes.recalls), "1"),
+        ("amotp", has_truth or is_reached, sum(p.motp for p in passes.recalls), "IoU"),
+    )
+    return [(name, total / num_recalls if is_known else None, unit, why) for name, is_known, total, unit in values]
 
 
 def _best(best: Pass, totals: Totals) -> list[_Value]:

@@ -95,14 +95,14 @@ def _truth(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Obj
     truth = sequence.truth[labelled(sequence.truth, kind.labels) & (sequence.truth.track_id >= 0)]
     unique_ids(truth, sequence, "truth")
     good = sound_truth(truth, rules.match.likeness)
-    return by_content(truth[good]), int((~good).sum())
+    return by_content(truth[good], sequence), int((~good).sum())
 
 
 def _results(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
     results = sequence.estimates[labelled(sequence.estimates, kind.labels) & (sequence.estimates.track_id >= 0)]
     unique_ids(results, sequence, "results")
     good = sound_results(results, rules.match.likeness)
-    return by_content(results[good]), int((~good).sum())
+    return by_content(results[good], sequence), int((~good).sum())
 
 
 def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:

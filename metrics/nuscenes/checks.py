@@ -11,11 +11,13 @@ def check_sequence(sequence: Sequence, max_boxes: int) -> None:
     """Check what both benchmarks take for granted.
 
     Raises:
-        MetricError: where boxes have no solid, an id is twice in a sample, or a sample has too many results.
+        MetricError: where boxes have no solid, an id is twice in a sample, a sample has too many results, or nobody
+            tells where the ego is in a sample with boxes, while it is known in others.
     """
     for side, boxes in (("truth", sequence.truth), ("results", sequence.estimates)):
         _check_solids(sequence, side, boxes)
         _check_ids(sequence, side, boxes)
+        _check_ego(sequence, side, boxes)
     most = np.bincount(sequence.estimates.step, minlength=1)
     if most.max(initial=0) > max_boxes:
         where = _place(sequence, int(most.argmax()))
@@ -47,6 +49,19 @@ def _check_ids(sequence: Sequence, side: str, boxes: Objects) -> None:
     if len(twice):
         where = _place(sequence, int(step[twice[0]]))
         raise MetricError(f"{where}: {side} has id {number[twice[0]]} twice", "GT003")
+
+
+def _check_ego(sequence: Sequence, side: str, boxes: Objects) -> None:
+    """Ranges are about the ego."""
+    if sequence.ego_m is None:
+        return
+    unknown = np.isnan(sequence.ego_m[boxes.step, :2]).any(axis=1)
+    if unknown.any():
+        where = _place(sequence, int(boxes.step[np.argmax(unknown)]))
+        raise MetricError(
+            f"{where}: nobody tells where the ego is, so not how far off {side} are; give each sample of the truth its "
+            "ego_x, ego_y, ego_z in samples.csv"
+        )
 
 
 def _place(sequence: Sequence, step: int) -> str:

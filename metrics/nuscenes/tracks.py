@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fbench.metrics.matching.lives import content_ranks, life_ranks
 from fbench.metrics.nuscenes.counted import Side
 from fbench.metrics.nuscenes.grouping import centers_xy
 from fbench.metrics.sequence import Sequence
@@ -19,7 +20,7 @@ class TrackPoints:
     step: Int64
     """(N,)"""
     track: Int64
-    """(N,) 0 to K - 1, numbered by first sample and place there; an id in two streams is two tracks."""
+    """(N,) 0 to K - 1, numbered by first sample, place there and what follows; an id in two streams is two tracks."""
     kind: Int64
     """(N,) index of the class, which may change along a track."""
     xy: Float64
@@ -58,12 +59,11 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
 
 def _points(sequence: Sequence, side: Side) -> TrackPoints:
     number = np.where(side.invalid, -1 - np.arange(len(side.kind)), side.boxes.track_id)
-    _, stream = np.unique(sequence.steps.stream[side.boxes.step], return_inverse=True)
-    numbers, index = np.unique(number, return_inverse=True)
-    _, first, same = np.unique(stream * len(numbers) + index, return_index=True, return_inverse=True)
-    birth = np.argsort(np.argsort(first))
+    step, xy = side.boxes.step, centers_xy(side)
     score = np.where(np.isfinite(side.boxes.score), side.boxes.score, np.inf)
-    return TrackPoints(side.boxes.step, birth[same], side.kind, centers_xy(side), score, side.invalid)
+    track = content_ranks((sequence.steps.stream[step], number))
+    box = content_ranks((step, *xy.T, side.kind, score, side.invalid))
+    return TrackPoints(step, life_ranks(box, track), side.kind, xy, score, side.invalid)
 
 
 def _filled(points: TrackPoints, time: Int64) -> TrackPoints:

@@ -12,7 +12,8 @@ from fbench.metrics.sequence import Sequence
 from fbench.metrics.standard.detection import DetectionCounts, curve_rows, detection_counts, detection_rows
 from fbench.metrics.standard.entries import Entry, Heading, added
 from fbench.metrics.standard.groups import VEHICLE, Group, label_group
-from fbench.metrics.standard.tracking import TrackingCounts, tracking_counts
+from fbench.metrics.standard.order import in_order
+from fbench.metrics.standard.tracking import TrackingCounts, require_unique_ids, tracking_counts
 from fbench.metrics.standard.tracking_rows import tracking_rows
 from fbench.replay.classes import label
 from fbench.replay.data import LABELS
@@ -62,9 +63,11 @@ class DefaultProfile:
         """Return the statistics of one sequence.
 
         Raises:
-            MetricError: where boxes lack what the match compares.
+            MetricError: where boxes lack what the match compares, or an id is twice in one frame of a class (GT003).
         """
-        known = replace(sequence, truth=_named(sequence.truth), estimates=_named(sequence.estimates))
+        known = replace(
+            sequence, truth=in_order(_named(sequence.truth)), estimates=in_order(_named(sequence.estimates))
+        )
         return DefaultStatistics(tuple(self._entry(known, group) for group in _groups(known)))
 
     def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
@@ -73,6 +76,7 @@ class DefaultProfile:
         return [row for entry in entries for row in self._rows(entry, part)]
 
     def _entry(self, sequence: Sequence, group: Group) -> Entry[Both]:
+        require_unique_ids(_of_class(sequence, group))
         counts = Both(
             detection_counts(sequence, group, self.match), tracking_counts(sequence, group, self.match)
         )  # fmt: skip
@@ -83,6 +87,11 @@ class DefaultProfile:
         rows = detection_rows(entry.counts.detection, head)
         rows += tracking_rows(entry.counts.tracking, head, "m" if self.match.is_distance else "iou")
         return rows + curve_rows(entry.counts.detection, head)
+
+
+def _of_class(sequence: Sequence, group: Group) -> Sequence:
+    truth, estimates = (objects[group.holds(objects)] for objects in (sequence.truth, sequence.estimates))
+    return replace(sequence, truth=truth, estimates=estimates)
 
 
 def _groups(sequence: Sequence) -> Iterable[Group]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from fbench.metrics.objects import Objects
 from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.arrays import Array, Bool, Float64, Int64
+from fbench.metrics.standard.order import in_order
+from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes
 
@@ -21,7 +22,7 @@ def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None 
         inside: (N,) in the region of interest.
         xyxy_px: (N, 4) outlines of 3D boxes in the step's camera [px].
     """
-    order = _canonical(boxes, step)
+    order = np.argsort(step, kind="stable")
     boxes, n = boxes[order], len(boxes)
     common = Objects(
         step=step[order],
@@ -37,7 +38,7 @@ def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None 
         ignore=boxes.ignore,
         inside=inside[order],
     )
-    return _with_place(common, boxes, None if xyxy_px is None else xyxy_px[order])
+    return in_order(_with_place(common, boxes, None if xyxy_px is None else xyxy_px[order]))
 
 
 def nothing(name: str, num_unlabelled: int) -> Sequence:
@@ -60,11 +61,6 @@ def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
         num_invalid_truth=0,
         ego_m=None if sequence.ego_m is None else sequence.ego_m[kept],
     )
-
-
-def _canonical(boxes: Boxes, step: Int64) -> Int64:
-    keys: list[Array] = [*boxes.geometry.T, *(k for k in (boxes.score, boxes.label, boxes.track_id) if k is not None)]
-    return np.lexsort([*keys[::-1], step])
 
 
 def _with_place(rows: Objects, boxes: Boxes, xyxy_px: Float64 | None) -> Objects:

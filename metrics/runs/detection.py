@@ -16,7 +16,7 @@ from fbench.metrics.standard.detection import (
 )
 from fbench.metrics.standard.entries import Entry, Heading
 from fbench.metrics.standard.groups import VEHICLE, Group
-from fbench.metrics.standard.slices import by_range, by_source, by_visibility
+from fbench.metrics.standard.slices import VISIBILITY_SLICES, by_range, by_source, by_visibility
 from fbench.replay.scores import Score, ScoreOptions, ratio
 from fbench.replay.store import Run
 from fbench.replay.tables import BoxTable
@@ -57,7 +57,7 @@ def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
     rows = detection_rows(entry.counts, entry.heading)
     if entry.heading.slice != "all":
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
-        return [row for row in rows if row.metric == "recall" or not row.slice.startswith("visibility")]
+        return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]
     rows += curve_rows(entry.counts, entry.heading)
     if entry.heading.matching.startswith("iou"):
         rows += deviation_rows(entry.counts, entry.heading)

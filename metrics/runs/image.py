@@ -130,7 +130,7 @@ class _Space:
     ) -> tuple[Int64, Int64, Bool, Float64]:
         """Steps, rows, region and outlines of the boxes in one camera."""
         name = self.cameras[camera]
-        sane, _ = finite(boxes)
+        sane = finite(boxes)[0] & np.all(boxes.size_lwh_m >= 0, axis=1)
         outline, seen, inside = np.full((len(boxes), 4), np.nan), np.zeros(len(boxes), bool), np.ones(len(boxes), bool)
         for rig, rows in labelled.rigs(frame):
             good = np.flatnonzero(rows & sane)
@@ -143,6 +143,6 @@ class _Space:
             if self.options.regions:
                 at = labelled.indices[frame[rows]]
                 inside[rows] &= on_ground(labelled.run, self.options.regions, at, centers)
-        # A box that isn't finite can't be projected; it counts once, in the first image.
+        # What isn't finite, or has a negative size, can't be projected; it counts once, in the first image.
         kept = np.flatnonzero(seen | (~sane & (camera == 0)))
         return frame[kept] * len(self.cameras) + camera, kept, inside[kept], outline[kept]

@@ -29,8 +29,8 @@ class View:
 
     @property
     def num_scored(self) -> int:
-        """Frames that have truth."""
-        return self.num_frames - self.sequence.num_unlabelled
+        """Frames that have truth; none where there is nothing to score."""
+        return 0 if self.reason else self.num_frames - self.sequence.num_unlabelled
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,8 @@ def counted(pairs: Alike, part: Part | None = None) -> Counted:
     must, given = pairs.must, np.ones(num, bool)
     if part is not None:
         must, inside = must & part.truth, inside & part.estimates[rows]
-        given = given if part.given is None else part.given[rows]
+        given = part.estimates[rows] | ~pairs.invalid  # elsewhere, what isn't valid is nobody's false alarm
+        given = given if part.given is None else given & part.given[rows]
     return Counted(
         pairs.sequence, np.flatnonzero(must), np.flatnonzero(~must), rows[given], pairs.similarity.select(must, given),
         pairs.excuse.select(~must, given), pairs.match, inside[given], pairs.invalid[given],

@@ -1,12 +1,12 @@
 """How far what an image tells of distance and speed is from truth."""
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
 from fbench.metrics.sequence import Sequence
+from fbench.metrics.statistics.exact import exact_sum
 from fbench.replay.arrays import Float64
 
 
@@ -26,8 +26,8 @@ class Deviation:
         if truth is None or estimates is None:
             return cls()
         error = np.abs(estimates - truth)
-        known = error[np.isfinite(error)].tolist()
-        return cls(Fraction(math.fsum(known)), len(known))
+        known = error[np.isfinite(error)]
+        return cls(exact_sum(known), len(known))
 
 
 def range_rates(sequence: Sequence) -> Float64 | None:
@@ -38,7 +38,7 @@ def range_rates(sequence: Sequence) -> Float64 | None:
     if truth.range_rate_mps is not None or truth.distance_m is None:
         return truth.range_rate_mps
     rate = np.full(len(truth), np.nan)
-    stream, stamp_s = steps.stream[truth.step], steps.stamp_ns[truth.step] * 1e-9
+    stream, stamp_ns = steps.stream[truth.step], steps.stamp_ns[truth.step]
     place = steps.places[truth.step]
     order = np.lexsort([place, truth.track_id, stream])
     before, here, after = order[:-2], order[1:-1], order[2:]
@@ -49,7 +49,7 @@ def range_rates(sequence: Sequence) -> Float64 | None:
             for other in (before, after)
         ]
     ).all(axis=0)  # fmt: skip
-    lapse = stamp_s[after] - stamp_s[before]
+    lapse = (stamp_ns[after] - stamp_ns[before]) * 1e-9  # of whole numbers: floats of this size would round
     good = near & (lapse > 0)
     rate[here[good]] = (truth.distance_m[after] - truth.distance_m[before])[good] / lapse[good]
     return rate

@@ -62,22 +62,28 @@ def judge_ranked(counted: Counted) -> Judgement:
 
 def judge_tracks(counted: Counted) -> Judgement:
     """Match each step for most pairs, then most estimates inside the region, then the best total."""
-    return judged(counted, match_best(counted.similarity, counted.match.floor, ~counted.inside))
+    return judged(counted, match_best(counted.similarity, counted.match.floor, ~counted.inside), by_score=False)
 
 
-def judged(counted: Counted, partner: Int64) -> Judgement:
-    """An estimate without partner is a false alarm unless it is excused or outside the region."""
+def judged(counted: Counted, partner: Int64, by_score: bool = True) -> Judgement:
+    """An estimate without partner is a false alarm unless it is excused or outside the region.
+
+    Args:
+        counted: What was matched.
+        partner: (M,) truth box of each estimate; -1: none.
+        by_score: Whether the best score is excused first, as it is matched first; else as many as possible are.
+    """
     free = partner < 0
     outcome = np.where(free, Outcome.FALSE_ALARM, Outcome.HIT).astype(np.int8)
     outcome[free & ~counted.inside] = Outcome.OUTSIDE
     candidates = free & counted.inside & ~counted.invalid
     if candidates.any():
-        outcome[_excused(counted, candidates)] = Outcome.EXCUSED
+        outcome[_excused(counted, candidates, by_score)] = Outcome.EXCUSED
     outcome[counted.invalid] = Outcome.INVALID
     return Judgement(counted, partner, outcome)
 
 
-def _excused(counted: Counted, candidates: Array) -> Array:
+def _excused(counted: Counted, candidates: Array, by_score: bool) -> Array:
     """Which of the candidates (M,) lie on truth that needn't be found."""
     excuse = counted.excuse
     _rows, columns = excuse.pairs
@@ -87,4 +93,6 @@ def _excused(counted: Counted, candidates: Array) -> Array:
         excused[columns[good]] = True
         return excused
     single = replace(excuse, values=np.where(good, excuse.values, -np.inf))
+    if by_score:
+        return np.asarray(match_greedy(single, counted.match.floor, counted.score) >= 0)
     return np.asarray(match_best(single, counted.match.floor) >= 0)

@@ -14,6 +14,9 @@ from fbench.replay.data import Source
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
 VISIBILITIES = (0.0, 0.4, 0.6, 0.8, 1.0)
 """The steps that nuScenes labels."""
+VISIBILITY_SLICES = tuple(
+    f"visibility {100 * low:.0f}-{100 * high:.0f} %" for low, high in itertools.pairwise(VISIBILITIES)
+)
 _SENSORS = {Source.C: "camera", Source.L: "lidar", Source.R: "radar", Source.S: "stereo"}
 
 
@@ -22,7 +25,7 @@ class Part:
     """What of a sequence a slice is about: N truth boxes and M estimates.
 
     The rest of truth is neither to be found nor forbidden, and the rest of the estimates neither hits by right nor
-    false alarms, as outside of the region of interest.
+    false alarms, as outside of the region of interest. Of these, those that aren't valid aren't there at all.
     """
 
     name: str
@@ -52,9 +55,9 @@ def by_visibility(sequence: Sequence) -> Iterator[Part]:
     if visible is None or not np.isfinite(visible).any():
         return
     nothing = np.zeros(len(sequence.estimates), bool)
-    for low, high in itertools.pairwise(VISIBILITIES):
+    for name, (low, high) in zip(VISIBILITY_SLICES, itertools.pairwise(VISIBILITIES), strict=True):
         part = (low <= visible) & ((visible < high) | (high == VISIBILITIES[-1]))
-        yield Part(f"visibility {100 * low:.0f}-{100 * high:.0f} %", part, nothing)
+        yield Part(name, part, nothing)
 
 
 def by_source(sequence: Sequence) -> Iterator[Part]:

@@ -21,11 +21,16 @@ class SurvivalCounts:
 
     occlusions: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
     survived: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
+    untimed: int = 0
+    """Occlusions of which nobody tells the length: frames have no stamps."""
+    untimed_survived: int = 0
 
     def __add__(self, other: "SurvivalCounts") -> "SurvivalCounts":
         return SurvivalCounts(
             tuple(a + b for a, b in zip(self.occlusions, other.occlusions, strict=True)),
             tuple(a + b for a, b in zip(self.survived, other.survived, strict=True)),
+            self.untimed + other.untimed,
+            self.untimed_survived + other.untimed_survived,
         )
 
 
@@ -44,7 +49,7 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
         steps: Of the sequence.
     """
     order, seen = _tracks(problem, visibility, steps)
-    counts = np.zeros((2, len(LENGTHS_S) - 1), np.int64)
+    counts = np.zeros((2, len(LENGTHS_S)), np.int64)  # in front those of unknown length
     step_of = _steps_of(problem)
     place = steps.places
     for track in order:
@@ -56,15 +61,16 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
             had = before[before >= 0]
             if len(had):
                 length = (steps.stamp_ns[at[gap]] - steps.stamp_ns[at[gap - 1]]) * 1e-9
-                which = max(int(np.searchsorted(LENGTHS_S, length, side="left")) - 1, 0)
+                which = int(np.searchsorted(LENGTHS_S, length, side="left"))
                 found = after[after >= 0]
                 counts[:, which] += (1, bool(len(found) and found[0] == had[-1]))
-    return SurvivalCounts(tuple(counts[0].tolist()), tuple(counts[1].tolist()))
+    (untimed, *occlusions), (untimed_survived, *survived) = counts.tolist()
+    return SurvivalCounts(tuple(occlusions), tuple(survived), untimed, untimed_survived)
 
 
 def survival_rows(n: SurvivalCounts, class_: str, matching: str, reason: str | None, part: str) -> list[Score]:
     """Return the share of occlusions that were survived: of all, then by length."""
-    total = {"occlusions": sum(n.occlusions), "survived": sum(n.survived)}
+    total = {"occlusions": sum(n.occlusions) + n.untimed, "survived": sum(n.survived) + n.untimed_survived}
     why = reason or "no tracked object was occluded"
     name = "occlusion_survival"
     top, bottom = (0, 0) if reason else (total["survived"], total["occlusions"])
@@ -74,7 +80,7 @@ def survival_rows(n: SurvivalCounts, class_: str, matching: str, reason: str | N
     for low, high, num, kept in zip(LENGTHS_S[:-1], LENGTHS_S[1:], n.occlusions, n.survived, strict=True):
         length = f"over {low:g} s" if high == np.inf else f"{low:g}-{high:g} s"
         slice_ = f"occlusion {length}" if part == "all" else f"{part}, occlusion {length}"
-        why = "no tracked object was occluded that long"
+        why = "no tracked object was occluded that long" if any(n.occlusions) else "frames have no stamps"
         counts = {"occlusions": num, "survived": kept}
         rows.append(ratio(name, class_, matching, kept, num, why, counts, part=slice_))
     return rows

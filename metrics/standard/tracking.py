@@ -75,10 +75,27 @@ def followed(sequence: Sequence, group: Group, match: Match) -> Followed:
         MetricError: where boxes lack what the match compares.
     """
     held = counted(alike(sequence, group, match))
-    judgement = judge_tracks(held)
+    found = _followed(held, judge_tracks(held))
+    left = _left_outside(found)
+    return _followed(held, _without(found.judgement, left)) if left.any() else found
+
+
+def _followed(held: Counted, judgement: Judgement) -> Followed:
     used = (judgement.outcome != Outcome.OUTSIDE) & (judgement.outcome != Outcome.EXCUSED)
-    problem = _problem(sequence, held, used)
-    return Followed(held, judgement, used, problem, clear_pairs(problem, clear_rules(match)))
+    problem = _problem(held.sequence, held, used)
+    return Followed(held, judgement, used, problem, clear_pairs(problem, clear_rules(held.match)))
+
+
+def _left_outside(found: Followed) -> Bool:
+    """Tell which estimates (M,) are outside of the region and lost their truth to the pair of the step before."""
+    held, partner = found.counted, np.full(len(found.used), -1)
+    partner[found.used] = found.pairs.truth_of
+    return np.asarray(found.used & (partner < 0) & ~held.inside & ~held.invalid, bool)
+
+
+def _without(judgement: Judgement, left: Bool) -> Judgement:
+    outcome = np.where(left, np.int8(Outcome.OUTSIDE), judgement.outcome)
+    return replace(judgement, outcome=outcome, truth_of_estimate=np.where(left, -1, judgement.truth_of_estimate))
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match) -> TrackingCounts:

@@ -91,6 +91,7 @@ def _precision(c: ClearCounts, is_distance: bool) -> list[Field]:
 
 
 def _ratios(c: ClearCounts) -> list[Field]:
+    no_frames, text = "no frames of sequences with truth and results", f"0 for one sequence, {c.fp} for sums"
     return [
         share("clr_re", c.tp, c.num_truth, NO_TRUTH),
         share("clr_pr", c.tp, c.tp + c.fp, NO_RESULTS),
@@ -98,7 +99,7 @@ def _ratios(c: ClearCounts) -> list[Field]:
         share("mtr", c.mostly_tracked, c.num_tracks, NO_TRACKS),
         share("ptr", c.partly_tracked, c.num_tracks, NO_TRACKS),
         share("mlr", c.mostly_lost, c.num_tracks, NO_TRACKS, 0.0, "1 for one sequence, 0 for sums"),
-        share("fp_per_frame", c.fp, c.num_steps, "no frames of sequences with truth and results"),
+        share("fp_per_frame", c.fp, c.num_steps, no_frames, c.fp, text),
     ]
 
 

@@ -59,7 +59,7 @@ def hota_counts(problem: Problem) -> HotaCounts:
     near = near_pairs(p, p.similarity > 0.0)
     own, others = np.divmod(near.track_pair, p.num_estimate_ids)
     sizes = _sizes(p.truth_id, own), _sizes(p.estimate_id, others)
-    shared = _shared(near, p.similarity[near.place])
+    shared = _shared(near, p.similarity[near.place], *_sums(p))
     fit = shared / (sizes[0] + sizes[1] - shared)
     score = np.zeros(len(p.similarity))
     score[near.place] = fit[near.track_pair_of] * p.similarity[near.place]
@@ -68,13 +68,22 @@ def hota_counts(problem: Problem) -> HotaCounts:
     return _summed(p, near.track_pair_of[np.searchsorted(near.place, made)], p.similarity[made], sizes)
 
 
-def _shared(near: NearPairs, similarity: Float64) -> Float64:
+def _sums(problem: Problem) -> tuple[Float64, Float64]:
+    """All similarities of each truth row (N,), and of each estimate (M,)."""
+    from fbench.metrics.kernels.sums import block_sums
+
+    p, of_truth, of_estimate = problem, np.zeros(problem.num_truth), np.zeros(problem.num_estimates)
+    starts = _copy(p.truth_start), _copy(p.estimate_start), _copy(p.block_start)
+    block_sums(*starts, np.maximum(p.similarity, 0.0), of_truth, of_estimate)
+    return of_truth, of_estimate
+
+
+def _shared(near: NearPairs, similarity: Float64, of_truth: Float64, of_estimate: Float64) -> Float64:
     """How much each pair of tracks (P,) fits, summed over steps.
 
     A pair of boxes adds its similarity over all similarities of its row and column together.
     """
-    both = np.bincount(near.estimate, similarity)[near.estimate] + np.bincount(near.truth, similarity)[near.truth]
-    whole = both - similarity  # not in place: of nothing, bincount gives ints
+    whole = of_estimate[near.estimate] + of_truth[near.truth] - similarity
     part = np.divide(similarity, whole, out=np.zeros(len(whole)), where=whole > _TINY)
     shared: Float64 = np.bincount(near.track_pair_of, part).astype(np.float64)
     return shared

@@ -28,7 +28,11 @@ Value = tuple[str, float | Fraction | None, str, str]
 
 @dataclass(frozen=True)
 class MotmetricsProfile:
-    """CLEAR and Identity by py-motmetrics' rules."""
+    """CLEAR and Identity by py-motmetrics' rules.
+
+    Its own reader rounds some numbers of a file in the last digit, which tells only where two boxes overlap by exactly
+    the threshold; and it prints nan for the `motp` of several sequences of which one has no match.
+    """
 
     name: str = "motmetrics"
     summary: str = "CLEAR and IDF1 of all boxes as one class, as py-motmetrics 1.4.0 counts"
@@ -60,7 +64,9 @@ class MotmetricsProfile:
         return replace(self.rules, floor=self.match.floor, offset=0.0 if self.match.is_distance else -1.0)
 
     def _counts(self, problem: Problem) -> ClassCounts:
-        clear, identity = clear_counts(problem, self.clear_rules()), identity_counts(problem, self.match.floor)
+        """Similarities are rounded as 1 - IoU, which is compared there, rounds them."""
+        own = problem if self.match.is_distance else replace(problem, similarity=1.0 - (1.0 - problem.similarity))
+        clear, identity = clear_counts(own, self.clear_rules()), identity_counts(own, self.match.floor)
         return ClassCounts(clear, identity, num_result_tracks=problem.num_estimate_ids)
 
     def _rows(self, name: str, own: ClassCounts, part: str) -> Iterator[Score]:

@@ -12,7 +12,6 @@ from fbench.metrics.profile import Match
 from fbench.metrics.sequence import Sequence
 from fbench.metrics.tracking.order import by_content
 from fbench.metrics.tracking.rules import ClassRule, Preparation
-from fbench.metrics.validity import is_valid
 from fbench.replay.arrays import Array, Bool, Float64, Int64
 from fbench.replay.errors import MetricError
 
@@ -80,16 +79,16 @@ class _Prepared:
         return np.where(truth_of < 0, self._excused_alone(regions), excuses[truth_of])
 
     def _excused_alone(self, regions: Objects) -> Bool:
-        """Which estimates (M,) are left out where they match nothing; what is no box never is (fault PRD001)."""
+        """Which estimates (M,) are left out where they match nothing; what isn't finite never is (fault PRD001)."""
         p, estimates = self._preparation, self._estimates
         excused = np.zeros(len(estimates), bool)
         if estimates.xyxy_px is None:
             return excused
         if p.min_height_px is not None:
-            excused |= estimates.xyxy_px[:, 3] - estimates.xyxy_px[:, 1] <= p.min_height_px + _EPS
+            excused |= _up_to(p.min_height_px, estimates.xyxy_px)
         if p.region_label:
             excused |= _within(regions, estimates, len(self._sequence.steps), p.region_share)
-        return excused & is_valid(estimates, "iou2d")
+        return excused
 
     def _excuses(self, counts: Bool) -> Bool:
         """Which truth (N,) excuses results that match it; of all that doesn't count, `ignore`d truth doesn't."""
@@ -166,6 +165,13 @@ def _of_class(
     if preparation.order == "as given":
         return rows
     return by_content(sequence.truth, rows[0]), by_content(sequence.estimates, rows[1])
+
+
+def _up_to(height_px: float, xyxy: Float64) -> Bool:
+    """Which rectangles (M, 4) are no higher: also those that stand upside down, and results that have none."""
+    height = xyxy[:, 3] - xyxy[:, 1]
+    is_none = np.isnan(xyxy).all(axis=1)
+    return np.asarray(is_none | (np.isfinite(xyxy).all(axis=1) & (height <= height_px + _EPS)))
 
 
 def _within(regions: Objects, estimates: Objects, num_steps: int, share: float) -> Bool:

@@ -71,7 +71,7 @@ def _alpha_slice(part: str, a: int) -> str:
 
 
 def _averaged(statistics: TrackingCounts, groups: Mapping[str, list[Group]]) -> list[Group]:
-    """Means over the classes that have boxes; counts are summed."""
+    """Means over the classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed."""
     used = _used(statistics)
     result: list[Group] = []
     for k, (_, raw, how) in enumerate(groups[CLASS_SUM]):

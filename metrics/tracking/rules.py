@@ -57,12 +57,13 @@ HALF = Match("iou2d", 0.5)
 
 KITTI = Preparation(
     (
-        ClassRule("car", frozenset({"car"}), frozenset({"van"})),
+        ClassRule("car", frozenset({"car", "car_2"}), frozenset({"van"})),
         ClassRule("pedestrian", frozenset({"pedestrian"}), frozenset({"person", "person_sitting"})),
     ),
     drops_missing_ids=True, max_truncation=0, max_occlusion=2, min_height_px=25, region_label="dontcare",
 )  # fmt: skip
-"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`; its 'person' is KITTI's sitting person under one of two names."""
+"""TrackEval 1.3.0, `datasets/kitti_2d_box.py`, where 'car_2' is a car too; its 'person' is KITTI's sitting person under
+one of two names."""
 
 _MOT_DISTRACTORS = frozenset({"person on vehicle", "static person", "distractor", "reflection"})
 _MOT_OTHERS = frozenset(

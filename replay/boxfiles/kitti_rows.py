@@ -95,8 +95,9 @@ def _solid(v: Mapping[str, float]) -> Solid:
 
 
 def _has_solid(v: Mapping[str, float]) -> bool:
-    """Results in 2D alone have -1 as sizes, or -1000 as location."""
-    return v["x"] > -1000 and any(v[name] != -1 for name in ("height", "width", "length"))
+    """Results in 2D alone have -1 as sizes, or -1000 as location, or 0 as both: nothing is inside the camera."""
+    size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
+    return v["x"] > -1000 and any(value != -1 for value in size) and any(size + place)
 
 
 def _has_flat(v: Mapping[str, float]) -> bool:

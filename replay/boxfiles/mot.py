@@ -35,7 +35,7 @@ class _Sequence:
 
     path: Path
     num_frames: int
-    is_truth: bool
+    is_truth: bool | None
 
 
 def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
@@ -61,7 +61,7 @@ def _sequence(path: Path) -> _Sequence:
         raise LogError(f"{path}: no gt/gt.txt and no det/det.txt")
     near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
     info = next((ini for ini in near if ini.is_file()), None)
-    return _Sequence(file, 0 if info is None else sequence_length(info), file.stem.startswith("gt"))
+    return _Sequence(file, 0 if info is None else sequence_length(info), file.stem.startswith("gt") or None)
 
 
 def sequence_length(path: Path) -> int:
@@ -79,13 +79,13 @@ def sequence_length(path: Path) -> int:
     return min(frame_number(text, f"{path} seqLength"), MAX_FRAMES)
 
 
-def mot_row(line: Line, camera: str, is_truth: bool, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
+def mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
     """Return the frame of a row, counted from 1, and its object.
 
     Args:
         line: The row.
         camera: Whose image the box is in.
-        is_truth: Whether its confidence says that it counts, 1, or that it doesn't, 0.
+        is_truth: Whether its confidence says that it counts, 1, or that it doesn't, 0; `None`: in rows with a class.
         shift_px: Position of the first pixel, which is taken off.
 
     Raises:
@@ -105,17 +105,22 @@ def mot_row(line: Line, camera: str, is_truth: bool, shift_px: float = SHIFT_PX)
     return frame, _labelled(fields, where, flat, is_truth)
 
 
-def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool) -> Labelled:
+def _is_off(flag: float | None) -> bool:
+    """Whether truth doesn't count: flags are 0 and 1, and other numbers are rounded towards 0, as TrackEval does."""
+    return flag is not None and abs(flag) < 1
+
+
+def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool | None) -> Labelled:
     """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 behind the confidence."""
     has_class = len(fields) in (8, 9)
     kind = whole(fields[7], where, "class") if has_class else 1
     name, label = CLASSES.get(kind, (str(kind), "other"))
     confidence = number(fields[6], where, "confidence") if len(fields) > 6 else None
-    is_flag = is_truth or has_class
+    is_flag = has_class if is_truth is None else is_truth
     return Labelled(
         name, None, flat, label,
         score=None if is_flag else confidence,
         track_id=max(whole(fields[1], where, "id"), -1),
-        ignore=confidence == 0 if is_flag else None,
+        ignore=_is_off(confidence) if is_flag else None,
         visibility=number(fields[8], where, "visibility") if len(fields) == 9 else None,
     )  # fmt: skip

@@ -61,7 +61,8 @@ def _of_text(path: Path) -> str | None:
         return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
     if len(fields) in (15, 16):
         return "kitti"
-    return "kitti-tracking" if 17 <= len(fields) < 20 else None
+    # Some trackers write more behind the score.
+    return "kitti-tracking" if len(fields) >= 17 and all(map(_is_number, fields[:2])) else None
 
 
 def _is_number(text: str) -> bool:

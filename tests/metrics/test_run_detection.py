@@ -322,6 +322,14 @@ class TestInvalid:
         run = make_run(Case(boxes3d((80, 0), score=[np.inf]), NOTHING3D))
         assert counts(run) == (0, 1, 0, 0)
 
+    def test_negative_sizes_are_invalid_in_space_and_in_images(self, make_run: MakeRun) -> None:
+        truth = boxes3d((10, 0), label="car")
+        inside_out = replace(boxes3d((10, 0)), size_lwh_m=np.array([[-4.0, 2.0, 1.5]]))
+        run = make_run(Case(inside_out, truth), rig=front_camera("a", "b"))
+        for space, missed in (("bev", 1), ("iou", 2)):
+            assert counts(run, space=space) == (0, 1, missed, 0)
+            assert scores(run, space=space)["f1"].counts["invalid"] == 1
+
     def test_2d_boxes_that_arent_finite(self, make_run: MakeRun) -> None:
         run = make_run(Case(boxes2d((0, 0, np.nan, 9)), truth2d=boxes2d((0, 0, 9, 9), label="car")), rig=front_camera())
         assert counts(run, space="iou") == (0, 1, 1, 0)

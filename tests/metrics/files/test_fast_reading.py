@@ -76,6 +76,32 @@ def test_irregular_files_are_read_row_by_row(write):
     same(a, b)
 
 
+def test_frames_may_be_written_as_numbers_with_a_point(write):
+    path = write("0000.txt", f"{CAR.replace('0 3', '2.0 3.0', 1)}\n")
+    odd = write("odd.txt", f"{CAR.replace('0 3', '2.0 3.0', 1)} nan\n")
+    assert read_tracking(path).step.tolist() == read_tracking(odd).step.tolist() == [2]
+    with pytest.raises(LogError, match=r"odd.txt line 1: frame is '2.5', expected a whole number"):
+        read_tracking(write("odd.txt", f"{CAR.replace('0 3', '2.5 3', 1)}\n"))
+
+
+@pytest.mark.parametrize("solid", ["0 0 0 0 0 0 0", "0 0 0 0 0 0 -10", "0 0 0 0 0 1 0", "1 0 0 0 0 0 0"])
+def test_zeros_in_place_of_solids(solid, write):
+    path = write("0000.txt", f"0 1 Car 0 0 -10 100 100 150 160 {solid}\n{CAR}\n")
+    found = read_tracking(path)
+    same(found, read_tracking_rows(path))
+    assert np.isnan(found.center_m[0]).all() == ("1" not in solid.split())
+
+
+def test_flags_of_truth_are_rounded_and_results_keep_their_scores(write):
+    """Truth flagged 0.5 doesn't count in TrackEval; results with a class (8 or 9 columns) have a score."""
+    path = write("a.txt", "1,1,10,20,30,40,0.5,1\n1,2,10,20,30,40,-1,1\n1,3,10,20,30,40,1,1\n")
+    truth, results = read_mot(path, True), read_mot(path, False)
+    same(truth, read_mot_rows(path, True))
+    same(results, read_mot_rows(path, False))
+    assert (truth.ignore.tolist(), truth.score.tolist()) == ([True, False, False], [0, 0, 0])
+    assert (results.ignore, results.score.tolist()) == (None, [0.5, -1, 1])
+
+
 numbers = st.floats(-1e6, 1e6, allow_nan=False) | st.integers(-1, 3)
 
 

@@ -95,6 +95,21 @@ def test_ids_twice_in_a_frame(write):
     assert len(sequences(regions, good)[0][0].truth) == 2
 
 
+def test_each_class_may_have_ids_of_its_own(write):
+    """As where a tracker runs for cars and for pedestrians, one after the other."""
+    both = write("both.txt", "\n".join(kitti_row(0, 1, name) for name in ("Car", "Pedestrian")) + "\n")
+    found, _ = sequences(both, both)
+    assert (len(found[0].truth), len(found[0].estimates)) == (2, 2)
+
+
+def test_solids_of_zeros_are_none(write):
+    """As converters of boxes in images write them, in truth too."""
+    flat = write("flat.txt", "0 1 Car 0 0 -10 100 100 150 160 0 0 0 0 0 0 0\n")
+    found, pair = sequences(flat, flat)
+    assert (len(found[0].truth), pair.faults.counts) == (1, {})
+    assert found[0].truth.center_m is None
+
+
 @pytest.mark.parametrize("wrong", ["nan", "inf", "1e300"])
 def test_boxes_that_arent_finite_are_counted(wrong, write):
     text = kitti_text(2)
@@ -241,6 +256,13 @@ def test_nuscenes_scenes(write):
     assert two.ego_m.tolist() == [[1, 2, 3]]
     assert one.truth.size_lwh_m.tolist() == [[4.2, 1.8, 1.5]]
     assert (one.truth.num_points.tolist(), one.truth.velocity_mps.tolist()) == ([3], [[1, 0, 0]])
+
+
+def test_nuscenes_samples_of_no_scene_beside_others_are_refused(write):
+    truth = write("t.json", submission({"a1": [sample()], "b1": [sample()]}))
+    write("samples.csv", "token,stamp_ns,scene\na1,10,s1\nb1,15,\n")
+    with pytest.raises(LogError, match=r"samples.csv: sample 'b1' has no scene, others have one"):
+        sequences(truth, truth)
 
 
 def test_nuscenes_without_a_table_of_samples(write):

@@ -154,9 +154,33 @@ def test_without_truth_of_a_class_there_is_no_mota_but_a_reason():
     rows = {r.metric: r for r in PROFILE.scores(PROFILE.measure(sequence), "all") if r.class_ == "cyclist"}
     assert rows["mota"].value is None
     assert rows["mota"].reason == "no truth boxes that count (AB3DMOT prints -inf)"
-    assert rows["samota"].value is None
+    for name in ("samota", "amota", "amotp"):
+        assert rows[name].value is None
+        assert rows[name].reason == "no truth boxes that count (AB3DMOT prints 0, then stops)"
     assert rows["recall"].reason == "no truth boxes (AB3DMOT prints 0)"
     assert rows["fp"].value == 1
+
+
+def test_truth_that_is_all_ignored_gives_an_amotp_but_no_amota():
+    # two ignored boxes, each matched at a score of its own: the recalls' thresholds are those of ignored matches too
+    truth = [row(0, 1, 0, levels="0 3"), row(0, 2, 10, levels="0 3")]
+    sequence = tracking_sequence("0000", truth, [row(0, 1, 0, score=2), row(0, 2, 10, score=1)], 1)
+    rows = {r.metric: r for r in PROFILE.scores(PROFILE.measure(sequence), "all") if r.class_ == "car"}
+    assert rows["amotp"].value == pytest.approx(1 / 40, abs=1e-12)
+    for name in ("samota", "amota", "mota"):
+        assert rows[name].value is None
+        assert rows[name].reason == "no truth boxes that count (AB3DMOT prints -inf)"
+
+
+def test_a_region_of_unknown_place_excuses_nothing():
+    truth, results = [row(0, 1, 0), region(0, 1000)], [row(0, 1, 0, score=1), row(0, 2, 5, score=1)]
+    sequence = tracking_sequence("0000", truth, results, 1)
+    nowhere = np.array(sequence.truth.xyxy_px)
+    nowhere[sequence.truth.label == "dontcare"] = np.nan
+    for xyxy_px in (nowhere, None):
+        blind = replace(sequence, truth=replace(sequence.truth, xyxy_px=xyxy_px))
+        own = {r.metric: r.value for r in PROFILE.scores(PROFILE.measure(blind), "all") if r.class_ == "car"}
+        assert (own["fp"], own["ignored_tracker_objects"]) == (1, 0)
 
 
 def test_without_results_everything_is_missed():
@@ -248,6 +272,17 @@ def test_order_of_rows_and_ids_change_nothing(made, match):
     rng = np.random.default_rng(1)
     profile = PROFILE.with_match(match)
     assert rows_of([shuffled(s, rng) for s in made], profile) == rows_of(made, profile)
+
+
+@pytest.mark.parametrize("match", [Match("iou3d", 0.25), Match("iou2d", 0.5)])
+def test_ids_dont_decide_between_tracks_that_share_a_box(match):
+    # In frame 1 two results lie on the truth; only one of them was there before.
+    profile, seen = PROFILE.with_match(match), []
+    for old, new in ((1, 2), (2, 1)):
+        results = [row(0, old, 0, score=1), row(1, old, 0, score=1), row(1, new, 0, score=1), row(2, old, 0, score=1)]
+        seen += [values([row(f, 1, 0) for f in range(3)], lines, profile) for lines in (results, results[::-1])]
+    assert seen[0]["ids"] == 0
+    assert seen == [seen[0]] * 4
 
 
 def shuffled(sequence: Sequence, rng: np.random.Generator) -> Sequence:

@@ -173,3 +173,15 @@ def test_sorted_rows_make_the_order_of_truth_irrelevant_where_boxes_compete():
     shuffled = replace(whole, truth=whole.truth[orders[0]], estimates=whole.estimates[orders[1]])
     assert profile.scores(profile.measure(shuffled), "all") == profile.scores(profile.measure(whole), "all")
     assert PROFILE.scores(PROFILE.measure(shuffled), "all") != PROFILE.scores(PROFILE.measure(whole), "all")
+
+
+def test_sorted_rows_are_told_apart_by_all_that_decides():
+    profile, result = KittiObject(sort=True).with_match(Match("iou2d", 0.7)), boxes(("car", 0, 0), score=[0.5])
+    here = ("car", 0, 0)
+    for others in (
+        [boxes(here, ("van", 0, 0)), boxes(("van", 0, 0), here)],
+        [replace(boxes(here, here), occlusion=np.array(levels)) for levels in ([0.0, 3], [3.0, 0])],
+        [replace(boxes(here, here), alpha_rad=np.array(angles)) for angles in ([0.0, 3], [3.0, 0])],
+    ):
+        seen = [found(truth, replace(result, alpha_rad=np.zeros(1)), profile) for truth in others]
+        assert seen[0] == seen[1]

@@ -191,6 +191,15 @@ def test_refused() -> None:
         PROFILE.measure(replace(sequence([], []), estimates=flat))
 
 
+def test_results_in_a_sample_of_which_nobody_knows_where_the_ego_is_are_refused() -> None:
+    # as where truth tells it box by box, and a sample has no truth
+    there = sequence([row(0, "car", 0, 500.0)], [row(1, "car", 0, 900.0)], 2)
+    somewhere = replace(there, ego_m=np.array([[500.0, 0, 0], [np.nan, np.nan, np.nan]]))
+    with pytest.raises(MetricError, match="scene, sample 1: nobody tells where the ego is, so not how far off results"):
+        PROFILE.measure(somewhere)
+    assert find(PROFILE.scores(PROFILE.measure(replace(somewhere, estimates=there.truth)), "all"), "map").value
+
+
 def test_match() -> None:
     one = PROFILE.with_match(Match("bev", 1.0))
     assert (one.settings.distances_m, one.settings.error_distance_m) == ((1.0,), 1.0)

@@ -211,6 +211,16 @@ def test_order_and_ids_of_boxes_change_nothing() -> None:
         assert scores(of_scene(scene)) == wanted
 
 
+def test_order_of_boxes_and_ids_dont_decide_between_tracks_that_begin_in_one_place() -> None:
+    """Both results begin on the truth; the one that goes on with it is followed only if it comes first."""
+    truth = [car(s, 1, 2.5 * s) for s in range(3)]
+    seen = []
+    for stays, goes in ((1, 2), (2, 1)):
+        results = [car(s, stays, 0.0) for s in range(3)] + [car(s, goes, 2.5 * s) for s in range(3)]
+        seen += [scores(sequence(truth, rows, 3)) for rows in (results, results[::-1])]
+    assert seen == [seen[0]] * 4
+
+
 def test_statistics_add_in_any_grouping() -> None:
     parts = [PROFILE.measure(of_scene(scene)) for scene in scenes_of(TRACKING_PLANS["coarse"])]
 

@@ -193,3 +193,15 @@ def test_cards_are_whole():
     wanted += "detpr assre asspr owta amota amotp samota motar map ap ate ase aoe ave aae nds ap40 ap11 aos "
     wanted += "occlusion_survival distance_error range_rate_error"
     assert set(wanted.split()) <= set(CARDS)
+
+
+def test_default_refuses_an_id_twice_among_all_vehicles(tmp_path):
+    """A car and a truck of one id: each alone is one object, as vehicles they are one in two places (GT003)."""
+    text = kitti(tmp_path, "t.txt").read_text().splitlines()
+    first = text[0].split()
+    twin = " ".join([*first[:2], "Truck", *first[3:]])
+    (tmp_path / "t.txt").write_text("\n".join([*text, twin]) + "\n")
+    pair = open_files(tmp_path / "t.txt", kitti(tmp_path, "r.txt", score=" 0.5"))
+    with pytest.raises(MetricError, match=r"id .* twice") as caught:
+        evaluate(profile_of("default"), pair.sequences())
+    assert caught.value.code == "GT003"

@@ -1,11 +1,15 @@
 """Runs together: counts are added, slices by what logs say of themselves."""
 
 import json
+from dataclasses import replace
+from functools import reduce
 from itertools import permutations
+from operator import add
 from pathlib import Path
 
+import numpy as np
 import pytest
-from tests.metrics.conftest import Case, boxes3d, write_run
+from tests.metrics.conftest import Case, boxes3d, front_camera, write_run
 
 from fbench.metrics.combine import RunStatistics, combined, measure_run
 from fbench.metrics.runs.detection import Detection
@@ -135,3 +139,34 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "2 runs together" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="no such run folder"):
         score_together([tmp_path / "none"], ScoreOptions(), None, None, False)
+
+
+def test_a_word_called_visibility_is_no_slice_by_visibility(tmp_path: Path) -> None:
+    runs = [written(tmp_path, name, [Case(RIGHT, CAR)], visibility=how) for name, how in zip("abc", "xyy", strict=True)]
+    assert table(combined(measured(*runs)))["f1", "vehicle", "visibility y"].value == 1.0
+
+
+def test_frames_that_cant_be_scored_in_images_arent_counted_there(tmp_path: Path) -> None:
+    seen = write_run(
+        tmp_path / "a",
+        [Case(RIGHT, CAR)] * 2,
+        front_camera(),
+        log=LogEntry(name="a", log_id="a", digest="d" * 32, metadata={}),
+    )
+    rows = combined(measured(seen, written(tmp_path, "b", [Case(RIGHT, CAR)] * 3)))
+    frames = {row.matching: row.counts["frames"] for row in rows if row.metric == "f1" and row.slice == "all"}
+    assert next(num for how, num in frames.items() if how.startswith("iou")) == 2
+
+
+def test_runs_of_one_frame_each_add_up_to_the_run_of_all(tmp_path: Path) -> None:
+    """Bit for bit, as workers would score them."""
+    rng = np.random.Generator(np.random.PCG64(7))
+    cases = [
+        Case(boxes3d(*rng.normal(10, 2, (3, 2)), ids=[1, 2, 3], score=rng.random(3)),
+             boxes3d(*rng.normal(10, 2, (3, 2)), label="car", ids=[4, 5, 6]), segment=i)
+        for i in range(8)
+    ]  # fmt: skip
+    whole = measured(written(tmp_path, "whole", cases))[0].table
+    parts = [measured(written(tmp_path, f"{i}", [replace(case, segment=0)]))[0].table for i, case in enumerate(cases)]
+    for order in (parts, parts[::-1]):
+        assert reduce(add, order).rows() == whole.rows()

@@ -85,3 +85,20 @@ def test_sums_are_exact_in_any_order() -> None:
     parts = [Deviation.of(np.array([0.0]), np.array([value])) for value in (0.1, 1e16, 0.2, -1e16, 0.3)]
     forth, back = sum(parts, Deviation()), sum(reversed(parts), Deviation())
     assert forth == back
+
+
+def test_sums_of_a_part_at_a_time_are_those_of_the_whole() -> None:
+    values = np.random.Generator(np.random.PCG64(1)).random(200)
+    parts = [Deviation.of(np.zeros(1), value[None]) for value in values]
+    assert sum(parts, Deviation()) == Deviation.of(np.zeros(200), values)
+
+
+def test_the_date_doesnt_matter() -> None:
+    """Stamps since 1970 don't fit a float to the nanosecond."""
+    truth = [Box(i, 10, id=4, distance=10.0 + i / 3) for i in range(3)]
+    one = sequence(truth, [], 3)
+    later = replace(one, steps=replace(one.steps, stamp_ns=one.steps.stamp_ns + 1_700_000_000_123_456_789))
+    early, late = range_rates(one), range_rates(later)
+    assert early is not None
+    assert late is not None
+    assert early.tolist()[1] == late.tolist()[1]

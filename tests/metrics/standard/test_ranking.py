@@ -1,12 +1,13 @@
 """Best F1 and average precision over all score thresholds."""
 
+from dataclasses import replace
 from functools import reduce
 from itertools import pairwise
 from operator import add
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
@@ -97,3 +98,23 @@ def test_each_threshold_gives_what_scoring_at_it_would(seed: int) -> None:
         boxes = detection_counts(sequence(truth, kept, 2), VEHICLE, match).boxes
         assert (boxes.tp, boxes.fp) == (tp[at], fp[at])
     assert all(a > b for a, b in pairwise(curve.scores.tolist()))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 10_000))
+def test_so_does_each_threshold_where_truth_excuses(seed: int) -> None:
+    """Who is excused mustn't depend on what the threshold leaves out."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    truth, found = (
+        [Box(int(s), float(x), score=float(c))
+         for s, x, c in zip(rng.integers(0, 2, n), rng.integers(0, 6, n), rng.integers(1, 5, n), strict=True)]
+        for n in rng.integers(1, 9, 2)
+    )  # fmt: skip
+    whole = sequence(truth, found, 2)
+    whole = replace(whole, truth=replace(whole.truth, ignore=rng.random(len(truth)) < 0.5))
+    counts = detection_counts(whole, VEHICLE, Match("bev", 1.0))
+    if counts.ranking.reason is None:
+        scores = whole.estimates.score
+        parts = [replace(whole, estimates=whole.estimates[scores >= score]) for score in np.unique(scores)]
+        each = [detection_counts(part, VEHICLE, Match("bev", 1.0)).boxes for part in parts]
+        assert counts.ranking.best_f1()[0] == max(2 * n.tp / (2 * n.tp + n.fp + n.fn) for n in each)

@@ -96,3 +96,14 @@ def test_truth_of_all_ranges_is_all_truth(seed: int) -> None:
     pairs = alike(whole, VEHICLE, MATCH)
     total = sum((part_counts(pairs, part).boxes for part in by_range(whole, 50)), BoxCounts())
     assert total.gt == len(truth)
+
+
+def test_what_isnt_valid_is_a_false_alarm_where_it_is() -> None:
+    """And where nobody can tell where it is, of the whole alone."""
+    found = [Box(0, 5, score=np.nan), Box(0, 15), Box(0, np.nan)]
+    whole = sequence([Box(0, 15)], found, 1)
+    assert detection_counts(whole, VEHICLE, MATCH).boxes == BoxCounts(tp=1, fp=2, invalid=2)
+    parts = {part.name: part_counts(alike(whole, VEHICLE, MATCH), part).boxes for part in by_range(whole, 20)}
+    assert parts == {
+        "range 0-10 m": BoxCounts(fp=1, invalid=1, ignored=1), "range 10-20 m": BoxCounts(tp=1)
+    }  # fmt: skip

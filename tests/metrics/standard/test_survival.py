@@ -91,3 +91,18 @@ def test_rows() -> None:
     assert survival_rows(counts + counts, "vehicle", "m", None, "condition fog")[1].slice.startswith("condition fog, ")
     nothing = survival_rows(SurvivalCounts(), "vehicle", "bev 2 m", None, "all")
     assert [(row.value, row.reason) for row in nothing] == [(None, "no tracked object was occluded")]
+
+
+def test_frames_without_stamps_tell_no_lengths() -> None:
+    """Files that count frames: 100 of them may be 1 s or 50 s."""
+    whole = made("oo" + "." * 100 + "oo..oo", "55" + "." * 100 + "55..66", period_s=0.0)
+    counts = tracking_counts(whole, VEHICLE, Match("bev", 2.0)).survival
+    assert counts == SurvivalCounts(untimed=2, untimed_survived=1)
+    first, *others = survival_rows(counts, "vehicle", "bev 2 m", None, "all")
+    assert (first.value, first.counts) == (0.5, {"occlusions": 2, "survived": 1})
+    assert {(row.value, row.reason) for row in others} == {(None, "frames have no stamps")}
+    timed = SurvivalCounts((3, 1, 0, 0), (2, 0, 0, 0))
+    both = survival_rows(timed + counts, "vehicle", "bev 2 m", None, "all")
+    assert (both[0].counts, both[1].counts) == (
+        {"occlusions": 6, "survived": 3}, {"occlusions": 3, "survived": 2}
+    )  # fmt: skip

@@ -160,3 +160,16 @@ class TestInvalid:
     def test_truth_that_was_left_out_is_counted(self) -> None:
         whole = replace(sequence(line("11"), line("55"), 2), num_invalid_truth=3)
         assert rows(tracking_counts(whole, VEHICLE, MATCH))["mota"].counts["invalid_truth"] == 3
+
+
+def test_what_loses_its_truth_outside_of_the_region_is_no_false_alarm() -> None:
+    """Alone, step 1 would pair both; but 5 stays on the first object, and 6, outside, is near to nothing else."""
+    truth = [Box(0, 10, id=1), Box(1, 10, id=1), Box(1, 13, id=2)]
+    found = [Box(0, 10, id=5), Box(1, 11.5, id=5), Box(1, 8.5, id=6)]
+    whole = sequence(truth, found, 2)
+    for inside, expected in ((True, (2, 1, 1, 0)), (False, (2, 0, 1, 1))):
+        kept = replace(whole, estimates=replace(whole.estimates, inside=np.array([True, True, inside])))
+        counts = tracking_counts(kept, VEHICLE, MATCH)
+        boxes = counts.boxes
+        assert (boxes.tp, boxes.fp, boxes.fn, boxes.ignored) == expected
+        assert counts.identity.fp == expected[1]

@@ -161,3 +161,5 @@ def test_nothing_is_undefined_and_says_what_the_reference_prints():
     assert fields["mota"].why == "no truth boxes (TrackEval prints 0 for one sequence, -3 for sums)"
     assert fields["clr_pr"].value == 0
     assert MOTMETRICS.scores(MOTMETRICS.measure(sequence([], [])), "all")[0].value is None
+    why = "no frames of sequences with truth and results (TrackEval prints 0 for one sequence, 3 for sums)"
+    assert fields["fp_per_frame"].why == why

@@ -3,12 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
-from tests.metrics.tracking.kitti_text import mot_sequence
+from tests.metrics.tracking.kitti_text import mot_objects, mot_sequence
 from tests.metrics.tracking.oracles.made_tracks import MOT_NAMES, NUM_FRAMES, mot_texts
 
 from fbench.metrics.evaluate import evaluate
+from fbench.metrics.sequence import Sequence, Steps
 from fbench.metrics.tracking.motmetrics import MOTMETRICS
+from fbench.metrics.tracking.prepare import problems
 
 ORACLE = json.loads((Path(__file__).parent / "oracles/motmetrics.json").read_text())
 # py-motmetrics multiplies a sequence's undefined MOTP with its 0 matches, so that its overall MOTP is nan where one
@@ -46,3 +49,13 @@ def test_overall_motp_is_the_mean_over_matches():
         num = round(of_one["num_misses"] / (1 - of_one["recall"]) * of_one["recall"])
         matches, distance = matches + num, distance + num * (of_one["motp"] or 0)
     assert overall["motp"] == pytest.approx(distance / matches)
+
+
+def test_pairs_match_where_1_less_the_overlap_is_the_threshold_or_less():
+    """1 - 0.49999999999999994 is 0.5 in floats."""
+    truth, results = (mot_objects(f"1,1,{left},0,15,40,1,1\n", True) for left in (1.1, 6.1))
+    sequence = Sequence("s", Steps.counted(1), truth, results)
+    (own,) = problems(sequence, MOTMETRICS.preparation, MOTMETRICS.match)
+    assert own.similarity.tolist() == [np.nextafter(0.5, 0)]
+    counts = MOTMETRICS.measure(sequence).classes["object"]
+    assert (counts.clear.tp, counts.identity.tp) == (1, 1)

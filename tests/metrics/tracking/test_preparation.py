@@ -54,6 +54,19 @@ def test_small_results_are_excused_where_nothing_matches():
     assert left(objects(), objects(("car", (0, 0, 40, 25.5)))) == ([], [0])
 
 
+def test_results_upside_down_or_without_rectangle_have_no_height():
+    """Trackers in 3D write -1 -1 -1 -1; TrackEval takes that for a box without height."""
+    none = (np.nan,) * 4
+    for box in ((0, 40, 40, 0), (40, 40, 0, 0), none):
+        assert left(objects(("car", BIG)), objects(("car", box))) == ([0], [])
+        assert left(objects(("pedestrian", BIG)), objects(("pedestrian", box)), MOT17) == ([0], [0])
+
+
+def test_car_2_is_a_car():
+    """TrackEval's table of classes has it."""
+    assert left(objects(("car", BIG)), objects(("car_2", BIG))) == ([0], [0])
+
+
 def test_regions_excuse_what_lies_in_one_of_them_to_more_than_half():
     region = (0, 0, 30, 40)
     assert left(objects(("dontcare", region)), objects(("car", (0, 0, 40, 40)))) == ([], [])
@@ -94,6 +107,12 @@ def test_an_id_twice_in_a_frame_is_refused():
         with pytest.raises(MetricError, match=r"s, frame 0: \w+ have id 7 twice") as raised:
             TRACKEVAL_KITTI.measure(Sequence("s", Steps.counted(1), truth, estimates))
         assert raised.value.code == "GT003"
+
+
+def test_each_class_has_its_own_ids():
+    both = replace(objects(("car", BIG), ("pedestrian", BIG)), track_id=np.array([7, 7]))
+    found = TRACKEVAL_KITTI.measure(Sequence("s", Steps.counted(1), both, both)).classes
+    assert [found[name].clear.tp for name in ("car", "pedestrian")] == [1, 1]
 
 
 def test_boxes_without_id_are_left_out_by_kitti_and_refused_by_others():

@@ -64,6 +64,15 @@ def test_tracking_rows_by_hand(tmp_path):
     assert truths[0].boxes2d.track_id.tolist() == [-1, 7]
 
 
+def test_trackers_may_write_more_behind_the_score(tmp_path):
+    path = tmp_path / "0000.txt"
+    path.write_text(f"3 7 {CAR} 0.5 1 2 3\n")
+    assert form(path) == "kitti-tracking"
+    path.write_text(" ".join(["word"] * 20) + "\n")
+    with pytest.raises(LogError, match="no form of boxes"):
+        form(path)
+
+
 def test_3d_and_2d_boxes_of_two_cameras(tmp_path):
     """KITTI's 3D boxes are at camera 0, its images those of camera 2."""
     (tmp_path / "000000.txt").write_text(f"{CAR}\n")

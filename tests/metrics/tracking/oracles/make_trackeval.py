@@ -33,7 +33,7 @@ def evaluated(dataset) -> dict[str, Any]:
         for of_class in row.values():
             of_class["Count"].pop("Frames", None)
     combined = found["COMBINED_SEQ"]
-    for metric in metrics:  # what TrackEval does for other benchmarks, where classes without boxes are left out
+    for metric in metrics:  # which TrackEval does for other benchmarks only; classes without boxes are left out
         name = metric.get_name()
         classes = {c: combined[c][name] for c in sorted(combined) if not c.startswith("cls_comb")}
         if len(classes) == 1:
