@@ -7,9 +7,10 @@ from functools import partial, reduce
 from operator import add
 from typing import TypeVar
 
-from fbench.metrics.profile import Statistics
+from fbench.metrics.profile import Match, Statistics
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.detection import coverage, detection_entries
+from fbench.metrics.runs.differing import of_some_runs, require_one_matching
 from fbench.metrics.runs.shared import SharedRun
 from fbench.metrics.runs.tracking import tracking_entries
 from fbench.metrics.score import ordered
@@ -48,6 +49,11 @@ class RunTable:
             self.num_scored + other.num_scored, self.num_frames + other.num_frames,
         )  # fmt: skip
 
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is anything to score in the pipeline's own space."""
+        return any(entry.heading.matching == self.matching and not entry.heading.reason for entry in self.detection)
+
     def rows(self) -> list[Score]:
         """Return all rows, primary ones first."""
         return ordered([*self.rows_of_entries(), coverage(self.matching, self.num_scored, self.num_frames)])
@@ -80,15 +86,20 @@ class RunStatistics:
         return "\n".join(self.key)
 
 
-def measure_run(run: Run, options: ScoreOptions) -> RunStatistics:
+def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> RunStatistics:
     """Measure one run; keeps nothing of it but counts.
+
+    Args:
+        run: With truth.
+        options: Which boxes count, and how they match.
+        match: Instead of how the options match, see `views`.
 
     Raises:
         MetricError: where an id occurs twice in one frame.
         ConfigError: where the options ask for regions that the log hasn't.
     """
     manifest, shared = run.manifest, SharedRun(run.folder)
-    found, tracked = detection_entries(shared, options), tracking_entries(shared, options)
+    found, tracked = detection_entries(shared, options, match), tracking_entries(shared, options, match)
     native = found[0].heading
     words = {key: value for key, value in manifest.log.metadata.items() if _is_word(value)}
     return RunStatistics(
@@ -108,6 +119,7 @@ def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> lis
 
     Raises:
         MetricError: where there is no run, runs are of several pipelines, or one is there twice.
+        ConfigError: where runs count different boxes in the pipeline's own space.
     """
     known = _checked(runs)
     total = reduce(add, (run.table for run in known))
@@ -116,6 +128,11 @@ def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> lis
         own = reduce(add, (run.table for run in members)).of_part(part)
         rows += [row for row in own.rows() if row.slice != "all"]
     return rows
+
+
+def told_of(runs: Sequence[RunStatistics]) -> list[str]:
+    """Return what there is to say of runs that are scored together: which rows only some of them have."""
+    return of_some_runs([(run.tags["log"], [entry.heading for entry in run.table.detection]) for run in runs])
 
 
 def resampled(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
@@ -182,6 +199,7 @@ def _checked(runs: Iterable[RunStatistics]) -> list[RunStatistics]:
     twice = [key for key, num in Counter(run.key for run in known).items() if num > 1]
     if twice:
         raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
+    require_one_matching((run.tags["log"], run.table.matching) for run in known if run.table.has_truth)
     return known
 
 

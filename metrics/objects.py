@@ -1,12 +1,15 @@
 """Boxes of one sequence as columns: what every metric, matcher and profile reads."""
 
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text, freeze_fields
 from fbench.replay.errors import DataError
+
+Space = Literal["2d", "3d", "both"]
+"""Where boxes are compared: in images, or in the ground plane and in space."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from fbench.metrics.combine import OF_TRACKS, RATES, RunTable, resampled
+from fbench.metrics.profile import Match
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.shared import SharedRun
 from fbench.metrics.runs.stretches import Pieces, pieces
@@ -12,7 +13,9 @@ from fbench.replay.scores import Score, ScoreOptions
 from fbench.replay.store import Run
 
 
-def intervals_of_run(run: Run, options: ScoreOptions, rows: list[Score], how: Bootstrap) -> list[Score]:
+def intervals_of_run(
+    run: Run, options: ScoreOptions, rows: list[Score], how: Bootstrap, match: Match | None = None
+) -> list[Score]:
     """Return the rows of a run, those about all boxes of a class with intervals where they have a number.
 
     Segments are resampled; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
@@ -27,15 +30,15 @@ def intervals_of_run(run: Run, options: ScoreOptions, rows: list[Score], how: Bo
     if isinstance(cut, str):
         return [_said(row, cut) if row.metric in (*RATES, *OF_TRACKS) else row for row in rows]
     metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
-    found = {_key(row): row for row in resampled(_tables(shared, options, cut), how, cut.unit, metrics)}
+    found = {_key(row): row for row in resampled(_tables(shared, options, cut, match), how, cut.unit, metrics)}
     rows = [_like(row, found.get(_key(row))) for row in rows]
     cut_too = f"{cut.unit} cut tracks"
     return [_said(row, cut_too) if cut.cuts_tracks and row.metric in OF_TRACKS else row for row in rows]
 
 
-def _tables(run: Run, options: ScoreOptions, cut: Pieces) -> dict[str, RunTable]:
-    found = [list(cut.views(view)) for view in views(run, run.detections, options)]
-    tracked = [list(cut.views(view)) for view in views(run, run.tracks, options)]
+def _tables(run: Run, options: ScoreOptions, cut: Pieces, match: Match | None) -> dict[str, RunTable]:
+    found = [list(cut.views(view)) for view in views(run, run.detections, options, match)]
+    tracked = [list(cut.views(view)) for view in views(run, run.tracks, options, match)]
     tables = (
         RunTable(
             detection.whole_entries(one, run.detections), tracking.whole_entries(other, run.tracks), one[0].matching,

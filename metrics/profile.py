@@ -89,6 +89,11 @@ class Profile(Protocol[S]):
         """One line: what it reproduces, and which version of what."""
         ...
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored; empty: any are."""
+        ...
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another rule of what matches.
 

@@ -36,6 +36,11 @@ class CocoProfile:
     name: str = "coco"
     summary: str = "average precision and recall in images, as pycocotools 2.0.11 (bbox)"
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(self.classes)
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with a single threshold.
 

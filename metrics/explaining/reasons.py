@@ -95,7 +95,8 @@ class _Step:
         judged, what = self.judged, self.judged.what
         estimates = judged.counted.sequence.estimates
         if m is None:
-            why = f"labelled {estimates.label[row]}, which isn't scored as {judged.group.name}"
+            told = f"labelled {estimates.label[row]}, which" if estimates.label[row] else "without a class, which"
+            why = f"{told} isn't scored as {judged.group.name}"
             return self._verdict(what, row, "ignored", why)
         outcome = Outcome(int(judged.outcome[m]))
         if outcome == Outcome.HIT:

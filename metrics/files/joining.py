@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.metrics.files.cameras import by_camera
+from fbench.metrics.files.doubts import Doubt
 from fbench.metrics.files.side import Side, unreal
-from fbench.metrics.objects import Objects
+from fbench.metrics.objects import Objects, Space
 from fbench.metrics.sequence import Sequence, Steps
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.errors import ConfigError, MetricError
@@ -23,7 +24,9 @@ class Where:
     estimates: str
 
 
-def joined(truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog) -> Sequence:
+def joined(
+    truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog, space: Space = "both"
+) -> Sequence:
     """Return one sequence of both sides.
 
     Args:
@@ -32,6 +35,7 @@ def joined(truth: Side, estimates: Side, num_frames: int | None, where: Where, f
         num_frames: As told from outside; else as the sides say, else up to the last box of either.
         where: For errors.
         faults: Gets the counts.
+        space: Where boxes are compared, see `unreal`.
 
     Raises:
         ConfigError: where frames, or coordinates, are of different kinds.
@@ -41,8 +45,8 @@ def joined(truth: Side, estimates: Side, num_frames: int | None, where: Where, f
     frames = _frames(truth, estimates, num_frames, where)
     own, num_strange = _on_frames(estimates, frames)
     true = _on_frames(truth, frames)[0]
-    true, num_invalid = _real(true, where, faults)
-    _count_invalid(own.objects, where, faults)
+    true, num_invalid = _real(true, where, faults, space)
+    _count_invalid(own.objects, where, faults, space)
     true, own = _same_pixels(true, own)
     steps = _steps(frames, truth)
     steps, in_truth, in_estimates = by_camera(steps, true, own, (where.truth, where.estimates))
@@ -106,8 +110,18 @@ def _nearest(keys: Int64, frames: Int64, tolerance: int) -> Int64:
     return np.where(np.abs(keys - frames[at]) <= tolerance, at, -1).astype(np.int64)
 
 
-def _real(truth: Side, where: Where, faults: FaultLog) -> tuple[Side, int]:
-    bad = unreal(truth.objects)
+def without_entry(truth: Side, estimates: Side, sequence: str) -> Doubt:
+    """Say which frames of the truth the results don't list, though they list those without boxes too."""
+    what = "frame that the results have no entry for, so that all of its truth is missed"
+    if truth.keys is None or estimates.keys is None or not estimates.lists_frames:
+        return Doubt(what, 0, "")
+    at = _nearest(truth.keys, estimates.keys, TOLERANCE_NS if truth.has_stamps else 0)
+    missing = truth.keys[at < 0]
+    return Doubt(what, len(missing), f"sequence {sequence}, {missing[0]}" if len(missing) else "")
+
+
+def _real(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Side, int]:
+    bad = unreal(truth.objects, space)
     labels, counts = np.unique(truth.objects.label[bad], return_counts=True)
     for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
         faults.add("GT004", f"{where.truth}, sequence {where.sequence}: {num} of class '{label}'", num)
@@ -117,8 +131,8 @@ def _real(truth: Side, where: Where, faults: FaultLog) -> tuple[Side, int]:
     return replace(truth, objects=truth.objects[~bad], camera=camera), int(bad.sum())
 
 
-def _count_invalid(estimates: Objects, where: Where, faults: FaultLog) -> None:
-    num = int(unreal(estimates).sum())
+def _count_invalid(estimates: Objects, where: Where, faults: FaultLog, space: Space) -> None:
+    num = int(unreal(estimates, space).sum())
     if num:
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
 

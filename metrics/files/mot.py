@@ -10,12 +10,13 @@ from fbench.metrics.files.labelled import columns_of
 from fbench.metrics.files.plain_text import IrregularError, PlainText, read_plain
 from fbench.metrics.files.side import nothing, objects_of
 from fbench.metrics.objects import Objects
-from fbench.replay.arrays import Text
+from fbench.replay.arrays import Int64, Text
 from fbench.replay.boxfiles.mot import CLASSES, mot_row
 from fbench.replay.boxfiles.text import MAX_FRAMES, lines
 
 _WITH_CLASS = (8, 9)
 _WITH_VISIBILITY = 9
+_WITH_PLACE = 10
 
 
 def read_mot(path: Path, is_truth: bool) -> Objects:
@@ -49,7 +50,7 @@ def _objects(plain: PlainText, is_truth: bool) -> Objects:
     ignored = np.zeros(len(frames), bool) if confidence is None or not is_truth else np.abs(confidence) < 1
     columns: dict[str, Any] = {
         "step": frames - 1,
-        "label": _labels(plain, len(frames)) if has_class else np.full(len(frames), CLASSES[1][0]),
+        "label": _labels(plain.wholes(7)) if has_class else _labels_among_ten(plain, is_truth),
         "track_id": np.maximum(plain.wholes(1), -1),
         "score": np.zeros(len(frames)) if confidence is None or is_truth else confidence,
         "xyxy_px": np.column_stack([left, top, left + width, top + height]),
@@ -60,8 +61,16 @@ def _objects(plain: PlainText, is_truth: bool) -> Objects:
     return found
 
 
-def _labels(plain: PlainText, num: int) -> Text:
-    kinds, which = np.unique(plain.wholes(7), return_inverse=True)
+def _labels(numbers: Int64) -> Text:
+    kinds, which = np.unique(numbers, return_inverse=True)
     names = np.array([CLASSES[int(kind)][0] if int(kind) in CLASSES else str(kind) for kind in kinds], np.str_)
-    labels: Text = names[which].reshape(num)
+    labels: Text = names[which].reshape(len(numbers))
     return labels
+
+
+def _labels_among_ten(plain: PlainText, is_truth: bool) -> Text:
+    """Of rows that have no column for it; see `replay/boxfiles/mot.py`."""
+    told = np.ones(len(plain), np.int64)
+    if plain.width == _WITH_PLACE and not is_truth:
+        told = np.where(np.isin(plain.number(7), list(CLASSES)), plain.number(7), 1).astype(np.int64)
+    return _labels(told)

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from fbench.metrics.files.doubts import Doubt
 from fbench.metrics.files.labelled import columns_of
+from fbench.metrics.files.nuscenes_doubts import doubts_about
 from fbench.metrics.files.side import Side, nothing, objects_of
 from fbench.metrics.objects import Objects
 from fbench.replay.arrays import Float64, Int64, text_array
@@ -40,6 +42,14 @@ class Submission:
     samples: Mapping[str, Sample]
     are_ordered: bool
     has_stamps: bool
+    has_meta: bool = True
+
+    @property
+    def task(self) -> str:
+        """`detection` or `tracking`, as its first box says; empty where there is none."""
+        first = next((boxes[0] for boxes in self.results.values() if isinstance(boxes, list) and boxes), None)
+        named = isinstance(first, dict) and "tracking_name" in first
+        return "" if first is None else "tracking" if named else "detection"
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -64,20 +74,21 @@ class Submission:
         keys = np.array([self.samples[token].key for token in tokens], np.int64)
         if len(keys) and (np.diff(keys) == 0).any():
             raise LogError(f"{self.path}: two samples are at {keys[int(np.argmax(np.diff(keys) == 0))]}")
-        boxes, steps, ego_m = [], [], []
+        boxes, steps, ego_m, doubts = [], [], [], list[Doubt]()
         for token, key in zip(tokens, keys.tolist(), strict=True):
             at = f"{self.path}: sample '{token[:40]}'"
             found = [
                 (f"{at} box {i}", mapping(box, f"{at} box {i}")) for i, box in enumerate(items(self.results[token], at))
             ]
             boxes += found
+            doubts += doubts_about(token, [box for _, box in found], scene)
             steps += [key] * len(found)
             ego_m.append(_ego(self.samples[token], [box for _, box in found]))
         side = _columns(boxes, steps)
         ego = np.array(ego_m, np.float64).reshape(-1, 3)
         return Side(
             side, keys, self.has_stamps, space="world", ego_m=None if np.isnan(ego).all() else ego,
-            are_ordered=self.are_ordered,
+            are_ordered=self.are_ordered, lists_frames=True, doubts=tuple(doubts),
         )  # fmt: skip
 
 
@@ -91,7 +102,8 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
     Raises:
         LogError: where it isn't one, nobody knows a token, or some samples have a scene and others none.
     """
-    results = member(read_json(path), "results", str(path))
+    content = read_json(path)
+    results = member(content, "results", str(path))
     if not results:
         raise LogError(f"{path}: no results; expected an object with 'results' by sample token")
     companion = _companion_of(path)
@@ -99,12 +111,12 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
         strange = next((token for token in results if token not in like.samples), None)
         if strange is not None:
             raise LogError(f"{path}: sample '{strange[:40]}' isn't in {like.path}")
-        return Submission(path, results, like.samples, like.are_ordered, like.has_stamps)
+        return Submission(path, results, like.samples, like.are_ordered, like.has_stamps, "meta" in content)
     samples, has_stamps, are_ordered = _samples(path, companion, list(results))
     lost = [token for token in results if not samples[token].scene]
     if 0 < len(lost) < len(results):
         raise LogError(f"{companion}: sample '{lost[0][:40]}' has no scene, others have one")
-    return Submission(path, results, samples, are_ordered, has_stamps)
+    return Submission(path, results, samples, are_ordered, has_stamps, "meta" in content)
 
 
 def _companion_of(path: Path) -> Path | None:

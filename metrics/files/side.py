@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fbench.metrics.objects import Objects
+from fbench.metrics.files.doubts import Doubt
+from fbench.metrics.objects import Objects, Space
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.boxes import MAX_MAGNITUDE
 
@@ -34,6 +35,10 @@ class Side:
     """(keys, 3) where the body is, NaN where nobody says."""
     are_ordered: bool = True
     """Whether keys follow time; tokens without a table of samples don't."""
+    lists_frames: bool = False
+    """Whether frames without boxes have an entry too, as in submissions and folders of images."""
+    doubts: tuple[Doubt, ...] = ()
+    """What is odd about these boxes, as results."""
 
 
 def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
@@ -56,19 +61,24 @@ def nothing() -> Objects:
                    triple, none)  # fmt: skip
 
 
-def unreal(objects: Objects) -> Bool:
-    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space."""
+def unreal(objects: Objects, space: Space = "both") -> Bool:
+    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space.
+
+    Args:
+        objects: N boxes, with rectangles, solids or both.
+        space: Where boxes are compared: a rectangle without size is no matter in space (`3d`), nor a solid without size
+            in images (`2d`). Nothing may be infinite anywhere.
+    """
     bad, anywhere = [~np.isfinite(objects.score)], [np.zeros(len(objects), bool)]
     if objects.xyxy_px is not None:
-        there = _there(objects.xyxy_px)
-        fits = _are_finite(objects.xyxy_px) & _are_positive(objects.xyxy_px[:, 2:] - objects.xyxy_px[:, :2])
-        bad.append(there & ~fits)
+        there, finite = _there(objects.xyxy_px), _are_finite(objects.xyxy_px)
+        sizes = np.where(finite[:, None], objects.xyxy_px, 0.0)
+        bad.append(there & ~(finite & ((space == "3d") | _are_positive(sizes[:, 2:] - sizes[:, :2]))))
         anywhere.append(there)
     if objects.center_m is not None and objects.size_lwh_m is not None and objects.yaw_rad is not None:
         numbers = np.column_stack([objects.center_m, objects.size_lwh_m, objects.yaw_rad])
         there = _there(numbers)
-        fits = _are_finite(numbers) & _are_positive(objects.size_lwh_m)
-        bad.append(there & ~fits)
+        bad.append(there & ~(_are_finite(numbers) & ((space == "2d") | _are_positive(objects.size_lwh_m))))
         anywhere.append(there)
     found: Bool = np.any(bad, axis=0) | ~np.any(anywhere, axis=0)
     return found

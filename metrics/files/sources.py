@@ -94,7 +94,7 @@ class ImageSource:
     def read(self, name: str) -> Side:
         """Read all files."""
         keys = np.array(sorted(self.files), np.int64)
-        return Side(read_images(self.files), keys, space=_space(self.form))
+        return Side(read_images(self.files), keys, space=_space(self.form), lists_frames=True)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,11 @@ class Kitti3dMot:
     name: str = "kitti-3dmot"
     summary: str = "KITTI 3D tracking as AB3DMOT evaluates it (61f3bd7): sAMOTA, AMOTA, AMOTP, CLEAR at the best MOTA"
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(label for kind in self.classes for label in kind.labels)
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another threshold, on `iou3d` or `iou2d`.
 

@@ -45,6 +45,11 @@ class KittiObject:
         "KITTI object AP and AOS over 40 and 11 recalls: in the image, from above, in 3D (OpenPCDet 8cacccec)"
     )
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(kind.label for kind in self.classes)
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with one overlap for all classes.
 

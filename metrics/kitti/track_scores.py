@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass
 
-from fbench.metrics.kitti.track_passes import Pass, Passes, run_passes
+from fbench.metrics.kitti.track_passes import ALL_RESULTS, Pass, Passes, run_passes
 from fbench.metrics.kitti.track_rules import TrackRules
 from fbench.metrics.kitti.track_table import TrackTable
 from fbench.replay.scores import Score
@@ -90,8 +90,16 @@ def _best(best: Pass, totals: Totals) -> list[_Value]:
         ("mt", _ratio(best.mt, num_tracks), "1", no_track),
         ("pt", _ratio(best.pt, num_tracks), "1", no_track),
         ("ml", _ratio(best.ml, num_tracks), "1", no_track),
-        ("best_threshold", best.threshold if totals.num_result_tracks else None, "score", "no results"),
+        _threshold(best, totals),
     ]
+
+
+def _threshold(best: Pass, totals: Totals) -> _Value:
+    """AB3DMOT's number for all results is no score."""
+    is_score = totals.num_result_tracks > 0 and best.threshold != ALL_RESULTS
+    all_count = f"no threshold has a MOTA above 0, so all results count (AB3DMOT takes {ALL_RESULTS:g})"
+    why = all_count if totals.num_result_tracks else "no results"
+    return "best_threshold", best.threshold if is_score else None, "score", why
 
 
 def _printed_counts(best: Pass, totals: Totals) -> list[_Value]:

@@ -30,6 +30,11 @@ class NuscenesDetection:
     name: str = "nuscenes-detection"
     summary: str = "detection_cvpr_2019 as nuscenes-devkit 1.2.0 counts it"
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(self.settings.rules.classes)
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with one distance for AP and errors.
 

@@ -31,6 +31,11 @@ class NuscenesTracking:
     name: str = "nuscenes-tracking"
     summary: str = "tracking_nips_2019 as nuscenes-devkit 1.2.0 with motmetrics 1.4.0 counts it"
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(self.settings.rules.classes)
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another distance.
 

@@ -3,11 +3,18 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+from fbench.metrics.files.doubts import Doubt
 from fbench.metrics.files.sequences import FilePair
 from fbench.metrics.files.side import Side, has_solids
+from fbench.metrics.files.sources import SubmissionSource
+from fbench.metrics.kitti.mot3d import Kitti3dMot
+from fbench.metrics.objects import Space
 from fbench.metrics.profile import Match
 from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
+from fbench.metrics.profiles.facts import facts_of
+from fbench.metrics.tracking.motmetrics import MotmetricsProfile
+from fbench.metrics.tracking.trackeval import TrackEvalProfile
 from fbench.replay.errors import ConfigError
 from fbench.replay.names import did_you_mean
 from fbench.replay.scores import Score
@@ -41,6 +48,8 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
     if isinstance(profile, DefaultProfile) and not has_match:
         return replace(profile, match=_match_for(pair))
     if profile.name in NEEDS_WORLD or profile.name in NEEDS_TIME:
+        if profile.name == "nuscenes-detection" and isinstance(pair.estimates, SubmissionSource):
+            pair.doubts.add(_about_task(pair.estimates))
         _require_samples(profile, pair, pair.truth.read(pair.pairing.pairs[0].truth))
     return profile
 
@@ -57,6 +66,25 @@ def only(rows: Iterable[Score], classes: tuple[str, ...]) -> list[Score]:
         if name not in known:
             raise ConfigError(f"--class {name}: the profile has no rows of it{did_you_mean(name, known)}")
     return [row for row in found if not classes or row.class_ in classes]
+
+
+def compared(profile: AnyProfile) -> Space:
+    """Return where a profile compares boxes: what is wrong with them elsewhere is no matter to it."""
+    if isinstance(profile, Kitti3dMot):
+        return _space_of(profile.rules.match)
+    if isinstance(profile, DefaultProfile | TrackEvalProfile | MotmetricsProfile):
+        return _space_of(profile.match)
+    return facts_of(profile).space
+
+
+def _space_of(match: Match) -> Space:
+    return "2d" if match.likeness == "iou2d" else "3d"
+
+
+def _about_task(results: SubmissionSource) -> tuple[Doubt, ...]:
+    is_tracking = results.submission.task == "tracking"
+    what = "submission of tracking, whose boxes are taken as detections"
+    return (Doubt(what, 1, ""),) if is_tracking else ()
 
 
 def _match_for(pair: FilePair) -> Match:

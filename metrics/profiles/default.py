@@ -55,6 +55,11 @@ class DefaultProfile:
     name: str = "default"
     summary: str = "precision, recall, F1, CLEAR MOT, IDF1 and HOTA as fbench scores its runs"
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored; empty: any are."""
+        return frozenset()
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another rule of what matches; any will do."""
         return replace(self, match=match)

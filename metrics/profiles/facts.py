@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fbench.metrics.objects import Space
 from fbench.metrics.profiles.catalog import AnyProfile
 from fbench.metrics.reference_runs.names import Family
-from fbench.metrics.reference_runs.view import Space
 
 
 @dataclass(frozen=True)

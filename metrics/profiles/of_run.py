@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from fbench.metrics.objects import Space
 from fbench.metrics.profile import Match
 from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile
-from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.facts import Facts, facts_of
 from fbench.metrics.reference_runs.images import image_sequence
-from fbench.metrics.reference_runs.view import Space
 from fbench.metrics.reference_runs.world import world_sequence
 from fbench.metrics.runs.ground import ground_view
 from fbench.metrics.runs.image import image_view
@@ -23,19 +22,6 @@ from fbench.replay.store import Run
 from fbench.replay.tables import BoxTable
 
 
-def fitted_to(run: Run, profile: AnyProfile, match: Match | None) -> AnyProfile:
-    """Return the profile as it fits a run: `default` matches in space where the results are there, else in images.
-
-    Args:
-        run: Whose tracks are scored.
-        profile: As it was chosen.
-        match: What the user said of how boxes match.
-    """
-    if isinstance(profile, DefaultProfile) and match is None:
-        return replace(profile, match=IN_IMAGES if isinstance(run.tracks.boxes, Boxes2D) else IN_SPACE)
-    return profile
-
-
 def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> Sequence:
     """Return truth and results of a run as the benchmark's own files would have them: tracks or detections, in images,
     the body or the world, with the benchmark's names of classes.
@@ -44,7 +30,7 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
 
     Args:
         run: With truth.
-        profile: As `fitted_to` gives it.
+        profile: A benchmark's; what `default` says of runs is in `own_rows`.
         match: What the user said of how boxes match: a profile in images matches in space by it, and the other way
             round.
 
@@ -53,7 +39,7 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     """
     facts = facts_of(profile)
     table = run.tracks if facts.judges_tracks else run.detections
-    space = _space(facts, profile, match)
+    space = _space(facts, match)
     if space == "3d" and isinstance(table.boxes, Boxes2D):
         raise MetricError(f"{run.folder}: {profile.name} needs 3D boxes, and the results are in images")
     if facts.family is None:
@@ -64,18 +50,10 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     return _of_its_classes(sequence, profile) if isinstance(profile, TrackEvalProfile) else sequence
 
 
-def misses_classes(sequence: Sequence, profile: AnyProfile) -> bool:
-    """Tell whether no result says what it is, though the profile counts classes one by one."""
-    labels = sequence.estimates.label
-    takes_any = profile.name == "default" or facts_of(profile).family == "mot"
-    return not takes_any and len(labels) > 0 and not (labels != "").any()
-
-
-def _space(facts: Facts, profile: AnyProfile, match: Match | None) -> Space:
-    told = profile.match if isinstance(profile, DefaultProfile) else match
-    if told is None or (facts.space == "both" and facts.family is not None):
+def _space(facts: Facts, match: Match | None) -> Space:
+    if match is None or (facts.space == "both" and facts.family is not None):
         return facts.space
-    return "2d" if told.likeness == "iou2d" else "3d"
+    return "2d" if match.likeness == "iou2d" else "3d"
 
 
 def _own_sequence(run: Run, table: BoxTable, space: Space) -> Sequence:

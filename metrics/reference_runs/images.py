@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from fbench.metrics.files.side import unreal
-from fbench.metrics.objects import Objects
+from fbench.metrics.objects import Objects, Space
 from fbench.metrics.reference_runs.names import Family
 from fbench.metrics.reference_runs.rows import Rows, both, concatenated, objects_of
-from fbench.metrics.reference_runs.view import Space, View, view_of
+from fbench.metrics.reference_runs.view import View, view_of
 from fbench.metrics.sequence import Sequence
 from fbench.replay.arrays import Bool, Float64
 from fbench.replay.boxes import Boxes2D, Boxes3D, finite

@@ -1,10 +1,10 @@
 """Which cameras a run is scored in, and whether boxes are projected into them."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from fbench.metrics.objects import Space
 from fbench.metrics.runs.view import Labelled
 from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes
@@ -16,7 +16,6 @@ from fbench.replay.store import Run
 
 _KITTI_CAMERA = "image_02"
 """Whose image KITTI's labels are in."""
-Space = Literal["2d", "3d", "both"]
 
 
 @dataclass(frozen=True, eq=False)

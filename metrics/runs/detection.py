@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from fbench.metrics.profile import Match
 from fbench.metrics.runs.regions import region_parts
 from fbench.metrics.runs.view import View
 from fbench.metrics.runs.views import label_groups, views
@@ -39,9 +40,13 @@ class Detection:
         return [*rows, coverage(native.matching, native.num_frames, len(run.frames))]
 
 
-def detection_entries(run: Run, options: ScoreOptions) -> tuple[Entry[DetectionCounts], ...]:
-    """Measure the detections of a run: all vehicles in each space, then labels and slices in its own space."""
-    spaces = views(run, run.detections, options)
+def detection_entries(
+    run: Run, options: ScoreOptions, match: Match | None = None
+) -> tuple[Entry[DetectionCounts], ...]:
+    """Measure the detections of a run: all vehicles in each space, then labels and slices in its own space, or in that
+    of `match`, see `views`.
+    """
+    spaces = views(run, run.detections, options, match)
     slices = () if spaces[0].reason else _slices(run, spaces[0], options)
     return (*whole_entries(spaces, run.detections), *slices)
 
@@ -59,7 +64,7 @@ def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
         # A false alarm has no visibility, so neither precision nor F1 means anything there.
         return [row for row in rows if row.metric == "recall" or row.slice not in VISIBILITY_SLICES]
     rows += curve_rows(entry.counts, entry.heading)
-    if entry.heading.matching.startswith("iou"):
+    if entry.heading.matching.startswith("iou "):
         rows += deviation_rows(entry.counts, entry.heading)
     return rows
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from fbench.metrics.profile import Match
 from fbench.metrics.runs.view import View
 from fbench.metrics.runs.views import label_groups, views
 from fbench.metrics.standard.entries import Entry, Heading
@@ -39,13 +40,14 @@ class Tracking:
         return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
 
 
-def tracking_entries(run: Run, options: ScoreOptions) -> tuple[Entry[TrackingCounts], ...]:
-    """Measure the tracks of a run: all vehicles in each space, then labels in its own space.
+def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None) -> tuple[Entry[TrackingCounts], ...]:
+    """Measure the tracks of a run: all vehicles in each space, then labels in its own space, or in that of `match`, see
+    `views`.
 
     Raises:
         MetricError: where an id occurs twice in one frame.
     """
-    spaces = views(run, run.tracks, options)
+    spaces = views(run, run.tracks, options, match)
     # The folder may still have a name that nobody knows.
     where = f"'{run.manifest.pipeline}' on log '{run.manifest.log.name}'"
     for view in spaces:
@@ -61,7 +63,7 @@ def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[Tracki
 
 def rows_of(entry: Entry[TrackingCounts]) -> list[Score]:
     """Return the rows of one entry."""
-    unit = "m" if entry.heading.matching.startswith("bev") else "iou"
+    unit = "iou" if entry.heading.matching.startswith("iou") else "m"
     return tracking_rows(entry.counts, entry.heading, unit)
 
 

@@ -41,6 +41,11 @@ class MotmetricsProfile:
     rules: ClearRules = MOTMETRICS_RULES
     """The floor comes from `match`."""
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored; empty: any are."""
+        return frozenset()
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another likeness or threshold."""
         return replace(self, match=match)

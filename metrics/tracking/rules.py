@@ -51,6 +51,11 @@ class Preparation:
     """Which rows of a step go first where several pairings are equally good: those given first, as in the reference
     tools, or those with the smaller box, which doesn't depend on how results are written down."""
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored; empty: any are."""
+        return self.only_labels or frozenset().union(*(rule.labels for rule in self.classes))
+
 
 HALF = Match("iou2d", 0.5)
 """What all of these benchmarks match by."""

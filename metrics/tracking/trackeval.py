@@ -27,6 +27,11 @@ class TrackEvalProfile:
     rules: ClearRules = TRACKEVAL_RULES
     """Floor and offset come from `match`."""
 
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return self.preparation.result_labels
+
     def with_match(self, match: Match) -> Self:
         """Return the profile with another likeness or threshold.
 

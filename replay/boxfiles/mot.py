@@ -105,15 +105,29 @@ def mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SH
     return frame, _labelled(fields, where, flat, is_truth)
 
 
+def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
+    """Return the class of a row that has no column for it, 1 unless it is a result whose eighth column names one."""
+    if len(fields) < 10 or is_truth is not False:
+        return 1
+    try:
+        told = float(fields[7])
+    except ValueError:
+        return 1
+    return int(told) if told in CLASSES else 1
+
+
 def _is_off(flag: float | None) -> bool:
     """Whether truth doesn't count: flags are 0 and 1, and other numbers are rounded towards 0, as TrackEval does."""
     return flag is not None and abs(flag) < 1
 
 
 def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool | None) -> Labelled:
-    """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 behind the confidence."""
+    """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
+    confidence. In ten columns of results the eighth is a class all the same where it is the number of one, as
+    TrackEval reads it.
+    """
     has_class = len(fields) in (8, 9)
-    kind = whole(fields[7], where, "class") if has_class else 1
+    kind = whole(fields[7], where, "class") if has_class else _class_among_ten(fields, is_truth)
     name, label = CLASSES.get(kind, (str(kind), "other"))
     confidence = number(fields[6], where, "confidence") if len(fields) > 6 else None
     is_flag = has_class if is_truth is None else is_truth

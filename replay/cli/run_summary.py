@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from fbench.replay.cli.fault_text import fault_lines
-from fbench.replay.cli.show import console, latency_table, null_reasons, print_json, score_table
+from fbench.replay.cli.show import console, interval_reasons, latency_table, null_reasons, print_json, score_table
 from fbench.replay.errors import ConfigError
 from fbench.replay.store import Run
 from fbench.replay.truth.coverage import coverage_of
@@ -24,7 +24,7 @@ def show_run(run: Run, as_json: bool) -> None:
         return
     out = console()
     out.print(score_table(run.scores))
-    for line in null_reasons(run.scores):
+    for line in (*null_reasons(run.scores), *interval_reasons(run.scores)):
         out.print(f"– {line}", markup=False)
     out.print()
     latency = run.json("latency.json")

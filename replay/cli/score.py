@@ -1,5 +1,7 @@
 """`fbench score`."""
 
+import sys
+
 import typer
 
 from fbench.replay.cli.log_options import Config, DetectionsFile, TruthFile, TruthFormat, TruthFrame
@@ -55,7 +57,10 @@ def score(
 
     given = {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
     require_fitting(given, len(runs or ()))
-    wish = ProfileWish(profile or "default", match, tuple(class_ or ()), out, json, Resampling(intervals, seed))
+    resampling = Resampling(intervals, seed)
+    if resampling.is_rough:
+        sys.stderr.write(f"--intervals {intervals}: so few resamples tell the ends only roughly; 1000 are usual\n")
+    wish = ProfileWish("default" if profile is None else profile, match, tuple(class_ or ()), out, json, resampling)
     if not runs:
         from fbench.replay.cli.score_files import FileWish, score_files
 

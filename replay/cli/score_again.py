@@ -44,6 +44,18 @@ class OtherTruth:
         return run
 
 
+def require_truth(run: Run) -> None:
+    """Refuse a run in which nothing can be scored.
+
+    Raises:
+        RunError: where none of its frames has truth.
+    """
+    if all(frame.truth_stamp_ns is None for frame in run.frames):
+        strays = next(row["count"] for row in run.json("faults.json")["rows"] if row["code"] == "GT006")
+        why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
+        raise RunError(f"{run.folder}: {why}, so there is nothing to score")
+
+
 def score_again(run: Path, options: ScoreOptions, truth: OtherTruth, min_coverage: float, wish: ProfileWish) -> int:
     """Score a run, with other truth where some is given, print the result, and return the exit code.
 
@@ -52,10 +64,7 @@ def score_again(run: Path, options: ScoreOptions, truth: OtherTruth, min_coverag
         RunError: where nothing in it has truth.
     """
     opened = truth.labelled(open_run(run))
-    if all(frame.truth_stamp_ns is None for frame in opened.frames):
-        strays = next(row["count"] for row in opened.json("faults.json")["rows"] if row["code"] == "GT006")
-        why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
-        raise RunError(f"{run}: {why}, so there is nothing to score")
+    require_truth(opened)
     scored = score_folder(opened.folder, options, wish.resampling.how())
     show_run(scored, wish.as_json)
     return gated(scored, min_coverage, EXIT_OK if scored.manifest.complete else EXIT_LOSSY)

@@ -52,7 +52,8 @@ def score_files(files: FileWish, wish: ProfileWish) -> int:
     """
     from fbench.metrics.evaluate import evaluate
     from fbench.metrics.files.sequences import open_files
-    from fbench.metrics.profiles.choose import chosen, fitted, only
+    from fbench.metrics.profiles.choose import chosen, compared, fitted, only
+    from fbench.metrics.profiles.remarks import Remarks
 
     if files.truth is None or files.detections is None:
         raise ConfigError("results in files need both --truth PATH and --detections PATH")
@@ -62,9 +63,13 @@ def score_files(files: FileWish, wish: ProfileWish) -> int:
     )  # fmt: skip
     for note in pair.pairing.notes:
         sys.stderr.write(f"{note}\n")
-    found = evaluate(fitted(profile, pair, wish.match is not None), pair.sequences())
+    profile = fitted(profile, pair, wish.match is not None)
+    remarks = Remarks(profile, str(files.detections), str(files.truth))
+    found = evaluate(profile, remarks.watched(pair.sequences(compared(profile))))
+    remarks.require_tracks()
     rows = only(found.scores(wish.resampling.how()), wish.classes)
-    for line in _told(pair.faults):
+    odd = [f"{files.detections}: {line}" for line in pair.doubts.lines()]
+    for line in (*odd, *remarks.lines(), *_told(pair.faults)):
         sys.stderr.write(f"{line}\n")
     what = f"{files.detections} against {files.truth}"
     show_scores(rows, Told(what, profile.name, tuple(found.statistics)), wish)
@@ -72,6 +77,15 @@ def score_files(files: FileWish, wish: ProfileWish) -> int:
 
 
 def _told(faults: FaultLog) -> list[str]:
-    return [
-        f"{num} x {FAULTS[code].text} [{code}]: {faults.places[code][0]}" for code, num in sorted(faults.counts.items())
-    ]
+    return [_line(faults, code, num) for code, num in sorted(faults.counts.items())]
+
+
+def _line(faults: FaultLog, code: str, num: int) -> str:
+    """Files of results have no pipeline, which the table of faults speaks of."""
+    text = "result is no box, or its score isn't finite" if code == "PRD001" else FAULTS[code].text
+    places = faults.places[code]
+    others = len(places) - 1
+    more = (
+        f"; {'many' if len(places) == faults.keep else others} more place{'' if others == 1 else 's'}" if others else ""
+    )
+    return f"{num} x {text} [{code}]: {places[0]}{more}"

@@ -19,7 +19,11 @@ DetectionsFormat = Annotated[
 ]
 Profile = Annotated[
     str | None,
-    typer.Option("--profile", metavar="NAME", help="Whose way to count, see fbench plugins profiles; else 'default'."),
+    typer.Option(
+        "--profile",
+        metavar="NAME",
+        help="Whose way to count, see fbench plugins profiles; else 'default', fbench's own.",
+    ),
 ]
 Match = Annotated[
     str | None,
@@ -54,7 +58,10 @@ Explain = Annotated[
 Intervals = Annotated[
     int,
     typer.Option(
-        "--intervals", metavar="N", min=0, help="95 % confidence intervals from N bootstrap resamples, such as 1000."
+        "--intervals",
+        metavar="N",
+        min=0,
+        help="95 % confidence intervals from N bootstrap resamples, 20 to 100000; such as 1000.",
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the resamples.")]

@@ -2,14 +2,14 @@
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from fbench.replay.cli.score_wish import ProfileWish
-from fbench.replay.cli.show import console, interval_text
+from fbench.replay.cli.show import console, interval_text, reasons_of_intervals
 from fbench.replay.scores import Score, save_scores, score_rows
 
 if TYPE_CHECKING:
@@ -46,10 +46,13 @@ def show_scores(rows: Sequence[Score], told: Told, wish: ProfileWish) -> None:
     for group in _in_groups(table):
         out.print(_table(table, group))
         out.print()
+    shown = [score for line in table for score in line.scores.values()]
     if len(told.sequences) > 1 and table:
-        out.print(_by_sequence(rows, table, told.sequences))
+        scores = _of_sequences(rows, table, told.sequences)
+        out.print(_by_sequence(table, scores))
         out.print()
-    for line in _reasons(table):
+        shown += [score for cells in scores.values() for score in cells if score is not None]
+    for line in (*_reasons(shown), *reasons_of_intervals(shown)):
         out.print(f"– {line}", soft_wrap=True)
 
 
@@ -72,22 +75,34 @@ def _table(lines: "Sequence[Line]", columns: Sequence[str]) -> Table:
     return table
 
 
-def _by_sequence(rows: Sequence[Score], lines: "Sequence[Line]", sequences: Sequence[str]) -> Table:
-    """The first metrics of the first class, a line a sequence."""
+def _of_sequences(
+    rows: Sequence[Score], lines: "Sequence[Line]", sequences: Sequence[str]
+) -> dict[str, list[Score | None]]:
+    """The first metrics of the first class, of each sequence."""
     from fbench.metrics.profiles.headlines import by_slice
 
     column, first = next(iter(lines[0].scores.items()))
-    lines = [line for line in lines if column in line.scores][:_COLUMNS_BY_SEQUENCE]
-    level = first.slice.removeprefix("all")
+    level, index = first.slice.removeprefix("all"), by_slice(rows)
+    wholes = [line.scores[column] for line in _first_lines(lines)]
+    return {
+        name: [index.get((f"sequence {name}{level}", row.class_, row.metric, row.matching)) for row in wholes]
+        for name in sequences
+    }
+
+
+def _first_lines(lines: "Sequence[Line]") -> "list[Line]":
+    column = next(iter(lines[0].scores))
+    return [line for line in lines if column in line.scores][:_COLUMNS_BY_SEQUENCE]
+
+
+def _by_sequence(lines: "Sequence[Line]", scores: Mapping[str, Sequence[Score | None]]) -> Table:
+    """A line a sequence."""
     table = Table(box=None, pad_edge=False)
-    table.add_column(f"sequence ({column})")
-    for line in lines:
+    table.add_column(f"sequence ({next(iter(lines[0].scores))})")
+    for line in _first_lines(lines):
         table.add_column(line.metric, justify="right", no_wrap=True)
-    index = by_slice(rows)
-    wholes = [line.scores[column] for line in lines]
-    for name in sequences:
-        cells = [_cell(index.get((f"sequence {name}{level}", row.class_, row.metric, row.matching))) for row in wholes]
-        table.add_row(name, *cells)
+    for name, cells in scores.items():
+        table.add_row(name, *map(_cell, cells))
     return table
 
 
@@ -97,7 +112,8 @@ def _cell(score: Score | None) -> str:
         return ""
     if score.value is None:
         return "–"
-    if score.unit == "1" and score.metric in _counts() and score.value == int(score.value):
+    is_count = score.metric in _counts() and score.counts.get(score.metric, score.value) == score.value
+    if score.unit == "1" and is_count and score.value == int(score.value):
         return f"{score.value:.0f}{interval_text(score, 0)}"
     unit = "" if score.unit.lower() in ("1", "iou") else f" {score.unit}"
     return f"{score.value:.3f}{unit}{interval_text(score)}"
@@ -109,11 +125,10 @@ def _counts() -> frozenset[str]:
     return COUNTS
 
 
-def _reasons(table: "Sequence[Line]") -> list[str]:
+def _reasons(scores: Iterable[Score]) -> list[str]:
     """Why numbers are missing, each reason once."""
     found: dict[str, list[str]] = {}
-    for line in table:
-        for score in line.scores.values():
-            if score.reason is not None and line.metric not in found.setdefault(score.reason, []):
-                found[score.reason].append(line.metric)
+    for score in scores:
+        if score.reason is not None and score.metric not in found.setdefault(score.reason, []):
+            found[score.reason].append(score.metric)
     return [f"{', '.join(metrics)}: {reason}" for reason, metrics in found.items()]

@@ -1,5 +1,6 @@
 """What `fbench score` was asked for, and which options go together."""
 
+import os
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,9 @@ _OF_OTHER_TRUTH = {
 _TRUTH = {"truth": "--truth", "truth_format": "--truth-format", **_OF_OTHER_TRUTH}
 _COVERAGE = {"min_coverage": "--min-coverage"}
 _EXPLAIN = {"explain": "--explain"}
+FEWEST, MOST = 20, 100_000
+"""Resamples: of fewer the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
+_USUAL = 100
 _INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHARE"}
 
 
@@ -33,6 +37,15 @@ class Resampling:
 
     num: int
     seed: int
+
+    def __post_init__(self) -> None:
+        if self.num and not FEWEST <= self.num <= MOST:
+            raise ConfigError(f"--intervals {self.num}: expected {FEWEST} to {MOST}, such as 1000")
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether so few resamples tell the ends only roughly."""
+        return 0 < self.num < _USUAL
 
     def how(self) -> "Bootstrap | None":
         """Return how resamples are drawn; `None`: no intervals."""
@@ -54,6 +67,12 @@ class ProfileWish:
     as_json: bool
     resampling: Resampling
 
+    def __post_init__(self) -> None:
+        if not self.profile:
+            raise ConfigError("--profile: names no profile; see fbench plugins profiles")
+        if self.out is not None:
+            _require_writable(self.out)
+
     def only_class(self, default: str) -> str:
         """Return the one class that was asked for.
 
@@ -63,6 +82,20 @@ class ProfileWish:
         if len(self.classes) > 1:
             raise ConfigError(f"--explain is about one class, not {len(self.classes)}: {', '.join(self.classes)}")
         return self.classes[0] if self.classes else default
+
+
+def _require_writable(path: Path) -> None:
+    """Refuse what no file can be written to before anything is computed.
+
+    Raises:
+        ConfigError: naming the path as the user did.
+    """
+    if path.is_dir():
+        raise ConfigError(f"-o {path}: is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise ConfigError(f"-o {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"-o {path}: the folder {path.parent} can't be written to")
 
 
 def require_fitting(given: Collection[str], num_runs: int) -> None:

@@ -1,7 +1,7 @@
 """Tables on the terminal, and JSON for machines."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console, HighlighterType, JustifyMethod, OverflowMethod
@@ -97,6 +97,21 @@ def null_reasons(scores: Sequence[Score]) -> list[str]:
         if s.matching == native and s.reason is not None and s.metric not in reasons.setdefault(s.reason, []):
             reasons[s.reason].append(s.metric)
     return [f"{', '.join(metrics)}: {reason}" for reason, metrics in reasons.items()]
+
+
+def interval_reasons(scores: Sequence[Score]) -> list[str]:
+    """Why numbers that were to have an interval have none, each reason once with its metrics, primary rows only."""
+    native = scores[0].matching if scores else ""
+    return reasons_of_intervals(row for row in primary(scores) if row.matching == native)
+
+
+def reasons_of_intervals(scores: Iterable[Score]) -> list[str]:
+    """Why numbers that were to have an interval have none, each reason once with its metrics."""
+    found: dict[str, list[str]] = {}
+    for row in scores:
+        if row.interval is not None and row.low is None and row.metric not in found.setdefault(row.interval, []):
+            found[row.interval].append(row.metric)
+    return [f"no interval of {', '.join(metrics)}: {reason}" for reason, metrics in found.items()]
 
 
 def latency_table(latency: dict[str, Any]) -> Table:

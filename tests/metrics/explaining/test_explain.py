@@ -83,6 +83,8 @@ def test_other_labels_and_classes(make_run: MakeRun) -> None:
     run = make_run(Case(boxes3d((10, 0), label="pedestrian"), boxes3d((10, 0), label="car")))
     assert said(run)[1] == [("ignored", "labelled pedestrian, which isn't scored as vehicle")]
     assert said(run, class_="pedestrian")[1] == [("false alarm", "no truth to be found in this frame")]
+    run = make_run(Case(boxes3d((10, 0)), boxes3d((10, 0), label="pedestrian")))
+    assert said(run, class_="pedestrian")[1] == [("ignored", "without a class, which isn't scored as pedestrian")]
     with pytest.raises(ConfigError, match="unknown class 'vehicel'; did you mean 'vehicle'"):
         said(run, class_="vehicel")
 

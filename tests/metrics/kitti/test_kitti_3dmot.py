@@ -183,6 +183,16 @@ def test_a_region_of_unknown_place_excuses_nothing():
         assert (own["fp"], own["ignored_tracker_objects"]) == (1, 0)
 
 
+def test_all_results_are_at_no_threshold():
+    rows = PROFILE.scores(
+        PROFILE.measure(tracking_sequence("0000", [row(0, 1, 0)], [row(0, 5, 30, score=1)], 1)), "all"
+    )
+    told = next(r for r in rows if (r.class_, r.metric) == ("car", "best_threshold"))
+    assert (told.value, told.reason) == (
+        None, "no threshold has a MOTA above 0, so all results count (AB3DMOT takes -10000)"
+    )  # fmt: skip
+
+
 def test_without_results_everything_is_missed():
     own = values([row(0, 1, 0), row(1, 1, 0)], [])
     assert (own["mota"], own["samota"], own["amota"], own["fn"], own["ml"]) == (0, 0, 0, 2, 1)

@@ -9,7 +9,7 @@ from tests.replay.export.made import rig, run_of, solids, stamp, sweeps, write_l
 
 from fbench.metrics.profile import Match
 from fbench.metrics.profiles.catalog import PROFILES, profile_of
-from fbench.metrics.profiles.of_run import fitted_to, run_sequence
+from fbench.metrics.profiles.of_run import run_sequence
 from fbench.replay.data import Truth
 from fbench.replay.errors import MetricError
 from fbench.replay.store import Run
@@ -70,7 +70,6 @@ def test_what_a_run_in_images_cant_give(drive):
         run_sequence(run, profile_of("kitti-3dmot"))
     flat = Match("iou2d", 0.5)
     assert len(run_sequence(run, profile_of("kitti-3dmot").with_match(flat), flat).estimates)
-    assert fitted_to(run, profile_of("default"), None).match == flat  # type: ignore[attr-defined]
 
 
 def test_without_truth_there_is_nothing_to_score(tmp_path):

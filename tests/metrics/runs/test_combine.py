@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import Case, boxes3d, front_camera, write_run
 
-from fbench.metrics.combine import RunStatistics, combined, measure_run
+from fbench.metrics.combine import RunStatistics, combined, measure_run, told_of
+from fbench.metrics.profile import Match
+from fbench.metrics.profiles.own import own_rows
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
 from fbench.metrics.score import score_run
@@ -123,6 +125,22 @@ def test_intervals_over_logs(tmp_path: Path) -> None:
     ]
 
 
+def test_the_default_profile_of_runs_is_their_own_scoring(tmp_path: Path) -> None:
+    runs = [written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR)]), written(tmp_path, "b", [Case(RIGHT, CAR)])]
+    alone = score_run(runs[0], ScoreOptions(), METRICS)
+    assert own_rows(runs[:1], None, None) == (alone, [])
+    assert own_rows(runs, None, None) == (combined(measured(*runs)), [])
+    own = own_rows(runs[:1], Match("bev", 2.0), None)[0]
+    assert own == [row for row in alone if row.matching == alone[0].matching]
+    rows = table(own_rows(runs[:1], Match("center3d", 2.0), None)[0])
+    assert rows["f1", "vehicle", "all"].matching == "center3d 2 m, within 50 m"
+    assert rows["motp", "vehicle", "all"].unit == "m"
+    rows = table(own_rows(runs[:1], Match("iou3d", 0.5), Bootstrap(num=20))[0])
+    assert (rows["motp", "vehicle", "all"].unit, ("distance_error", "vehicle", "all") in rows) == ("iou", False)
+    flat = table(own_rows(runs[:1], Match("iou2d", 0.5), None)[0])
+    assert flat["f1", "vehicle", "all"].reason == "no cameras"
+
+
 def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = [written(tmp_path, name, [Case(RIGHT, CAR)]) for name in "ab"]
     folders = [run.folder for run in runs]
@@ -153,7 +171,16 @@ def test_frames_that_cant_be_scored_in_images_arent_counted_there(tmp_path: Path
         front_camera(),
         log=LogEntry(name="a", log_id="a", digest="d" * 32, metadata={}),
     )
-    rows = combined(measured(seen, written(tmp_path, "b", [Case(RIGHT, CAR)] * 3)))
+    other = written(tmp_path, "b", [Case(RIGHT, CAR)] * 3)
+    with pytest.raises(ConfigError, match=r"'bev 2 m, within 50 m, in view' on log 'a', .* on log 'b'; --all-around"):
+        combined(measured(seen, other))
+    runs = [measure_run(run, ScoreOptions(in_view=False)) for run in (seen, other)]
+    rows = combined(runs)
+    f1 = next(row for row in rows if row.metric == "f1")
+    assert (f1.matching, f1.counts["frames"], f1.counts["tp"]) == ("bev 2 m, within 50 m", 5, 5)
+    assert told_of(runs) == [
+        "rows by 'iou 0.5, truth projected from 3D, within 50 m' are of 1 of 2 runs only: a"
+    ]  # fmt: skip
     frames = {row.matching: row.counts["frames"] for row in rows if row.metric == "f1" and row.slice == "all"}
     assert next(num for how, num in frames.items() if how.startswith("iou")) == 2
 
