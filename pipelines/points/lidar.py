@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
-from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.clustering import Grouping
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
 from fbench.pipelines.points.rectangle_kernel import fit_rectangles
 from fbench.pipelines.points.vehicle import VehicleSize, complete
@@ -19,18 +19,31 @@ _NEAR_M = 0.05
 
 @dataclass(frozen=True)
 class LidarClusterParams:
-    """DBSCAN on what stands on the ground, seen from above."""
+    """Clustering of what stands on the ground."""
 
+    method: str = "dbscan"
+    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
     eps_m: float = 0.6
     """Radius [m]."""
     min_points: int = 4
     """Points within the radius that make a core point, itself included."""
+    adaptive_from_m: float | None = None
+    """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
+    everywhere."""
+    with_height: bool = False
+    """Whether heights count; if not, points are grouped as seen from above."""
     max_height_m: float = 2.5
     """Points higher above the ground [m], such as trees over a street, are left out."""
 
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "max_height_m": (0.1, 100.0)}
         require_ranges("lidar.cluster", self, ranges)
+        self.grouping.check("lidar.cluster")
+
+    @property
+    def grouping(self) -> Grouping:
+        """What of this tells how points are grouped."""
+        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
 
 
 OWN = ("min_range_m", "max_range_m")
@@ -112,7 +125,11 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
     """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
-    cluster = dbscan(found.xyz[:, :2], params.cluster.eps_m, params.cluster.min_points)
+    return judged(found, _clusters(found.xyz, params.cluster), viewpoint, params)
+
+
+def judged(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
+    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,)."""
     by_cluster = np.argsort(cluster, kind="stable")
     xyz, cluster = found.xyz[by_cluster], cluster[by_cluster]
     member = cluster >= 0
@@ -120,6 +137,11 @@ def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarVi
         return LidarView(found.plane, xyz, cluster, Boxes3D.empty())
     grouped = Obstacles(found.plane, xyz[member], found.height_m[by_cluster][member], found.tall)
     return LidarView(found.plane, xyz, cluster, _boxes(grouped, found.plane, cluster[member], viewpoint, params))
+
+
+def _clusters(xyz: Float64, params: LidarClusterParams) -> Int64:
+    features = xyz if params.with_height else xyz[:, :2]
+    return params.grouping.clusters(features, np.hypot(xyz[:, 0], xyz[:, 1]))
 
 
 def _boxes(found: Obstacles, plane: Plane, cluster: Int64, viewpoint: Float64, params: LidarParams) -> Boxes3D:

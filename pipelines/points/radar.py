@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.checks import require_ranges
-from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.clustering import Grouping
 from fbench.pipelines.points.doppler import DopplerParams, range_rates
 from fbench.pipelines.points.merged import Echoes
 from fbench.pipelines.points.unmeasured import UnmeasuredParams, add_unmeasured, strong
@@ -21,18 +21,29 @@ _ECHO_HEIGHT_M = 0.3
 
 @dataclass(frozen=True)
 class RadarClusterParams:
-    """DBSCAN on moving echoes, over x, y and velocity."""
+    """Clustering of moving echoes, over x, y and velocity."""
 
+    method: str = "dbscan"
+    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
     eps_m: float = 2.0
     """Radius [m]."""
     min_points: int = 5
     """Echoes within the radius that make a core point, itself included."""
+    adaptive_from_m: float | None = None
+    """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
+    everywhere."""
     seconds: float = 1.0
     """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
 
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
         require_ranges("radar.cluster", self, ranges)
+        self.grouping.check("radar.cluster")
+
+    @property
+    def grouping(self) -> Grouping:
+        """What of this tells how points are grouped."""
+        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
 
 
 OWN = ("max_range_m", "min_magnitude_db", "doppler")
@@ -133,13 +144,12 @@ def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
     if len(periods) == 1:  # velocities of different periods can be compared only where they are smallest
         rate = _unbroken(rate, float(periods[0]))
     features = np.column_stack([echoes.xyz[moving, :2], rate * params.cluster.seconds])
-    eps_m, min_points = params.cluster.eps_m, params.cluster.min_points
-    result = np.full(len(echoes.xyz), -1)
-    result[moving] = dbscan(features, eps_m, min_points)
+    result, grouping = np.full(len(echoes.xyz), -1), params.cluster.grouping
+    result[moving] = grouping.clusters(features, np.hypot(features[:, 0], features[:, 1]))
     if np.isfinite(echoes.range_rate_mps).all():
         return result
     where = echoes.xyz, echoes.range_rate_mps
-    return add_unmeasured(*where, echoes.is_strong, result, eps_m, min_points, params.unmeasured)
+    return add_unmeasured(*where, echoes.is_strong, result, grouping, params.unmeasured)
 
 
 def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fbench.pipelines.checks import require_ranges
-from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.clustering import Grouping
 from fbench.replay.arrays import Bool, Float64, Int64
 
 
@@ -42,22 +42,23 @@ def strong(magnitude_db: Float64, params: UnmeasuredParams) -> Bool:
 
 
 def add_unmeasured(
-    xyz: Float64, range_rate_mps: Float64, candidates: Bool, cluster: Int64, eps_m: float, min_points: int,
+    xyz: Float64, range_rate_mps: Float64, candidates: Bool, cluster: Int64, grouping: Grouping,
     params: UnmeasuredParams,
 ) -> Int64:  # fmt: skip
     """Give echoes without velocity (N,) a cluster, and return the clusters (N,) of all.
 
-    What a radar with Doppler says about the place counts: of echoes it measured within `eps_m` the nearest tells
+    What a radar with Doppler says about the place counts: of echoes it measured within the radius the nearest tells
     whether this is part of its moving cluster, or stands still. Others are clustered by place alone, and what is too
-    large for a vehicle is left out. New clusters get the numbers after those in `cluster`, in the order of `dbscan`.
+    large for a vehicle is left out. New clusters get the numbers after those in `cluster`, in the order of `grouping`.
     """
     result, measured = cluster.copy(), np.flatnonzero(np.isfinite(range_rate_mps))
     rows = np.flatnonzero(candidates & ~np.isfinite(range_rate_mps))
     if len(measured) and len(rows):
         distance, nearest = KDTree(xyz[measured, :2]).query(xyz[rows, :2])
-        result[rows] = np.where(distance <= eps_m, cluster[measured[nearest]], -1)
-        rows = rows[distance > eps_m]
-    found = dbscan(xyz[rows, :2], eps_m, min_points)
+        is_near = distance <= grouping.radii(np.hypot(xyz[rows, 0], xyz[rows, 1]))
+        result[rows] = np.where(is_near, cluster[measured[nearest]], -1)
+        rows = rows[~is_near]
+    found = grouping.clusters(xyz[rows, :2], np.hypot(xyz[rows, 0], xyz[rows, 1]))
     number = int(cluster.max(initial=-1)) + 1
     for one in range(int(found.max(initial=-1)) + 1):
         members = rows[found == one]

@@ -1,0 +1,97 @@
+"""scikit-learn's clusterers by name, with results that don't depend on the order of the points."""
+
+import warnings
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from fbench.replay.arrays import Array, Float64, Int64
+
+
+def _hdbscan(points: Float64, eps: float, min_points: int) -> Any:
+    from sklearn.cluster import HDBSCAN
+
+    least = max(2, min_points)
+    return HDBSCAN(
+        min_cluster_size=least,
+        min_samples=min_points,
+        cluster_selection_epsilon=eps,
+        allow_single_cluster=True,
+        copy=True,
+    )
+
+
+def _optics(points: Float64, eps: float, min_points: int) -> Any:
+    from sklearn.cluster import OPTICS
+
+    # With the default xi of 0.05, chance differences in density split evenly filled objects.
+    return OPTICS(min_samples=max(2, min_points), max_eps=eps, cluster_method="xi", xi=0.2)
+
+
+def _meanshift(points: Float64, eps: float, min_points: int) -> Any:
+    from sklearn.cluster import MeanShift
+
+    seeds = np.unique(np.floor(points / eps), axis=0, return_index=True)[1]
+    return MeanShift(bandwidth=eps, seeds=points[seeds], cluster_all=False)
+
+
+def _agglomerative(points: Float64, eps: float, min_points: int) -> Any:
+    from sklearn.cluster import AgglomerativeClustering
+
+    # Other linkages need memory for all pairs of points.
+    return AgglomerativeClustering(n_clusters=None, distance_threshold=eps, linkage="single")
+
+
+def _birch(points: Float64, eps: float, min_points: int) -> Any:
+    from sklearn.cluster import Birch
+
+    return Birch(threshold=eps, n_clusters=None)
+
+
+CLUSTERERS: Mapping[str, Callable[[Float64, float, int], Any]] = MappingProxyType(
+    {"agglomerative": _agglomerative, "birch": _birch, "hdbscan": _hdbscan, "meanshift": _meanshift, "optics": _optics}
+)
+"""scikit-learn's clusterer of each name, made for points (N, D) from a length and a number of points."""
+
+
+def cluster_by_name(points: Array, method: str, eps: float, min_points: int) -> Int64:
+    """Cluster points (N, D) by a method of `CLUSTERERS`; returns cluster numbers (N,), -1 for noise.
+
+    Points are given in lexicographic order. Clusters of fewer than `min_points` points are noise. Equal points are in
+    the same cluster: of several, in that of the smallest point. Clusters are numbered by their lexicographically
+    smallest point. Points that aren't finite are noise.
+    """
+    result = np.full(len(points), -1)
+    usable = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(usable) < max(2, min_points):  # which some of them refuse
+        result[usable] = 0 if len(usable) >= min_points else -1
+        return result
+    order = usable[np.lexsort(points[usable].T[::-1])]
+    given = np.ascontiguousarray(points[order], np.float64)
+    # OPTICS divides by reachabilities, which are 0 where points are equal, and warns where all points are noise.
+    with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
+        found = np.asarray(CLUSTERERS[method](given, eps, min_points).fit_predict(given), np.int64)
+    is_new = np.any(np.diff(given, axis=0, prepend=np.nan) != 0, axis=1)
+    result[order] = _renumbered(found, np.cumsum(is_new) - 1, min_points)
+    return result
+
+
+def _renumbered(found: Int64, place: Int64, min_points: int) -> Int64:
+    """Numbers (N,) in order of appearance, the same for points of one `place` (N,), -1 for small clusters."""
+    found = _by_appearance(found)
+    lowest = np.full(place[-1] + 1, len(found))
+    np.minimum.at(lowest, place, np.where(found < 0, len(found), found))
+    joined = np.where(lowest[place] < len(found), lowest[place], -1)
+    members = np.bincount(joined + 1, minlength=2)
+    return _by_appearance(np.where(members[joined + 1] >= min_points, joined, -1))
+
+
+def _by_appearance(label: Int64) -> Int64:
+    """Number labels (N,) by where they appear first; negative ones become -1."""
+    kinds, first, inverse = np.unique(label, return_index=True, return_inverse=True)
+    first[kinds < 0] = -1
+    rank = np.empty(len(kinds), np.int64)
+    rank[np.argsort(first, kind="stable")] = np.arange(len(kinds)) - np.count_nonzero(kinds < 0)
+    return np.maximum(rank, -1)[inverse]
