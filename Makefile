@@ -3,10 +3,19 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint bench format clean
+.PHONY: demo suite detector test lint bench format clean
 
 demo: $(VENV)/ready
 	$(BIN)/fbench demo
+
+suite: $(VENV)/ready
+	$(BIN)/fbench demo --split test -o runs/suite
+
+# Trains the built-in camera detector anew; see docs/detector.md.
+detector: $(VENV)/ready
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[torch]'
+	$(BIN)/fbench log simulate training -o runs/training
+	$(BIN)/fbench weights train runs/training -o runs/city.onnx
 
 test: lint
 	$(BIN)/pytest -n 2 --dist loadfile

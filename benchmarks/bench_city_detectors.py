@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
+from made_city import images_and_truth
 
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
@@ -14,7 +15,7 @@ from fbench.datasets.city.spec import CitySpec, WorldName
 from fbench.datasets.city.suite import SEEDS
 from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.replay.arrays import Array, Bool
-from fbench.replay.data import VEHICLES, Boxes2D, Image, Truth
+from fbench.replay.data import VEHICLES, Boxes2D, Image
 from fbench.replay.geometry.boxes import iou_2d
 from fbench.replay.images import decode
 
@@ -34,15 +35,7 @@ Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]
 def mono_log(world: WorldName, seed: int, seconds: float) -> tuple[dict[int, Image], dict[int, Boxes2D]]:
     """Return the images of a clear drive and what is true of them, by stamp."""
     rig = RigSpec(cameras={"camera": thesis_rig().cameras["camera"]})
-    log = CityRecording(CitySpec(world, condition("clear"), seconds=seconds, seed=seed, rig=rig), "log")
-    images: dict[int, Image] = {}
-    truth: dict[int, Boxes2D] = {}
-    for item in log.items():
-        if isinstance(item, Image):
-            images[item.stamp_ns] = item
-        elif isinstance(item, Truth) and item.boxes2d is not None:
-            truth[item.stamp_ns] = item.boxes2d
-    return images, truth
+    return images_and_truth(CityRecording(CitySpec(world, condition("clear"), seconds, seed, rig), "log"))
 
 
 def is_vehicle(label: Array) -> Bool:

@@ -1,5 +1,6 @@
 """camera2d: a detector on every camera, and a tracker per camera."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,26 +33,34 @@ class Camera2DParams:
 
 
 class Camera2D:
-    """Boxes in the images of all cameras, from the images alone.
-
-    Raises:
-        ConfigError: where no weights are named.
-    """
+    """Boxes in the images of all cameras, from the images alone."""
 
     def __init__(self, params: Camera2DParams) -> None:
-        if params.camera.weights is None and not any(".weights=" in setting for setting in params.by_sensor):
-            raise ConfigError("camera2d needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params, self._detectors = params, CameraDetectors(params.camera)
         self._tracker = Tracker2D(params.tracking)
         self._cameras: tuple[str, ...] = ()
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all cameras of the rig; those without weights count as missing."""
+        """Take all cameras of the rig; those without weights count as missing.
+
+        Raises:
+            ConfigError: where none has weights: on simulated logs the built-in ones are there.
+            LogError: where the rig has no camera.
+        """
         self._cameras = rig.sensors("camera")
         if not self._cameras:
             raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")
-        self._detectors.assign(SensorSettings(self._params, rig).own("camera", self._params.camera))
+        self._detectors.assign(SensorSettings(self._params, rig).own("camera", self._params.camera), log_info)
+        if not any(self._detectors.of(name) for name in self._cameras):
+            raise ConfigError(
+                "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
+                "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
+            )
         self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._detectors.identity
 
     def reset(self, reason: str) -> None:
         """Forget all tracks."""

@@ -1,5 +1,6 @@
 """late3d: cameras, LiDARs and radars detect on their own; their boxes are merged in 3D and tracked."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fbench.pipelines.camera.detector import CameraDetections, CameraParams
@@ -25,7 +26,9 @@ class Late3DParams:
     """Parameters of `late3d`."""
 
     camera: CameraParams = field(default_factory=CameraParams)
-    """Detection by camera; without weights the camera counts as missing."""
+    """Detection by camera; without weights those of fbench work on simulated logs; on others it counts as
+    missing.
+    """
     lidar: LidarParams = field(default_factory=LidarParams)
     """Detection by LiDAR."""
     radar: RadarParams = field(default_factory=RadarParams)
@@ -62,7 +65,7 @@ class Late3D:
         """
         require("late3d", ("lidar", "radar"), rig, log_info)
         settings = SensorSettings(self._params, rig)
-        self._detectors.assign(settings.own("camera", self._params.camera))
+        self._detectors.assign(settings.own("camera", self._params.camera), log_info)
         for name in rig.sensors("camera"):
             if self._detectors.of(name) is not None:
                 require_projection(rig, name)
@@ -70,6 +73,10 @@ class Late3D:
         self._lidar = LidarStage(rig, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._detectors.identity
 
     def reset(self, reason: str) -> None:
         """Forget all tracks, and how the ground lies."""

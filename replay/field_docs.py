@@ -11,7 +11,9 @@ def parameter_docs(params: object) -> dict[str, str]:
     """Return the text under each single parameter, by dotted name; empty where there is none."""
     if not is_dataclass(params) or isinstance(params, type):
         return {}
-    own, docs = _docs(type(params)), dict[str, str]()
+    own, docs = dict[str, str](), dict[str, str]()
+    for cls in reversed(type(params).__mro__):
+        own |= _docs(cls)
     for f in fields(params):
         value = getattr(params, f.name)
         if is_dataclass(value):

@@ -134,14 +134,41 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
     Raises:
         ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
     """
-    parsed = parse_name(name)
-    cls = load("pipelines", parsed.plugin)
-    if parsed.argument is not None:
-        if not isinstance(cls, TakesArgument):
-            raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
-        settings = [f"{cls.argument}={parsed.argument}", *settings]
+    cls = pipeline_class(name)
+    settings = _with_argument(name, cls, settings)
     pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), settings)
     return pipeline, describe(params)
+
+
+def _with_argument(name: str, cls: type, settings: list[str]) -> list[str]:
+    """Put what follows a colon before the settings."""
+    parsed = parse_name(name)
+    if parsed.argument is None:
+        return settings
+    if not isinstance(cls, TakesArgument):
+        raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
+    return [f"{cls.argument}={parsed.argument}", *settings]
+
+
+def pipeline_class(name: str) -> type:
+    """Return the class of a pipeline: of `NAME`, `FILE.py:CLASS` or `NAME:ARGUMENT`.
+
+    Raises:
+        ConfigError: for an unknown name, or a class that can't be imported.
+    """
+    found: type = load("pipelines", parse_name(name).plugin)
+    return found
+
+
+def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
+    """Return the parameters that `make_pipeline` would give, without making the pipeline.
+
+    Raises:
+        ConfigError: for an unknown name or setting.
+    """
+    cls = pipeline_class(name)
+    params = default_params(cls)
+    return {} if params is None else describe(apply_settings(params, _with_argument(name, cls, settings)))
 
 
 def make_importer(name: str, settings: list[str]) -> Importer:

@@ -11,7 +11,7 @@ import numpy as np
 from fbench.datasets.city.conditions import CONDITIONS, Condition
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.replay.errors import ConfigError
-from fbench.replay.log_keys import REFERENCE
+from fbench.replay.log_keys import REFERENCE, SIMULATED
 from fbench.replay.names import did_you_mean
 
 WorldName: TypeAlias = Literal["urban", "highway"]
@@ -66,7 +66,7 @@ class CitySpec:
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
-            "simulated": str(VERSION),
+            SIMULATED: str(VERSION),
             "scenario": self.world,
             "condition": self.condition.name,
             "traffic": "dense" if self.condition.is_dense else "normal",

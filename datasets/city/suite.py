@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from fbench.datasets.city.conditions import condition
-from fbench.datasets.city.rig import thesis_rig
-from fbench.datasets.city.rig_file import with_value
+from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName
 
 Split: TypeAlias = Literal["dev", "test"]
@@ -17,6 +16,10 @@ SEEDS: Mapping[Split, tuple[int, ...]] = {
 """Seeds to develop, train and tune on, and those to report figures of. No pipeline may be tuned on the test seeds; they
 never change.
 """
+
+
+DEMO_SEEDS: Mapping[WorldName, int] = {"urban": 105, "highway": 103}
+"""Of the short version: development seeds whose first seconds show many vehicles."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,17 @@ compared on the same scene.
 """
 
 
-def demo_spec() -> CitySpec:
-    """Return what `fbench demo` simulates: a short drive of a development seed, all sensors of the thesis's rig; a few
-    radar scans are lost.
-    """
-    rig = with_value(thesis_rig(), "radar.loss=0.05")
-    return CitySpec("urban", condition("clear"), seconds=5.0, seed=SEEDS["dev"][2], rig=rig)
+CONDITIONS = ("clear", "traffic", "rain", "fog", "night")
+"""Those of the thesis, which all worlds of the suite have."""
+DEMO: tuple[tuple[Scene, int], ...] = tuple(
+    (Scene(world, name), seed) for world, seed in DEMO_SEEDS.items() for name in CONDITIONS
+)
+"""The short version: one scene of each world, with its seed."""
+
+
+def experiment_spec(scene: Scene, seed: int, seconds: float) -> CitySpec:
+    """Return one log of the suite as an experiment: mono camera, LiDAR and radar of the thesis's rig."""
+    rig = thesis_rig()
+    mono = RigSpec(cameras={"camera": rig.cameras["camera"]}, lidars=rig.lidars, radars=rig.radars,
+                   pose_rate_hz=rig.pose_rate_hz)  # fmt: skip
+    return CitySpec(scene.world, condition(scene.condition), seconds, seed, mono)

@@ -8,11 +8,14 @@ from pathlib import Path
 from fbench.pipelines.camera.layouts import SIDE_PX, Size
 from fbench.pipelines.camera.merging import Window, merge, to_image, windows
 from fbench.pipelines.camera.model import Batch, Model
+from fbench.pipelines.camera.thresholds import thresholds
 from fbench.pipelines.checks import require_between
 from fbench.pipelines.weights.named import resolve
 from fbench.replay.arrays import Float64, Text, freeze_fields
 from fbench.replay.errors import ConfigError
 from fbench.replay.images import Pixels
+
+_THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,13 @@ class CameraParams:
 
     weights: Path | None = None
     """An ONNX file, or a name of `fbench weights list`."""
-    min_score: float = 0.6
-    """Boxes with a lower score are dropped."""
-    nms_iou: float = 0.5
+    min_score: float | None = None
+    """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
+    these names, else 0.6, 0.5 and 0.9.
+    """
+    nms_iou: float | None = None
     """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
-    nms_containment: float = 0.9
+    nms_containment: float | None = None
     """The same for a box of which more than this share lies inside the other."""
     tiles: bool = True
     """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
@@ -39,8 +44,9 @@ class CameraParams:
     """Threads of onnxruntime; results are the same for any number."""
 
     def __post_init__(self) -> None:
-        for name in ("min_score", "nms_iou", "nms_containment"):
-            require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
+        for name in _THRESHOLDS:
+            if getattr(self, name) is not None:
+                require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
         require_between("camera.tile_aspect", self.tile_aspect, 1.0)
         require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
         require_between("camera.threads", self.threads, 1)
@@ -89,6 +95,8 @@ class CameraDetector:
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
         self._model = Model(params.weights, params.threads, params.input_wh)
+        asked = {name: getattr(params, name) for name in _THRESHOLDS}
+        self._thresholds = thresholds(asked, self._model.metadata)
 
     def prepare(self, pixels: Pixels) -> Prepared:
         """Cut and scale an image (H, W, 3) BGR."""
@@ -104,9 +112,9 @@ class CameraDetector:
         Raises:
             ModelError: where the model fails, or its outputs aren't as its header says.
         """
-        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, self._params.min_score)]
+        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, self._thresholds.min_score)]
         parts = [
             to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
         ]
-        merged = merge(parts, self._params.nms_iou, self._params.nms_containment)
+        merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
         return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label)

@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 
+from fbench.pipelines.camera.builtin import builtin_identity, with_builtin
 from fbench.pipelines.camera.detector import CameraDetector, CameraParams
+from fbench.replay.data import LogInfo
 
 
 class CameraDetectors:
@@ -14,14 +16,22 @@ class CameraDetectors:
     """
 
     def __init__(self, params: CameraParams) -> None:
+        self._params = params
         self._loaded: dict[CameraParams, CameraDetector] = {}
         self._detector(params)
         self._of: dict[str, CameraDetector] = {}
+        self.identity: Mapping[str, object] = {}
+        """What the manifest says of weights that no parameter names."""
 
-    def assign(self, own: Mapping[str, CameraParams]) -> None:
-        """Give each camera the detector of its own parameters; see the class for what is raised."""
+    def assign(self, own: Mapping[str, CameraParams], log_info: LogInfo) -> None:
+        """Give each camera of a log the detector of its own parameters; see the class for what is raised.
+
+        On simulated logs those without weights get the built-in ones.
+        """
+        own = with_builtin(own, log_info)
         found = {name: self._detector(params) for name, params in own.items()}
         self._of = {name: detector for name, detector in found.items() if detector is not None}
+        self.identity = builtin_identity(own, self._params)
 
     def of(self, camera: str) -> CameraDetector | None:
         """Return the detector of a camera; `None` where no weights are named for it."""

@@ -45,11 +45,13 @@ class Model:
         self._path = path
         try:
             self._session = onnx_file.load(path, threads)
-            self._layout = recognise(onnx_file.header(self._session), input_wh)
+            header = onnx_file.header(self._session)
+            self._layout = recognise(header, input_wh)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
         self._num = self._images_a_call()
+        self.metadata = header.metadata
 
     def batches(self, images: Sequence[Pixels]) -> list[Batch]:
         """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes."""

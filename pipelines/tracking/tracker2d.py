@@ -1,13 +1,16 @@
 """Tracks boxes in images, each camera for itself."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
-from fbench.pipelines.tracking import kalman
-from fbench.pipelines.tracking.association import associate
+from fbench.pipelines.tracking import kalman, smoothing
+from fbench.pipelines.tracking import likeness as like
+from fbench.pipelines.tracking.association import associate_weak_last
+from fbench.pipelines.tracking.canonical import canonical
+from fbench.pipelines.tracking.columns import Columns, rows
 from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.tracks import (
     Tracks,
     first_tracks,
@@ -15,41 +18,17 @@ from fbench.pipelines.tracking.tracks import (
     measured_tracks,
     rivals,
     seconds_since,
+    selected,
     surviving,
 )
-from fbench.replay.arrays import Float64
+from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes2D
 from fbench.replay.geometry.boxes import iou_2d
 
-MIN_STD = 1e-6
+__all__ = ["Tracker2D", "Tracker2DParams"]
+
 MIN_SHAPE = 1e-3
 """Least area [px^2] and aspect ratio that a prediction can shrink to."""
-
-
-@dataclass(frozen=True)
-class Tracker2DParams:
-    """Parameters of the 2D tracker. Noise is relative to a box's size: the side of a square of its area."""
-
-    min_iou: float = 0.1
-    """Detections that overlap a track's prediction less than this don't belong to it."""
-    max_missed: int = 2
-    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
-    max_coast_s: float = 0.5
-    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
-    min_hits: int = 2
-    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
-    measured_std: float = 0.05
-    """Standard deviation of a measured position, as a share of the box's size."""
-    rate_std: float = 2.0
-    """Standard deviation of a new track's rate of change, in box sizes a second."""
-    drift_std: float = 0.5
-    """Change of the rates within one second, standard deviation in box sizes a second."""
-
-    def __post_init__(self) -> None:
-        require_between("tracking.min_iou", self.min_iou, 0.0, 1.0)
-        for name in ("max_missed", "max_coast_s", "min_hits", "rate_std", "drift_std"):
-            require_between(f"tracking.{name}", getattr(self, name), 0)
-        require_between("tracking.measured_std", self.measured_std, MIN_STD)
 
 
 class Tracker2D:
@@ -57,18 +36,23 @@ class Tracker2D:
 
     s is the box's area and r its width by its height. Detections join tracks of the same camera by IoU. Distance and
     range rate of a track are those measured last; between measurements distance moves by range rate times time.
+
+    Ids go by the order of detections in which tracks begin; with `any_order` detections are sorted by their content
+    first, and those that aren't finite are left out.
     """
 
-    def __init__(self, params: Tracker2DParams) -> None:
+    def __init__(self, params: Tracker2DParams, *, any_order: bool = False) -> None:
         self._params = params
+        self._any_order = any_order
         self._next_id = 1
         self.reset()
 
     def reset(self) -> None:
         """End all tracks; their ids are not used again."""
-        self._tracks: Tracks[Boxes2D] | None = None
+        self._tracks: Tracks | None = None
         self._stamp_ns = 0
         self._steps = 0
+        self._with_label = False
 
     def step(self, boxes: Boxes2D, stamp_ns: int) -> Boxes2D:
         """Take the detections of all cameras at `stamp_ns`; returns the tracks, also those only predicted.
@@ -79,73 +63,125 @@ class Tracker2D:
             DataError: where `stamp_ns` isn't later than at the last step since the reset.
         """
         detections = _complete(boxes)
+        if self._any_order:
+            detections = canonical(detections, "xyxy_px")
         if self._tracks is None:
-            tracks = self._begin(detections, stamp_ns)
+            tracks = self._begin(rows(detections, ~self._weak(detections)), stamp_ns)
         else:
-            tracks = self._follow(self._tracks, detections, stamp_ns)
+            tracks = self._follow(self._predicted(self._tracks, stamp_ns), detections, stamp_ns)
         self._tracks, self._stamp_ns, self._steps = tracks, stamp_ns, self._steps + 1
-        return self._shown(tracks, with_label=boxes.label is not None)
+        self._with_label = boxes.label is not None or (not len(boxes) and self._with_label)
+        return self._shown(tracks)
 
-    def _begin(self, detections: Boxes2D, stamp_ns: int) -> Tracks[Boxes2D]:
+    def predict(self, stamp_ns: int) -> Boxes2D:
+        """Return where the tracks are at an instant at which nothing was looked for, so that none missed anything.
+
+        Raises:
+            DataError: see `step`.
+        """
+        if self._tracks is None:
+            return self._shown(self._begin(_complete(Boxes2D.empty()), stamp_ns))
+        self._tracks = self._predicted(self._tracks, stamp_ns)
+        self._stamp_ns = stamp_ns
+        return self._shown(self._tracks)
+
+    def _weak(self, detections: Columns) -> Bool:
+        return np.asarray(detections["score"] < self._params.weak_score, np.bool_)
+
+    def _begin(self, detections: Columns, stamp_ns: int) -> Tracks:
         measured = _measure(detections)
         unit = _unit(measured)
         p = self._params
         states = kalman.begin(measured, np.zeros_like(measured), p.measured_std * unit, p.rate_std * unit)
-        first_id, self._next_id = self._next_id, self._next_id + len(detections)
+        first_id, self._next_id = self._next_id, self._next_id + len(measured)
         return first_tracks(detections, states, first_id, stamp_ns)
 
-    def _follow(self, tracks: Tracks[Boxes2D], detections: Boxes2D, stamp_ns: int) -> Tracks[Boxes2D]:
-        tracks = self._predicted(tracks, seconds_since(self._stamp_ns, stamp_ns))
-        rows, columns = associate(_similarity(tracks, detections), self._params.min_iou)
-        measured = _measure(detections[columns])
-        states = kalman.update(tracks.states.rows(rows), measured, self._params.measured_std * _unit(measured))
-        ranged = _keep_range(tracks.last[rows], detections[columns])
-        tracks = measured_tracks(tracks, rows, ranged, states, stamp_ns)
-        new = np.ones(len(detections), bool)
+    def _follow(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> Tracks:
+        p = self._params
+        weak = self._weak(detections)
+        at, columns = associate_weak_last(*self._similarity(tracks, detections), weak)
+        found = rows(detections, columns)
+        measured = _measure(found)
+        states = kalman.update(tracks.states.rows(at), measured, p.measured_std * _unit(measured))
+        tracks = measured_tracks(tracks, at, self._carried(tracks, at, found), states, stamp_ns)
+        new = ~weak
         new[columns] = False
-        alive = tracks.rows(surviving(tracks, self._params.min_hits, self._params.max_missed))
-        return joined(alive, self._begin(detections[new], stamp_ns))
+        alive = selected(tracks, surviving(tracks, p.min_hits, p.max_missed))
+        return joined(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
 
-    def _predicted(self, tracks: Tracks[Boxes2D], dt_s: float) -> Tracks[Boxes2D]:
+    def _predicted(self, tracks: Tracks, stamp_ns: int) -> Tracks:
+        dt_s = seconds_since(self._stamp_ns, stamp_ns)
         moved = kalman.predict(tracks.states, dt_s, self._params.drift_std * _unit(tracks.states.mean[:, :4]))
         shaped = _with_valid_shape(moved, tracks.states)
-        rate = tracks.last.range_rate_mps
-        step = np.zeros(len(tracks)) if rate is None else np.nan_to_num(rate) * dt_s
-        distance = None if tracks.last.distance_m is None else tracks.last.distance_m + step
-        return replace(tracks, states=shaped, last=replace(tracks.last, distance_m=distance))
+        distance = tracks.last["distance_m"] + np.nan_to_num(tracks.last["range_rate_mps"]) * dt_s
+        return replace(tracks, states=shaped, last=tracks.last | {"distance_m": distance})
 
-    def _shown(self, tracks: Tracks[Boxes2D], *, with_label: bool) -> Boxes2D:
+    def _similarity(self, tracks: Tracks, detections: Columns) -> tuple[Float64, float]:
+        """How well tracks and detections fit (T, M), and how well a pair must."""
+        similarity, least = self._likeness(tracks, detections)
+        apart = rivals(tracks.last["label"], detections["label"])
+        apart |= tracks.last["camera"][:, None] != detections["camera"][None, :]
+        return np.where(apart, 0.0, similarity), least
+
+    def _likeness(self, tracks: Tracks, detections: Columns) -> tuple[Float64, float]:
+        p = self._params
+        if p.association == "mahalanobis":
+            measured = _measure(detections)
+            std = p.measured_std * _unit(measured)
+            return like.mahalanobis_nearness(tracks.states, measured, std, p.max_mahalanobis), 0.0
+        boxes = _boxes(tracks.states.mean)
+        if p.association == "giou":
+            return like.as_similarity(like.giou_2d(boxes, detections["xyxy_px"])), (p.min_giou + 1.0) / 2.0
+        return iou_2d(boxes, detections["xyxy_px"]), p.min_iou
+
+    def _carried(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
+        """What the tracks `at` carry on; where nothing measured distance or range rate now, what they had."""
+        kept: Columns = {}
+        for name in ("distance_m", "range_rate_mps"):
+            kept[name] = np.where(np.isnan(found[name]), tracks.last[name][at], found[name])
+        if self._params.score == "mean":
+            kept["score"] = smoothing.mean_of(
+                tracks.last["score"][at], found["score"], smoothing.weight(tracks.hits[at] + 1, 0.0)
+            )
+        return found | kept
+
+    def _shown(self, tracks: Tracks) -> Boxes2D:
         p = self._params
         coasted_s = (self._stamp_ns - tracks.updated_ns) * 1e-9
-        tracks = tracks.rows((tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
-        return replace(
-            tracks.last,
-            xyxy_px=_boxes(tracks.states.mean),
-            label=tracks.labels() if with_label else None,
-            track_id=tracks.track_id,
-            predicted=tracks.missed > 0,
-        )
+        tracks = selected(tracks, (tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
+        predicted = np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
+        found: Columns = tracks.last | {
+            "xyxy_px": _boxes(tracks.states.mean),
+            "score": smoothing.coasted_score(tracks.last["score"], predicted, p.predicted_share),
+            "track_id": tracks.track_id,
+            "predicted": predicted,
+        }
+        found["label"] = tracks.labels()
+        if not self._with_label:
+            del found["label"]
+        return Boxes2D(**found)
 
 
-def _complete(boxes: Boxes2D) -> Boxes2D:
+def _complete(boxes: Boxes2D) -> Columns:
     """The fields that tracks carry, present in any case."""
     num = len(boxes)
     unknown = np.full(num, np.nan)
-    return Boxes2D(
-        camera=boxes.camera,
-        xyxy_px=boxes.xyxy_px,
-        label=np.full(num, "other") if boxes.label is None else boxes.label,
-        score=np.ones(num) if boxes.score is None else boxes.score,
-        distance_m=unknown if boxes.distance_m is None else boxes.distance_m,
-        range_rate_mps=unknown if boxes.range_rate_mps is None else boxes.range_rate_mps,
-        sources=np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
-    )
+    return {
+        "camera": boxes.camera,
+        "xyxy_px": boxes.xyxy_px,
+        "label": np.full(num, "other") if boxes.label is None else boxes.label,
+        "score": np.ones(num) if boxes.score is None else boxes.score,
+        "distance_m": unknown if boxes.distance_m is None else boxes.distance_m,
+        "range_rate_mps": unknown if boxes.range_rate_mps is None else boxes.range_rate_mps,
+        "sources": np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
+    }
 
 
-def _measure(boxes: Boxes2D) -> Float64:
+def _measure(boxes: Columns) -> Float64:
     """Centre x, y, area s and aspect ratio r (N, 4)."""
-    centre = (boxes.xyxy_px[:, :2] + boxes.xyxy_px[:, 2:]) / 2
-    width, height = np.maximum(boxes.xyxy_px[:, 2:] - boxes.xyxy_px[:, :2], MIN_SHAPE).T
+    low, high = boxes["xyxy_px"][:, :2], boxes["xyxy_px"][:, 2:]
+    centre = (low + high) / 2
+    width, height = np.maximum(high - low, MIN_SHAPE).T
     return np.stack([centre[:, 0], centre[:, 1], width * height, width / height], axis=1)
 
 
@@ -164,13 +200,6 @@ def _unit(measured: Float64) -> Float64:
     return np.stack([side, side, area, aspect], axis=1)
 
 
-def _similarity(tracks: Tracks[Boxes2D], detections: Boxes2D) -> Float64:
-    iou = iou_2d(_boxes(tracks.states.mean), detections.xyxy_px)
-    apart = rivals(tracks.last.label, detections.label, iou.shape)
-    apart |= tracks.last.camera[:, None] != detections.camera[None, :]
-    return np.where(apart, 0.0, iou)
-
-
 def _with_valid_shape(moved: States, before: States) -> States:
     """Where a prediction would have no area or aspect, keep those of before and forget their rates."""
     mean = moved.mean.copy()
@@ -179,16 +208,3 @@ def _with_valid_shape(moved: States, before: States) -> States:
         mean[bad, shape] = np.maximum(before.mean[bad, shape], MIN_SHAPE)
         mean[bad, shape + 4] = 0.0
     return States(mean, moved.cov)
-
-
-def _keep_range(before: Boxes2D, now: Boxes2D) -> Boxes2D:
-    """Where nothing measured distance or range rate now, keep what the track had."""
-    kept = {
-        name: np.where(np.isnan(new), old, new)
-        for name, old, new in (
-            ("distance_m", before.distance_m, now.distance_m),
-            ("range_rate_mps", before.range_rate_mps, now.range_rate_mps),
-        )
-        if old is not None and new is not None
-    }
-    return replace(now, **kept)

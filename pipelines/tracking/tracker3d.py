@@ -1,13 +1,16 @@
 """Tracks boxes in 3D, in world coordinates where the body's pose is known."""
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from fbench.pipelines.checks import require_between
-from fbench.pipelines.tracking import kalman
-from fbench.pipelines.tracking.association import associate, nearness
+from fbench.pipelines.tracking import kalman, smoothing
+from fbench.pipelines.tracking import likeness as like
+from fbench.pipelines.tracking.association import associate_weak_last, nearness
+from fbench.pipelines.tracking.canonical import canonical
+from fbench.pipelines.tracking.columns import Columns, rows
+from fbench.pipelines.tracking.ego import EgoPoses
+from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.tracks import (
     Tracks,
     first_tracks,
@@ -15,67 +18,44 @@ from fbench.pipelines.tracking.tracks import (
     measured_tracks,
     rivals,
     seconds_since,
+    selected,
     surviving,
 )
-from fbench.replay.arrays import Float64
+from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.geometry.boxes import distance_bev
-from fbench.replay.geometry.rotated import iou_bev
-from fbench.replay.geometry.transforms import extrapolated, inverse, transform, wrap_angle
+from fbench.replay.geometry.transforms import inverse, transform, wrap_angle
 
-
-@dataclass(frozen=True)
-class Tracker3DParams:
-    """Parameters of the 3D tracker."""
-
-    association: Literal["distance", "iou"] = "distance"
-    """`distance`: nearest centres on the ground within a gate; `iou`: overlap seen from above."""
-    gate_m: float = 3.0
-    """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
-    gate_mps: float = 8.0
-    """By how much the gate grows [m] for each second since a track was measured."""
-    min_iou: float = 0.05
-    """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    max_missed: int = 2
-    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
-    max_coast_s: float = 0.5
-    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
-    min_hits: int = 2
-    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
-    measured_std_m: float = 0.3
-    """Standard deviation of a measured centre [m]."""
-    rate_std_mps: float = 10.0
-    """Standard deviation of a new track's velocity [m/s]."""
-    drift_std_mps: float = 5.0
-    """Change of velocity within one second, standard deviation [m/s]."""
-
-    def __post_init__(self) -> None:
-        require_between("tracking.min_iou", self.min_iou, 0.0, 1.0)
-        for name in ("gate_mps", "max_missed", "max_coast_s", "min_hits", "rate_std_mps", "drift_std_mps"):
-            require_between(f"tracking.{name}", getattr(self, name), 0)
-        for name in ("gate_m", "measured_std_m"):
-            require_between(f"tracking.{name}", getattr(self, name), 1e-6)
+__all__ = ["Tracker3D", "Tracker3DParams", "moved"]
 
 
 class Tracker3D:
     """Linear Kalman filter with constant velocity per box, state (cx, cy, cz, vx, vy, vz) (thesis, Tracking).
 
-    Size and heading are those measured last. With poses the filter runs in world coordinates and velocities are
-    over ground; without, it runs in body coordinates and velocities are relative to the body. Tracks start anew when
-    the first pose comes; a pose missing later is extrapolated from the two before.
+    Size and heading are those measured last, or means. With poses the filter runs in world coordinates and velocities
+    are over ground; without, it runs in body coordinates and velocities are relative to the body. Tracks start anew
+    when the first pose comes; a pose missing later is extrapolated from the two before.
+
+    Ids go by the order of detections in which tracks begin; with `any_order` detections are sorted by their content
+    first, and those that aren't finite are left out.
     """
 
-    def __init__(self, params: Tracker3DParams) -> None:
+    def __init__(self, params: Tracker3DParams, *, any_order: bool = False) -> None:
         self._params = params
+        self._any_order = any_order
+        self._measured_std, self._rate_std, self._drift_std = (
+            np.full(3, std) for std in (params.measured_std_m, params.rate_std_mps, params.drift_std_mps)
+        )
         self._next_id = 1
         self.reset()
 
     def reset(self) -> None:
         """End all tracks; their ids are not used again."""
-        self._tracks: Tracks[Boxes3D] | None = None
-        self._poses: list[tuple[int, Float64]] = []
+        self._tracks: Tracks | None = None
+        self._ego = EgoPoses()
         self._stamp_ns = 0
         self._steps = 0
+        self._with_label = False
 
     def step(self, boxes: Boxes3D, stamp_ns: int, world_T_body: Float64 | None) -> Boxes3D:
         """Take detections in body coordinates; returns the tracks, also those only predicted, likewise.
@@ -86,96 +66,141 @@ class Tracker3D:
             DataError: where `stamp_ns` isn't later than at the last step since the reset.
         """
         pose = self._pose(stamp_ns, world_T_body)
-        detections = _complete(boxes if pose is None else moved(boxes, pose))
+        detections = _complete(boxes)
+        if self._any_order:
+            detections = canonical(detections, "center_m")
+        detections = detections if pose is None else moved(detections, pose)
         if self._tracks is None:
-            tracks = self._begin(detections, stamp_ns)
+            tracks = self._begin(rows(detections, ~self._weak(detections)), stamp_ns)
         else:
-            tracks = self._follow(self._tracks, detections, stamp_ns)
+            tracks = self._follow(self._predicted(self._tracks, stamp_ns), detections, stamp_ns)
         self._tracks, self._stamp_ns, self._steps = tracks, stamp_ns, self._steps + 1
-        shown = self._shown(tracks, with_label=boxes.label is not None)
-        return shown if pose is None else moved(shown, inverse(pose))
+        self._with_label = boxes.label is not None or (not len(boxes) and self._with_label)
+        return self._shown(tracks, pose)
+
+    def predict(self, stamp_ns: int, world_T_body: Float64 | None) -> Boxes3D:
+        """Return where the tracks are at an instant at which nothing was looked for, so that none missed anything.
+
+        Raises:
+            DataError: see `step`.
+        """
+        pose = self._pose(stamp_ns, world_T_body)
+        if self._tracks is None:
+            return self._shown(self._begin(_complete(Boxes3D.empty()), stamp_ns), pose)
+        self._tracks = self._predicted(self._tracks, stamp_ns)
+        self._stamp_ns = stamp_ns
+        return self._shown(self._tracks, pose)
 
     def _pose(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
-        if world_T_body is not None:
-            if not self._poses:
-                self._tracks, self._steps = None, 0
-            self._poses = [*self._poses[-1:], (stamp_ns, world_T_body)]
-            return world_T_body
-        if len(self._poses) < 2:
-            return self._poses[0][1] if self._poses else None
-        (before_ns, before), (last_ns, last) = self._poses
-        return extrapolated(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
+        if not self._params.ego_motion:
+            return None
+        if world_T_body is not None and not self._ego.known:
+            self._tracks, self._steps = None, 0
+        return self._ego.step(stamp_ns, world_T_body)
 
-    def _begin(self, detections: Boxes3D, stamp_ns: int) -> Tracks[Boxes3D]:
-        p = self._params
-        rates = np.zeros((len(detections), 3))
-        if self._poses and detections.velocity_mps is not None:
-            rates = np.nan_to_num(detections.velocity_mps)
-        states = kalman.begin(detections.center_m, rates, np.full(3, p.measured_std_m), np.full(3, p.rate_std_mps))
-        first_id, self._next_id = self._next_id, self._next_id + len(detections)
+    def _weak(self, detections: Columns) -> Bool:
+        return np.asarray(detections["score"] < self._params.weak_score, np.bool_)
+
+    def _begin(self, detections: Columns, stamp_ns: int) -> Tracks:
+        center = detections["center_m"]
+        rates = np.nan_to_num(detections["velocity_mps"]) if self._ego.known else np.zeros_like(center)
+        states = kalman.begin(center, rates, self._measured_std, self._rate_std)
+        first_id, self._next_id = self._next_id, self._next_id + len(center)
         return first_tracks(detections, states, first_id, stamp_ns)
 
-    def _follow(self, tracks: Tracks[Boxes3D], detections: Boxes3D, stamp_ns: int) -> Tracks[Boxes3D]:
-        p = self._params
+    def _predicted(self, tracks: Tracks, stamp_ns: int) -> Tracks:
         dt_s = seconds_since(self._stamp_ns, stamp_ns)
-        tracks = replace(tracks, states=kalman.predict(tracks.states, dt_s, np.full(3, p.drift_std_mps)))
-        rows, columns = self._associate(tracks, detections, stamp_ns)
-        states = kalman.update(tracks.states.rows(rows), detections.center_m[columns], np.full(3, p.measured_std_m))
-        tracks = measured_tracks(tracks, rows, detections[columns], states, stamp_ns)
-        new = np.ones(len(detections), bool)
-        new[columns] = False
-        alive = tracks.rows(surviving(tracks, p.min_hits, p.max_missed))
-        return joined(alive, self._begin(detections[new], stamp_ns))
+        return replace(tracks, states=kalman.predict(tracks.states, dt_s, self._drift_std))
 
-    def _associate(self, tracks: Tracks[Boxes3D], detections: Boxes3D, stamp_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    def _follow(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> Tracks:
         p = self._params
-        predicted = replace(tracks.last, center_m=tracks.states.mean[:, :3])
-        if p.association == "iou":
-            similarity, least = iou_bev(predicted, detections), p.min_iou
-        else:
-            unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
-            gate = p.gate_m + p.gate_mps * unmeasured_s
-            similarity, least = nearness(distance_bev(predicted.center_m, detections.center_m), gate), 0.0
-        apart = rivals(tracks.last.label, detections.label, similarity.shape)
-        return associate(np.where(apart, 0.0, similarity), least)
+        weak = self._weak(detections)
+        similarity, least = self._similarity(tracks, detections, stamp_ns)
+        at, columns = associate_weak_last(similarity, least, weak)
+        measured = rows(detections, columns)
+        states = kalman.update(tracks.states.rows(at), measured["center_m"], self._measured_std)
+        carried = self._smoothed(tracks, at, measured)
+        tracks = measured_tracks(tracks, at, carried, states, stamp_ns)
+        new = ~weak
+        new[columns] = False
+        alive = selected(tracks, surviving(tracks, p.min_hits, p.max_missed))
+        return joined(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
 
-    def _shown(self, tracks: Tracks[Boxes3D], *, with_label: bool) -> Boxes3D:
+    def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
+        """How well tracks and detections fit (T, M), and how well a pair must."""
+        similarity, least = self._likeness(tracks, detections, stamp_ns)
+        return np.where(rivals(tracks.last["label"], detections["label"]), 0.0, similarity), least
+
+    def _likeness(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
+        p, centre, found = self._params, tracks.states.mean[:, :3], detections["center_m"]
+        if p.association == "distance":
+            unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
+            return nearness(distance_bev(centre, found), p.gate_m + p.gate_mps * unmeasured_s), 0.0
+        if p.association == "mahalanobis":
+            return like.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis), 0.0
+        a, b = _upright(centre, tracks.last), _upright(found, detections)
+        if p.association == "giou":
+            return like.as_similarity(like.giou_3d(a, b)), (p.min_giou + 1.0) / 2.0
+        return like.footprint_iou(a, b), p.min_iou
+
+    def _smoothed(self, tracks: Tracks, at: Int64, measured: Columns) -> Columns:
+        """What the tracks `at` carry on: means where the parameters ask for them, else what was measured."""
+        p, hits, before, result = self._params, tracks.hits[at] + 1, tracks.last, dict(measured)
+        if p.size_share < 1.0:
+            share = smoothing.weight(hits, p.size_share)
+            result["size_lwh_m"] = smoothing.mean_of(before["size_lwh_m"][at], measured["size_lwh_m"], share)
+        if p.yaw_share < 1.0:
+            share = smoothing.weight(hits, p.yaw_share)
+            result["yaw_rad"] = smoothing.mean_yaw(before["yaw_rad"][at], measured["yaw_rad"], share)[0]
+        if p.score == "mean":
+            share = smoothing.weight(hits, 0.0)
+            result["score"] = smoothing.mean_of(before["score"][at], measured["score"], share)
+        return result
+
+    def _shown(self, tracks: Tracks, pose: Float64 | None) -> Boxes3D:
         p = self._params
         coasted_s = (self._stamp_ns - tracks.updated_ns) * 1e-9
-        tracks = tracks.rows((tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
-        return replace(
-            tracks.last,
-            center_m=tracks.states.mean[:, :3],
-            velocity_mps=tracks.states.mean[:, 3:],
-            label=tracks.labels() if with_label else None,
-            track_id=tracks.track_id,
-            predicted=tracks.missed > 0,
-        )
+        tracks = selected(tracks, (tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
+        mean, predicted = tracks.states.mean, np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
+        found: Columns = tracks.last | {
+            "center_m": mean[:, :3],
+            "velocity_mps": mean[:, 3:],
+            "score": smoothing.coasted_score(tracks.last["score"], predicted, p.predicted_share),
+            "track_id": tracks.track_id,
+            "predicted": predicted,
+        }
+        found["label"] = tracks.labels()
+        if not self._with_label:
+            del found["label"]
+        return Boxes3D(**(found if pose is None else moved(found, inverse(pose))))
 
 
-def moved(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
+def moved(boxes: Columns, dst_T_src: Float64) -> Columns:
     """Move boxes to another coordinate frame; their headings turn about z alone."""
     yaw = np.arctan2(dst_T_src[1, 0], dst_T_src[0, 0])
     turn = dst_T_src.copy()
     turn[:3, 3] = 0.0
-    velocity = None if boxes.velocity_mps is None else transform(turn, boxes.velocity_mps)
-    return replace(
-        boxes,
-        center_m=transform(dst_T_src, boxes.center_m),
-        yaw_rad=wrap_angle(boxes.yaw_rad + yaw),
-        velocity_mps=velocity,
-    )
+    return boxes | {
+        "center_m": transform(dst_T_src, boxes["center_m"]),
+        "yaw_rad": wrap_angle(boxes["yaw_rad"] + yaw),
+        "velocity_mps": transform(turn, boxes["velocity_mps"]),
+    }
 
 
-def _complete(boxes: Boxes3D) -> Boxes3D:
+def _complete(boxes: Boxes3D) -> Columns:
     """The fields that tracks carry, present in any case."""
     num = len(boxes)
-    return Boxes3D(
-        center_m=boxes.center_m,
-        size_lwh_m=boxes.size_lwh_m,
-        yaw_rad=boxes.yaw_rad,
-        velocity_mps=np.full((num, 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps,
-        label=np.full(num, "other") if boxes.label is None else boxes.label,
-        score=np.ones(num) if boxes.score is None else boxes.score,
-        sources=np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
-    )
+    return {
+        "center_m": boxes.center_m,
+        "size_lwh_m": boxes.size_lwh_m,
+        "yaw_rad": boxes.yaw_rad,
+        "velocity_mps": np.full((num, 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps,
+        "label": np.full(num, "other") if boxes.label is None else boxes.label,
+        "score": np.ones(num) if boxes.score is None else boxes.score,
+        "sources": np.zeros(num, np.uint8) if boxes.sources is None else boxes.sources,
+    }
+
+
+def _upright(center_m: Float64, boxes: Columns) -> Float64:
+    """Centre, size and heading (N, 7)."""
+    return np.column_stack([center_m, boxes["size_lwh_m"], boxes["yaw_rad"]])

@@ -1,22 +1,25 @@
 """The tracks that a tracker keeps: beginning, being measured, being missed, ending."""
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
 import numpy as np
 
-from fbench.pipelines.tracking import kalman
+from fbench.pipelines.tracking import columns, kalman
+from fbench.pipelines.tracking.columns import Columns
 from fbench.pipelines.tracking.kalman import States
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
-from fbench.replay.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data import LABELS, VEHICLES
 from fbench.replay.errors import DataError
 
-B = TypeVar("B", Boxes2D, Boxes3D)
+_FAINT = 1e-3
+"""What a vote with a negative score counts: scores that are no probabilities name a label all the same."""
+_LABEL = {label: i for i, label in enumerate(LABELS) if label != "other"}
+_LABELS = np.array(LABELS)
+_KIND = dict.fromkeys(VEHICLES, "vehicle")
 
 
 @dataclass(frozen=True, eq=False)
-class Tracks(Generic[B]):
+class Tracks:
     """T tracks in the order of their ids."""
 
     track_id: Int64
@@ -24,63 +27,68 @@ class Tracks(Generic[B]):
     hits: Int64
     """(T,) how often it was measured."""
     missed: Int64
-    """(T,) steps since it was measured last."""
+    """(T,) steps in which it was looked for since it was measured last."""
     updated_ns: Int64
     """(T,) stamp of the last measurement."""
     votes: Float64
     """(T, labels) sum of the scores with which each label was detected."""
     states: States
-    last: B
+    last: Columns
     """(T,) the detection that measured each track last; carries what isn't filtered."""
 
     def __len__(self) -> int:
         return len(self.track_id)
 
-    def rows(self, rows: Array) -> "Tracks[B]":
+    def rows(self, at: Array) -> "Tracks":
         """Select tracks by mask or index array."""
         return Tracks(
-            self.track_id[rows], self.hits[rows], self.missed[rows], self.updated_ns[rows], self.votes[rows],
-            self.states.rows(rows), self.last[rows],
+            self.track_id[at], self.hits[at], self.missed[at], self.updated_ns[at], self.votes[at],
+            self.states.rows(at), columns.rows(self.last, at),
         )  # fmt: skip
 
     def labels(self) -> Text:
         """The label with the most votes (T,); of equals the first in `LABELS`, and `other` where nothing was said."""
-        best = np.array(LABELS)[np.argmax(self.votes, axis=1)]
+        best = _LABELS[np.argmax(self.votes, axis=1)]
         return np.where(self.votes.any(axis=1), best, "other")
 
 
-def first_tracks(detections: B, states: States, first_id: int, stamp_ns: int) -> Tracks[B]:
+def first_tracks(detections: Columns, states: States, first_id: int, stamp_ns: int) -> Tracks:
     """Begin one track a detection."""
-    num = len(detections)
+    num = len(states)
     return Tracks(
-        first_id + np.arange(num), np.ones(num, np.int64), np.zeros(num, np.int64), np.full(num, stamp_ns, np.int64),
-        ballots(detections), states, detections,
+        first_id + np.arange(num), np.ones(num, np.int64), np.zeros(num, np.int64),
+        np.full(num, stamp_ns, np.int64), ballots(detections["label"], detections["score"]), states, detections,
     )  # fmt: skip
 
 
-def measured_tracks(tracks: Tracks[B], at: Int64, detections: B, states: States, stamp_ns: int) -> Tracks[B]:
+def measured_tracks(tracks: Tracks, at: Int64, detections: Columns, states: States, stamp_ns: int) -> Tracks:
     """Give the tracks `at` their detections and corrected states; the others have missed one more step."""
     hits, missed = tracks.hits.copy(), tracks.missed + 1
     updated_ns, votes = tracks.updated_ns.copy(), tracks.votes.copy()
     hits[at] += 1
     missed[at] = 0
     updated_ns[at] = stamp_ns
-    votes[at] += ballots(detections)
-    source = np.arange(len(tracks))
-    source[at] = len(tracks) + np.arange(len(at))
-    both = kalman.join(tracks.states, states).rows(source)
-    return Tracks(
-        tracks.track_id, hits, missed, updated_ns, votes, both, concatenate([tracks.last, detections])[source]
+    votes[at] += ballots(detections["label"], detections["score"])
+    mean, cov = (
+        columns.overwritten_rows(old, at, new)
+        for old, new in ((tracks.states.mean, states.mean), (tracks.states.cov, states.cov))
     )
+    last = columns.overwritten(tracks.last, at, detections)
+    return Tracks(tracks.track_id, hits, missed, updated_ns, votes, States(mean, cov), last)
 
 
-def surviving(tracks: Tracks[B], min_hits: int, max_missed: int) -> Bool:
+def selected(tracks: Tracks, which: Bool) -> Tracks:
+    """Tracks of a mask (T,)."""
+    return tracks if which.all() else tracks.rows(which)
+
+
+def surviving(tracks: Tracks, min_hits: int, max_missed: int) -> Bool:
     """Which tracks go on (T,): measured now, or confirmed by `min_hits` and missed at most `max_missed` times."""
     going_on: Bool = (tracks.missed == 0) | ((tracks.hits >= min_hits) & (tracks.missed <= max_missed))
     return going_on
 
 
-def joined(first: Tracks[B], second: Tracks[B]) -> Tracks[B]:
+def joined(first: Tracks, second: Tracks) -> Tracks:
     """Put two sets of tracks into one."""
     return Tracks(
         np.concatenate([first.track_id, second.track_id]),
@@ -89,24 +97,22 @@ def joined(first: Tracks[B], second: Tracks[B]) -> Tracks[B]:
         np.concatenate([first.updated_ns, second.updated_ns]),
         np.concatenate([first.votes, second.votes]),
         kalman.join(first.states, second.states),
-        concatenate([first.last, second.last]),
+        columns.joined(first.last, second.last),
     )
 
 
-def ballots(detections: B) -> Float64:
+def ballots(label: Text, score: Float64) -> Float64:
     """One row of `Tracks.votes` a detection: its score at its label; `other` says nothing, so it has no vote."""
-    votes = np.zeros((len(detections), len(LABELS)))
-    if detections.label is not None and detections.score is not None:
-        votes += (detections.label[:, None] == np.array(LABELS)) * detections.score[:, None]
-    votes[:, LABELS.index("other")] = 0.0
+    votes = np.zeros((len(label), len(LABELS)))
+    for i, name in enumerate(label.tolist()):
+        if name in _LABEL:
+            votes[i, _LABEL[name]] = score[i] if score[i] >= 0 else _FAINT
     return votes
 
 
-def rivals(a: Text | None, b: Text | None, shape: tuple[int, int]) -> Bool:
+def rivals(a: Text, b: Text) -> Bool:
     """Which labels (N,) and (M,) can't be one object: car and van can, car and pedestrian not; `other` is anything."""
-    if a is None or b is None:
-        return np.zeros(shape, bool)
-    first, second = (np.where(np.isin(x, VEHICLES), "vehicle", x) for x in (a, b))
+    first, second = (np.array([_KIND.get(name, name) for name in x.tolist()], np.str_) for x in (a, b))
     known = (first != "other")[:, None] & (second != "other")[None, :]
     different: Bool = known & (first[:, None] != second[None, :])
     return different

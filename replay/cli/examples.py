@@ -2,7 +2,7 @@
 
 _HEAD = "[bold]Examples[/bold]\n\n"
 
-DEMO = f"{_HEAD}fbench demo\n\nfbench demo --out /tmp/demo"
+DEMO = f"{_HEAD}fbench demo\n\nfbench demo --out /tmp/demo\n\nfbench demo --split test -o runs/suite"
 INIT = f"{_HEAD}fbench init log.mcap\n\nfbench init log.mcap -o configs/car.toml --overwrite"
 REPLAY = (
     f"{_HEAD}fbench replay log.mcap --pipeline lidar3d\n\n"
@@ -65,4 +65,9 @@ WEIGHTS_GET = (
     f"{_HEAD}fbench weights get deimv2-femto\n\n"
     "fbench weights get yolox-tiny --from downloads/yolox_tiny.onnx\n\n"
     "fbench replay log.mcap -p late3d --set camera.weights=deimv2-femto"
+)
+WEIGHTS_TRAIN = (
+    f"{_HEAD}fbench log simulate training -o training\n\n"
+    "fbench weights train training -o city.onnx\n\n"
+    "fbench replay log.mcap -p camera2d --set camera.weights=city.onnx"
 )

@@ -40,6 +40,7 @@ PipelineOrFile = Annotated[
     ),
 ]  # fmt: skip
 _RECORDED = "recorded"
+_TAKE_RESULTS = (None, _RECORDED, "track")
 
 
 def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | None":
@@ -59,6 +60,6 @@ def pipeline_of(name: str | None, results: "BoxSource | None") -> str:
 
     if results is None and name is None:
         raise ConfigError("which pipeline? give --pipeline NAME (see fbench plugins), or --detections PATH")
-    if results is not None and name not in (None, _RECORDED):
+    if results is not None and name not in _TAKE_RESULTS:
         raise ConfigError(f"--detections are results already, so --pipeline {name} can't be used with them")
     return name or _RECORDED

@@ -10,7 +10,11 @@ from fbench.replay.cli.options import Json
 
 def simulate(
     world: Annotated[
-        str, typer.Argument(metavar="WORLD", help="urban, highway, or suite for all logs of the fixed suite.")
+        str,
+        typer.Argument(
+            metavar="WORLD",
+            help="urban, highway; suite: all logs of the fixed suite; training: those of the built-in detector.",
+        ),
     ],
     out: Annotated[
         Path, typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; of a suite the folder for its logs.")
@@ -53,5 +57,5 @@ def simulate(
     from fbench.datasets.city.wish import CityWish
     from fbench.replay.cli.simulate_job import SimulateJob, run_simulation
 
-    wish = CityWish(world, condition, seconds, seed, rig, sensors or [], settings or [])
+    wish = CityWish(world, condition, seconds, seed, rig, tuple(sensors or ()), tuple(settings or ()))
     run_simulation(SimulateJob(wish, out, split, threads, form, overwrite, json))

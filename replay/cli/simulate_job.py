@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fbench.datasets.city.suite import Split
     from fbench.datasets.city.wish import CityWish
 
-_SUITE = "suite"
+_SUITE, _TRAINING = "suite", "training"
 _NOT_OF_A_SUITE = (("condition", "clear", "--condition"), ("seed", 0, "--seed"))
 
 
@@ -46,7 +46,7 @@ def run_simulation(job: SimulateJob) -> None:
     Raises:
         ConfigError: where something asked for isn't there, or the log can't or mustn't be written.
     """
-    wanted = list(_suite_logs(job)) if job.wish.world == _SUITE else [_one_log(job)]
+    wanted = _wanted(job)
     _warn_of_idle(job.wish.settings, wanted[0][0])
     done: list[ImportedLog] = []
     try:
@@ -58,6 +58,12 @@ def run_simulation(job: SimulateJob) -> None:
         raise typer.Exit(128 + signal.SIGINT) from None
     if job.as_json:
         print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
+
+
+def _wanted(job: SimulateJob) -> list[tuple["CitySpec", Path]]:
+    if job.wish.world == _SUITE:
+        return list(_suite_logs(job))
+    return list(_training_logs(job)) if job.wish.world == _TRAINING else [_one_log(job)]
 
 
 def _simulate(job: SimulateJob, wanted: Sequence[tuple["CitySpec", Path]], done: list[ImportedLog]) -> None:
@@ -108,6 +114,19 @@ def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
         for scene in SUITE
         for seed in SEEDS[job.split or "dev"]
     ]
+    yield from _in_folder(job, specs)
+
+
+def _training_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
+    from fbench.datasets.city.training import training_logs
+    from fbench.datasets.city.wish import CityWish
+
+    if job.wish != CityWish(_TRAINING) or job.split is not None:
+        raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")
+    yield from _in_folder(job, [(spec, name) for name, spec in training_logs()])
+
+
+def _in_folder(job: SimulateJob, specs: Sequence[tuple["CitySpec", str]]) -> Iterator[tuple["CitySpec", Path]]:
     try:
         job.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,7 +1,7 @@
 """`fbench weights`: detectors for real images."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -33,3 +33,18 @@ def get(
     from fbench.replay.cli.weights_job import get_weights
 
     get_weights(entry_named(name), file)
+
+
+@app.command("train", epilog=examples.WEIGHTS_TRAIN)
+def train(
+    folder: Annotated[Path, typer.Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
+    seed: Annotated[int | None, typer.Option(min=0, help="Other first weights and other views of the images.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Fewer for a trial.")] = None,
+    device: Annotated[Literal["cpu", "cuda"], typer.Option(help="Where to compute.")] = "cpu",
+    threads: Annotated[int, typer.Option(min=1, max=256, help="Of the CPU.")] = 2,
+) -> None:
+    """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
+    from fbench.replay.cli.weights_train_job import train_detector
+
+    train_detector(folder, out, seed, steps, device, threads)

@@ -6,6 +6,7 @@ from importlib.resources import files
 import jinja2
 from markupsafe import Markup
 
+from fbench.replay.result_table import Results
 from fbench.replay.store import Run
 from fbench.reports.html.faults import fault_lines
 from fbench.reports.html.latency import latency_panels
@@ -13,6 +14,7 @@ from fbench.reports.html.notices import notices
 from fbench.reports.html.overview import overview, run_labels, title, what_ran
 from fbench.reports.html.radar import velocity_periods
 from fbench.reports.html.records import LatencyTable
+from fbench.reports.html.results import result_view
 from fbench.reports.html.scene import scenes, shown_frames
 from fbench.reports.html.scoreboard import scoreboard
 from fbench.reports.html.text import island, number, visible
@@ -21,13 +23,14 @@ from fbench.reports.html.timeline import frame_times
 _SCRIPTS = ("base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js")
 
 
-def page(runs: Sequence[Run]) -> str:
-    """Return the whole page as text."""
+def page(runs: Sequence[Run], results: Results | None = None) -> str:
+    """Return the whole page as text, the tables of an experiment first where there are any."""
     labels = run_labels(runs)
     overviews = [overview(run, label) for run, label in zip(runs, labels, strict=True)]
     latency = latency_panels(runs, labels)
     return _environment().get_template("report.html").render(
-        title=title(runs),
+        title=title(runs) if results is None else results.title,
+        results=None if results is None else result_view(results),
         labels=labels,
         overviews=overviews,
         notices=notices(overviews),

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.result_table import Results
 from fbench.replay.store import Run
 from fbench.reports.html.page import page
 
@@ -31,6 +32,12 @@ class HtmlReport:
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")
         _write_whole(out, page(runs).encode("utf-8"))
+
+    def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
+        """Write a report that begins with the tables of an experiment, and goes on with `runs`, some of its own; see
+        `write`.
+        """
+        _write_whole(out, page(runs, results).encode("utf-8"))
 
 
 def _write_whole(out: Path, content: bytes) -> None:

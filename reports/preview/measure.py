@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fbench.replay.errors import LogError
+from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectified
 from fbench.reports.preview import labels
 from fbench.reports.preview.album import Album
 from fbench.reports.preview.alignment import aligned, edges_of
@@ -13,7 +14,6 @@ from fbench.reports.preview.edges_view import edges_view
 from fbench.reports.preview.mounting import mounting
 from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.stereo import StereoView, stereo_view
-from fbench.reports.preview.stereo_pairs import Pair, Rectified, pairs, rectified
 from fbench.reports.preview.times import SensorTimes, time_panel
 
 

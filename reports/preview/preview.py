@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fbench.replay.data import KINDS, Rig
+from fbench.replay.geometry.stereo_pairs import pairs
 from fbench.replay.geometry.transforms import yaw_pitch_roll
 from fbench.reports.preview.album import Album
 from fbench.reports.preview.content import Content, FrameContent, SensorRow
@@ -13,7 +14,6 @@ from fbench.reports.preview.frame_pictures import FramePictures
 from fbench.reports.preview.measure import Measured
 from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.sheet import sheet
-from fbench.reports.preview.stereo_pairs import pairs
 from fbench.reports.preview.times import SensorTimes, sensor_times
 from fbench.reports.preview.views import ground_of
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from fbench.replay.arrays import Float32, Float64
 from fbench.replay.geometry.camera import in_image, project
+from fbench.replay.geometry.stereo_pairs import Pair, Rectified
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.images import Pixels
 from fbench.reports.preview import draw
 from fbench.reports.preview.colors import INK, of_depth
 from fbench.reports.preview.sample import Sample
-from fbench.reports.preview.stereo_pairs import Pair, Rectified
 from fbench.reports.preview.window import whole
 
 _NEAREST_M = 2.5

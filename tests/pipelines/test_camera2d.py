@@ -97,9 +97,15 @@ def test_a_reset_begins_new_tracks_and_lets_time_jump_back(pipeline: Camera2D) -
 
 
 def test_without_weights() -> None:
-    match = r"camera2d needs a detector: --set camera\.weights=PATH \(an ONNX file\)"
+    match = r"camera2d needs a detector for this log: fbench weights get deimv2-femto, then --set camera\.weights="
     with pytest.raises(ConfigError, match=match):
-        Camera2D(Camera2DParams())
+        Camera2D(Camera2DParams()).start(rig("front"), LOG)
+
+
+def test_simulated_logs_need_no_weights() -> None:
+    pipeline = Camera2D(Camera2DParams())
+    pipeline.start(rig("front"), LogInfo("city", "id", {"simulated": "2"}))
+    assert dict(pipeline.identity()).keys() == {"camera.weights"}
 
 
 def test_a_rig_without_cameras(one_car: Path) -> None:

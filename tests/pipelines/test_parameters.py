@@ -38,7 +38,7 @@ def test_values_that_make_no_sense(make: Callable[[], object], match: str) -> No
         make()
 
 
-NAMES = ("camera2d", "lidar3d", "radar3d", "late3d")
+NAMES = ("camera2d", "lidar3d", "radar3d", "late3d", "track")
 NUMBERS = [(name, path) for name in NAMES for path in _numbers(name)]
 
 

@@ -184,7 +184,7 @@ def test_weights_of_one_camera_alone(one_car: Path):
     assert set(output.detections.camera.tolist()) == {"front"}
     assert output.missing == {"rear": "no weights"}
     with pytest.raises(ConfigError, match="camera2d needs a detector"):
-        Camera2D(Camera2DParams())
+        Camera2D(Camera2DParams()).start(TWO_CAMERAS, LOG)
 
 
 def test_late_fusion_of_several_of_each(one_car: Path):

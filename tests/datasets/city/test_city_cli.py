@@ -69,6 +69,9 @@ def fbench(monkeypatch, capsys, tmp_path):
         (["suite", "-o", "s", "--condition", "fog"], "the suite has its own"),
         (["suite", "-o", "s", "--set", "weather.lux=1e9"], "Weather.lux"),
         (["suite", "-o", "/proc/s"], "can't be written"),
+        (["training", "-o", "s", "--seconds", "5"], "training: these logs are fixed"),
+        (["training", "-o", "s", "--split", "dev"], "training: these logs are fixed"),
+        (["training", "-o", "/proc/s"], "can't be written"),
         (["urban", "-o", "a.mcap", "--rig", "absent.toml"], "no such file"),
     ],
 )

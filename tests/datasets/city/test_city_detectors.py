@@ -11,7 +11,10 @@ from fbench.datasets.city.suite import SEEDS
 from fbench.pipelines.camera.detector import CameraDetections
 from fbench.replay.data import Boxes2D
 
-BENCHMARK = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "bench_city_detectors.py"))
+FOLDER = Path(__file__).parents[3] / "benchmarks"
+with pytest.MonkeyPatch.context() as patch:
+    patch.syspath_prepend(FOLDER)  # benchmarks share files
+    BENCHMARK = runpy.run_path(str(FOLDER / "bench_city_detectors.py"))
 
 
 @pytest.mark.slow

@@ -3,10 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams, moved
+from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.errors import DataError
+from fbench.replay.geometry.boxes import moved
 from fbench.replay.geometry.transforms import inverse
 
 MS = 1_000_000

@@ -1,15 +1,118 @@
-"""`fbench demo`."""
+"""`fbench demo`, and the experiment behind it on small logs."""
 
+import json
 from pathlib import Path
 
 import pytest
+from tests.city_log import SMALL_RIG
+
+from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.spec import CitySpec
+from fbench.replay.cli.demo_job import DemoWish, experiment, run_experiment
+from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines
+from fbench.replay.store import Run
+
+MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
+
+
+def small(folder, *pipelines, conditions=("clear", "fog"), **fields):
+    """Drives of a third of a second, without cameras."""
+    drives = tuple(
+        Drive(CitySpec("highway", condition(name), 0.3, 1, SMALL_RIG), folder / "logs" / f"{name}.mcap")
+        for name in conditions
+    )
+    return Experiment(drives, pipelines, folder, "fbench demo", **fields)
+
+
+def files(folder):
+    found = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in MEASURED)
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+
+
+def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
+    what = experiment(DemoWish(Path("demo")))
+    assert what.conditions == ["clear", "traffic", "rain", "fog", "night"]
+    assert [drive.name for drive in what.drives][:2] == ["urban-clear-105", "urban-traffic-105"]
+    assert len({drive.spec.log_id for drive in what.drives}) == len(what.drives) == 10
+    assert what.drives[0].log == Path("demo/city.mcap")
+    assert what.drives[1].log == Path("demo/logs/urban-traffic-105.mcap")
+    assert what.drives[0].spec.rig.names == ("camera", "lidar", "radar")
+    assert [drive.scene for drive, cell in what.cells() if cell.media] == (
+        ["urban-105"] * len(what.pipelines) + ["highway-103"] * len(what.pipelines)
+    )
+    assert what.command == "fbench demo"
+
+
+def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
+    what = experiment(DemoWish(Path("full"), split="test", num_seeds=2, workers=7))
+    assert {drive.spec.seed for drive in what.drives} == {9001, 9002}
+    assert {drive.spec.seconds for drive in what.drives} == {10.0}
+    assert len(what.drives) == 24
+    assert what.conditions[-2:] == ["traffic+fog", "heavy-rain"]
+    assert what.command == "fbench demo --split test --num-seeds 2"
+
+
+def test_pipelines_are_those_that_need_nothing_beside_the_log():
+    names = own_pipelines()
+    assert {"camera2d", "late3d", "lidar3d", "radar3d"} <= set(names)
+    assert not {"exec", "recorded"} & set(names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (("--num-seeds", "1"), "--num-seeds: of the full suite only"),
+        (("--seconds", "0.01"), "--seconds 0.01"),
+        (("--seconds", "0"), "--seconds 0"),
+        (("--split", "train"), "train"),
+        (("--workers", "0"), "--workers"),
+        (("-o", "taken"), "taken: can't be written"),
+    ],
+)
+def test_wrong_use(fbench, arguments, error):
+    Path("taken").write_text("a file")
+    result = fbench("demo", *arguments)
+    assert result.code == 2
+    assert error in result.err
 
 
 @pytest.mark.slow
-def test_demo_replays_three_pipelines_and_can_be_repeated(fbench):
-    for _ in range(2):
-        result = fbench("demo", "-o", "demo")
-        assert result.code == 0
-        assert "report: demo/report.html" in result.out
-    for name in ("city.mcap", "report.html", "lidar3d/scores.json", "radar3d/scores.json", "late3d/scores.json"):
-        assert (Path("demo") / name).is_file()
+def test_experiment_is_repeated_in_no_time_and_equal_for_any_number_of_workers(fbench, capsys):
+    assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 1) == 0
+    text = capsys.readouterr().out
+    for line in ("logs: 2 (2 simulated, 0 there already)", "runs: 4 of 4 (4 replayed, 0 there already)", "table 9.4",
+                 "table 9.5", "Latency by stage", "frames: 6, each through 2 pipelines; 100.0 % of outputs had truth",
+                 "results: one/results.md", "report: one/report.html"):  # fmt: skip
+        assert line in text
+    first = files(Path("one"))
+    assert run_experiment(small(Path("one"), "lidar3d", "radar3d"), 2) == 0
+    text = capsys.readouterr().out
+    assert "logs: 2 (0 simulated, 2 there already)" in text
+    assert "runs: 4 of 4 (0 replayed, 4 there already)" in text
+    assert files(Path("one")) == first
+    assert run_experiment(small(Path("two"), "lidar3d", "radar3d"), 2) == 0
+    assert files(Path("two")) == first
+
+    results = json.loads(Path("one/results.json").read_text())
+    assert [run["run"] for run in results["runs"]][:2] == ["highway-clear-1/lidar3d", "highway-clear-1/radar3d"]
+    fog = next(row for row in results["tables"]["robustness"] if (row["name"], row["space"]) == ("lidar3d", "3D"))
+    assert fog["published"] == -0.2234
+    assert Run(Path("one/highway-clear-1/lidar3d")).media
+    assert not Run(Path("one/highway-fog-1/lidar3d")).media
+
+
+@pytest.mark.slow
+def test_what_fails_is_shown_and_the_rest_goes_on(fbench, capsys):
+    settings = {"lidar3d": ["lidar.cluster.eps_m=-1"]}
+    what = small(Path("demo"), "camera2d", "lidar3d", "radar3d", conditions=("clear",), settings=settings)
+    assert run_experiment(what, 1) == 4
+    captured = capsys.readouterr()
+    assert "failed: lidar3d on highway-clear-1: " in captured.out
+    assert "runs: 1 of 3" in captured.out
+    assert "radar3d  3D" in captured.out
+    log = Path("demo/logs/clear.mcap")
+    whole = log.read_bytes()
+    log.write_bytes(whole[: len(whole) // 2])
+    run_experiment(what, 1)
+    assert "logs: 1 (1 simulated" in capsys.readouterr().out
+    assert log.read_bytes() == whole

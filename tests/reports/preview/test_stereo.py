@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.data import CameraModel, Mount, Rig
 from fbench.replay.errors import LogError
+from fbench.replay.geometry.stereo_pairs import pairs, rectified
 from fbench.reports.preview.stereo import stereo_view
-from fbench.reports.preview.stereo_pairs import pairs, rectified
 
 from .street import FORWARD, sample, street_rig
 

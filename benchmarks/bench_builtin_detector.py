@@ -1,0 +1,182 @@
+"""How good the built-in camera detector is on drives that it never saw: AP50 by class, distance, visibility, weather.
+
+    python benchmarks/bench_builtin_detector.py [--split dev|test] [--seeds N] [--weights FILE] [--conditions ...]
+
+The tables of docs/detector.md are its output for the test seeds.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from made_city import images_and_truth
+
+from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.rig import RigSpec, thesis_rig
+from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.datasets.city.suite import SEEDS
+from fbench.metrics.coco.profile import CocoProfile
+from fbench.metrics.evaluate import evaluate
+from fbench.metrics.objects import Objects
+from fbench.metrics.profile import Match
+from fbench.metrics.sequence import Sequence as Drive
+from fbench.metrics.sequence import Steps
+from fbench.pipelines.camera.builtin import CITY_WEIGHTS
+from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.replay.arrays import Array, Bool
+from fbench.replay.data import VEHICLES, Boxes2D, Image
+from fbench.replay.images import decode
+
+FAR_M, SEEN = 50.0, 0.5
+"""Vehicles count up to this distance, and where at least so much of them is visible."""
+MIN_SCORE = 0.01
+SECONDS, RATE_HZ = 20.0, 1.0
+WORLDS: tuple[WorldName, ...] = ("urban", "highway")
+WEATHERS = ("clear", "traffic", "rain", "heavy-rain", "fog", "dense-fog", "night", "dusk", "low-sun", "overcast")
+CLASSES = ("car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
+DISTANCES_M = ((0.0, 10.0), (10.0, 20.0), (20.0, 30.0), (30.0, 50.0), (50.0, 80.0))
+VISIBILITIES = ((0.1, 0.3), (0.3, 0.5), (0.5, 0.8), (0.8, 1.01))
+Wanted: TypeAlias = Callable[[Array, Array], Bool]
+"""Which truth boxes count, by distance (N,) [m] and visible share (N,)."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """AP50, and of how many boxes."""
+
+    value: float | None
+    num_truth: int
+
+    def __str__(self) -> str:
+        return f"{'-' if self.value is None else f'{self.value:.3f}'} ({self.num_truth})"
+
+
+def drives(detector: CameraDetector, weather: str, seeds: Sequence[int]) -> Iterator[Drive]:
+    """Yield what is true and what is found along drives in both worlds."""
+    camera = thesis_rig().cameras["camera"].model_copy(update={"rate_hz": RATE_HZ})
+    for world in WORLDS:
+        for seed in seeds:
+            spec = CitySpec(world, condition(weather), SECONDS, seed, RigSpec(cameras={"camera": camera}))
+            yield drive(detector, CityRecording(spec, f"{world}-{weather}-{seed}"))
+
+
+def drive(detector: CameraDetector, log: CityRecording) -> Drive:
+    """Detect in all images of a log."""
+    images, truths = images_and_truth(log)
+    stamps = sorted(set(images) & set(truths))
+    found = [detect(detector, images[stamp]) for stamp in stamps]
+    steps = Steps(np.arange(len(stamps)), np.array(stamps), np.zeros(len(stamps), np.int64))
+    return Drive(log.name, steps, truth_objects([truths[stamp] for stamp in stamps]), found_objects(found))
+
+
+def detect(detector: CameraDetector, image: Image) -> CameraDetections:
+    pixels = decode(image)
+    assert pixels is not None
+    return detector.infer(detector.prepare(pixels))
+
+
+def truth_objects(boxes: Sequence[Boxes2D]) -> Objects:
+    def joined(field: str) -> np.ndarray:
+        return np.concatenate([np.asarray(getattr(part, field)) for part in boxes])
+
+    step = np.repeat(np.arange(len(boxes)), [len(part) for part in boxes])
+    none = np.zeros(len(step))
+    return Objects(
+        step, joined("label"), joined("track_id").astype(np.int64), none, joined("xyxy_px"),
+        distance_m=joined("distance_m"), visibility=joined("visibility"), ignore=joined("ignore"),
+    )  # fmt: skip
+
+
+def found_objects(found: Sequence[CameraDetections]) -> Objects:
+    step = np.repeat(np.arange(len(found)), [len(part) for part in found])
+    label, score, xyxy = (np.concatenate([getattr(part, f) for part in found]) for f in ("label", "score", "xyxy_px"))
+    return Objects(step, label, np.full(len(step), -1), score, xyxy)
+
+
+def usual(distance_m: Array, visibility: Array) -> Bool:
+    """Tell what should be found: near, and mostly visible."""
+    return (distance_m < FAR_M) & (visibility >= SEEN)
+
+
+def at_distance(low_m: float, high_m: float) -> Wanted:
+    return lambda distance_m, visibility: (visibility >= SEEN) & (distance_m >= low_m) & (distance_m < high_m)
+
+
+def visible(low: float, high: float) -> Wanted:
+    return lambda distance_m, visibility: (distance_m < FAR_M) & (visibility >= low) & (visibility < high)
+
+
+def ap50(found: Sequence[Drive], wanted: Wanted = usual, labels: Sequence[str] = VEHICLES) -> Number:
+    """Return AP50 of some labels as one class; other truth of these labels excuses what lies in it."""
+    profile = CocoProfile(classes=("object",)).with_match(Match("iou2d", 0.5))
+    row = evaluate(profile, [_as_one_class(one, wanted, labels) for one in found]).scores()[0]
+    return Number(row.value, int(row.counts["truth"]))
+
+
+def _as_one_class(one: Drive, wanted: Wanted, labels: Sequence[str]) -> Drive:
+    truth = one.truth[np.isin(one.truth.label, labels)]
+    estimates = one.estimates[np.isin(one.estimates.label, labels)]
+    name = np.array("object")
+    assert truth.distance_m is not None
+    assert truth.visibility is not None
+    assert truth.ignore is not None
+    ignore = truth.ignore | ~wanted(truth.distance_m, truth.visibility)
+    truth = replace(truth, label=np.full(len(truth), name), ignore=ignore)
+    return replace(one, truth=truth, estimates=replace(estimates, label=np.full(len(estimates), name)))
+
+
+def best_f1(found: Sequence[Drive]) -> tuple[float, float]:
+    """Return the highest F1 of vehicles, and the score from which on detections count for it."""
+    profile = CocoProfile(classes=("object",)).with_match(Match("iou2d", 0.5))
+    total = evaluate(profile, [_as_one_class(one, usual, VEHICLES) for one in found]).total.classes["object"]
+    scores = np.sort(np.concatenate([part.score for part in total.parts]))[::-1]
+    outcome = total.ranked()[1][0, 0]
+    f1 = 2 * np.cumsum(outcome == 1) / (np.cumsum(outcome < 2) + total.num_truth[0])
+    best = int(np.argmax(f1))
+    return float(f1[best]), float(scores[best])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--split", choices=("dev", "test"), default="test")
+    parser.add_argument("--seeds", type=int, nargs="*", help="instead of those of the split")
+    parser.add_argument("--weights", type=Path, default=CITY_WEIGHTS)
+    parser.add_argument("--conditions", nargs="*", default=WEATHERS)
+    asked = parser.parse_args()
+    seeds = asked.seeds or SEEDS[asked.split]
+    detector = CameraDetector(CameraParams(asked.weights, MIN_SCORE))
+    print(f"AP50 of {asked.weights.name}, seeds {', '.join(map(str, seeds))}, urban and highway, {SECONDS:g} s each "
+          f"with {RATE_HZ:g} images a second; vehicles (as one class) nearer than {FAR_M:g} m of which at least "
+          f"{SEEN:.0%} are visible, unless said otherwise; in brackets how many")  # fmt: skip
+    clear: list[Drive] = []
+    print("\n| condition | both | urban | highway | best F1 |\n|---|---|---|---|---|")
+    for weather in asked.conditions:
+        found = list(drives(detector, weather, seeds))
+        clear = found if weather == "clear" else clear
+        parts = [[one for one in found if one.name.startswith(world)] for world in WORLDS]
+        f1, score = best_f1(found)
+        worlds = " | ".join(str(ap50(part)) for part in parts)
+        print(f"| {weather} | {ap50(found)} | {worlds} | {f1:.3f} at {score:.2f} |", flush=True)
+    if clear:
+        details(clear)
+
+
+def details(clear: Sequence[Drive]) -> None:
+    """Print how AP50 depends on class, distance and visibility in clear weather."""
+    print("\n| class, clear | AP50 |\n|---|---|")
+    for label in CLASSES:
+        print(f"| {label} | {ap50(clear, labels=(label,))} |")
+    print("\n| distance, clear | AP50 |\n|---|---|")
+    for low, high in DISTANCES_M:
+        print(f"| {low:g} to {high:g} m | {ap50(clear, at_distance(low, high))} |")
+    print("\n| visible share, clear | AP50 |\n|---|---|")
+    for low, high in VISIBILITIES:
+        print(f"| {low:.0%} to {min(high, 1):.0%} | {ap50(clear, visible(low, high))} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""The thesis's tables 9.4 and 9.5 from the scores of an experiment's runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+from fbench.metrics.latency import stage_latency
+from fbench.metrics.published import PUBLISHED
+from fbench.metrics.robustness import CLEAR, ScoredRun, Space, change, pooled, spaces_of
+from fbench.replay.result_table import Column, Figure, Line, ResultTable
+
+_ACCURACY = (Column("F1"), Column("MOTA"), Column("MOTA w/o FP"), Column("truth boxes", "count"))
+_NOTES = (
+    "F1 is of detections, MOTA of tracks, all vehicles as one class; counts are added over scenes before dividing.",
+    "MOTA w/o FP leaves out false positives: it is what the thesis calls MOTA.",
+)
+_TOTAL = "total"
+
+
+def configurations(runs: Sequence[ScoredRun]) -> list[str]:
+    """Return the configurations of runs in the thesis's order, those that it doesn't have last."""
+    names = sorted({run.configuration for run in runs})
+    order = list(PUBLISHED)
+    return sorted(names, key=lambda name: (order.index(name) if name in order else len(order), name))
+
+
+def accuracy_table(runs: Sequence[ScoredRun]) -> ResultTable:
+    """Return table 9.4: F1 and MOTA in clear weather, a line for each configuration and space."""
+    clear = [run for run in runs if run.condition == CLEAR]
+    lines = tuple(_accuracy_line(own, space) for own, space in _groups(clear))
+    return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, lines, _NOTES)
+
+
+def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
+    """Return table 9.5: relative change of F1 against clear weather, a column for each condition."""
+    names = [name for name in conditions if name != CLEAR]
+    lines = tuple(
+        Line(own[0].configuration, space, tuple(_change(own, name, space) for name in names))
+        for own, space in _groups(runs)
+    )
+    return ResultTable(
+        "robustness", "Change of F1 against clear weather (table 9.5), %",
+        tuple(Column(name, "change") for name in names), lines, ("Relative: -50 is half of the F1 in clear weather.",),
+    )  # fmt: skip
+
+
+def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
+    """Return F1 in each condition."""
+    lines = tuple(
+        Line(own[0].configuration, space,
+             tuple(pooled([run for run in own if run.condition == name], "f1", space) for name in conditions))
+        for own, space in _groups(runs)
+    )  # fmt: skip
+    return ResultTable("f1_by_condition", "F1 by condition, %", tuple(map(Column, conditions)), lines)
+
+
+def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:
+    """Return the median wall time of each stage, a line for each stage and a column for each configuration.
+
+    Args:
+        timings: For each configuration, of each of its runs the times [ns] by stage, in the order of frames. The first
+            of each stage in each run, which also compiles and loads, doesn't count.
+    """
+    times = {name: _joined(runs) for name, runs in timings.items()}
+    longest_first = sorted(times.values(), key=len, reverse=True)  # has most of them in their order
+    stages = [name for name in dict.fromkeys(name for own in longest_first for name in own) if name != _TOTAL]
+    lines = tuple(
+        Line(stage, "", tuple(_median(own.get(stage, [])) for own in times.values())) for stage in (*stages, _TOTAL)
+    )
+    columns = tuple(Column(name, "ms") for name in times)
+    return ResultTable("latency", "Latency by stage, median in clear weather, ms", columns, lines)
+
+
+def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
+    """The runs of each configuration, in each space in which they were scored; image first."""
+    own = {name: [run for run in runs if run.configuration == name] for name in configurations(runs)}
+    found = [(own[name], space) for space, name in product(spaces_of(runs), own)]
+    return [(members, space) for members, space in found if space in spaces_of(members)]
+
+
+def _accuracy_line(runs: Sequence[ScoredRun], space: Space) -> Line:
+    name = runs[0].configuration
+    published = PUBLISHED.get(name)
+    f1, mota, without = (pooled(runs, metric, space) for metric in ("f1", "mota", "mota_no_fp"))
+    if published is not None:
+        f1, without = replace(f1, published=published.f1), replace(without, published=published.mota_no_fp)
+    truth = Figure(f1.counts["tp"] + f1.counts["fn"]) if f1.counts else Figure(None, f1.reason)
+    return Line(name, space, (f1, mota, without, truth))
+
+
+def _change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
+    published = PUBLISHED.get(runs[0].configuration)
+    found = change(runs, condition, space)
+    return found if published is None else replace(found, published=published.change.get(condition))
+
+
+def _joined(runs: Sequence[Mapping[str, Sequence[int]]]) -> dict[str, list[int]]:
+    names = dict.fromkeys(stage for run in runs for stage in run)
+    return {stage: [ns for run in runs for ns in run.get(stage, ())[1:]] for stage in names}
+
+
+def _median(times_ns: Sequence[int]) -> Figure:
+    value = stage_latency("", times_ns, 0)["p50_ms"]
+    return Figure(value, None if times_ns else "no such stage", {"frames": len(times_ns)})

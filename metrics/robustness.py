@@ -1,0 +1,113 @@
+"""Robustness: how F1 changes, relative to clear weather, under other conditions on the same scenes.
+
+Runs of several scenes are put together by adding raw counts, never by averaging ratios.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from fbench.replay.result_table import Figure
+from fbench.replay.scores import Score
+
+Space = str
+"""`image` or `3D`."""
+SPACES: Mapping[Space, str] = {"image": "iou ", "3D": "bev "}
+"""How the matching of each begins."""
+CLEAR = "clear"
+_CLASS = "vehicle"
+_COUNTS = ("tp", "fp", "fn", "gt", "idsw")
+
+
+@dataclass(frozen=True)
+class ScoredRun:
+    """The scores of one run of an experiment."""
+
+    configuration: str
+    condition: str
+    scene: str
+    """What conditions are compared on: the same for each condition of one world and seed."""
+    scores: Sequence[Score]
+
+
+@dataclass(frozen=True)
+class _Ratio:
+    """How a metric comes from counts."""
+
+    top: Callable[[Counter[str]], float]
+    bottom: Callable[[Counter[str]], float]
+    nothing: str
+    """Why there is no value where the bottom is 0."""
+
+
+_RATIOS: Mapping[str, _Ratio] = {
+    "f1": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fp"] / 2 + n["fn"] / 2, "no boxes, in truth nor detected"),
+    "precision": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fp"], "nothing detected"),
+    "recall": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fn"], "no truth boxes"),
+    "mota": _Ratio(lambda n: n["gt"] - n["fn"] - n["fp"] - n["idsw"], lambda n: n["gt"], "no truth boxes"),
+    "mota_no_fp": _Ratio(lambda n: n["gt"] - n["fn"] - n["idsw"], lambda n: n["gt"], "no truth boxes"),
+}
+"""F1 = TP / (TP + FP/2 + FN/2); MOTA as in `metrics.runs.tracking`."""
+
+
+def spaces_of(runs: Iterable[ScoredRun]) -> list[Space]:
+    """Return the spaces in which any of the runs was scored."""
+    found = [score.matching for run in runs for score in run.scores if score.metric == "f1"]
+    return [space for space, start in SPACES.items() if any(matching.startswith(start) for matching in found)]
+
+
+def pooled(runs: Iterable[ScoredRun], metric: str, space: Space) -> Figure:
+    """Return a metric of all vehicles over several runs.
+
+    Args:
+        runs: Of one configuration.
+        metric: f1, precision, recall, mota or mota_no_fp.
+        space: `image` or `3D`.
+    """
+    rows = [row for run in runs if (row := _row(run, metric, space)) is not None]
+    if not rows:
+        return Figure(None, "no run")
+    counts: Counter[str] = Counter()
+    for row in rows:
+        counts.update({name: int(row.counts[name]) for name in _COUNTS if name in row.counts})
+    how = _RATIOS[metric]
+    undefined = [row.reason for row in rows if row.reason is not None and how.bottom(Counter(row.counts))]
+    if undefined:  # for another reason than that there is nothing to divide by
+        return Figure(None, undefined[0], counts)
+    bottom = how.bottom(counts)
+    reasons = [row.reason for row in rows if row.reason is not None]
+    return (
+        Figure(how.top(counts) / bottom, None, counts) if bottom else Figure(None, (*reasons, how.nothing)[0], counts)
+    )
+
+
+def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
+    """Return the relative change of F1 against clear weather, (F1 - F1 clear) / F1 clear, on the scenes of which there
+    are runs in both.
+
+    Args:
+        runs: Of one configuration.
+        condition: Such as `fog`.
+        space: `image` or `3D`.
+    """
+    scenes = {run.scene for run in runs if run.condition == CLEAR} & {r.scene for r in runs if r.condition == condition}
+    if not scenes:
+        return Figure(None, f"no scene was run both in {CLEAR} and in {condition}")
+    base, found = (
+        pooled([run for run in runs if run.condition == name and run.scene in scenes], "f1", space)
+        for name in (CLEAR, condition)
+    )
+    counts = {f"{name}_{key}": num for name, f in ((CLEAR, base), ("then", found)) for key, num in f.counts.items()}
+    if base.value is None:
+        return Figure(None, f"no F1 in {CLEAR}: {base.reason}", counts)
+    if found.value is None:
+        return Figure(None, f"no F1 in {condition}: {found.reason}", counts)
+    if base.value == 0:
+        return Figure(None, f"F1 is 0 in {CLEAR}", counts)
+    return Figure((found.value - base.value) / base.value, None, counts)
+
+
+def _row(run: ScoredRun, metric: str, space: Space) -> Score | None:
+    start = SPACES[space]
+    rows = (row for row in run.scores if (row.metric, row.class_, row.slice) == (metric, _CLASS, "all"))
+    return next((row for row in rows if row.matching.startswith(start)), None)

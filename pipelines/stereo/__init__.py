@@ -1,0 +1,1 @@
+"""Depth from two cameras side by side."""

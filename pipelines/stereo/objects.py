@@ -1,0 +1,101 @@
+"""Vehicles in points of stereo: ground, clusters and boxes as with LiDAR, with room for errors of depth."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fbench.pipelines.checks import require_ranges
+from fbench.pipelines.points.car_shape import CarShapeParams
+from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.points.ground import GroundParams
+from fbench.pipelines.points.lidar import LidarClusterParams, LidarParams, LidarView, judged, obstacles
+from fbench.pipelines.points.vehicle import VehicleSize, fading
+from fbench.replay.arrays import Float64
+from fbench.replay.errors import ConfigError
+
+_SHAPE = CarShapeParams(
+    top_m=(2.2, 2.6), least_extent_m=(1.2, 0.6), most_length_m=(6.0, 8.0), most_width_m=(2.6, 3.6),
+    filling_m=(0.5, 0.9), num_points=(12.0, 6.0), num_over=(1.0, 4.0),
+)  # fmt: skip
+"""Errors of depth widen clusters and fill them."""
+
+
+@dataclass(frozen=True)
+class StereoClusterParams:
+    """DBSCAN on what stands on the ground, seen from above, with radii that grow with range r."""
+
+    eps_m: float = 0.5
+    """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
+    sigma_px: float = 0.1
+    """Error of disparity [px] of the shrunk image that is bridged; errors of neighbours are alike."""
+    eps_rad: float = 0.04
+    """Radius across the line of sight [rad]: 0.8 m at 20 m."""
+    min_points: int = 5
+    """Points within the radius that make a core point, itself included."""
+    max_height_m: float = 2.5
+    """Points higher above the ground [m] are left out."""
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "eps_m": (0.01, 100.0), "sigma_px": (0.001, 100.0), "eps_rad": (0.001, 3.0), "min_points": (1, 1e6),
+            "max_height_m": (0.1, 100.0),
+        }  # fmt: skip
+        require_ranges("objects.cluster", self, ranges)
+
+
+@dataclass(frozen=True)
+class ObjectParams:
+    """What becomes of the points."""
+
+    ground: GroundParams = field(default_factory=lambda: GroundParams(tolerance_m=0.3))
+    """How the ground is found."""
+    cluster: StereoClusterParams = field(default_factory=StereoClusterParams)
+    """How points are grouped."""
+    least_top_m: tuple[float, float] = (1.0, 0.8)
+    """Height of a cluster's highest point [m]: from the first on fine, below the second no vehicle but a barrier."""
+    size: VehicleSize = field(default_factory=VehicleSize)
+    """What partly seen vehicles are completed to."""
+    shape: CarShapeParams = field(default_factory=lambda: _SHAPE)
+    """What a cluster must look like."""
+
+    def __post_init__(self) -> None:
+        self.size.check("objects.size")
+        fine, impossible = self.least_top_m
+        if not 0 <= impossible < fine <= 100:
+            raise ConfigError(f"objects.least_top_m: expected 100 >= first > second >= 0, got {fine:g},{impossible:g}")
+
+    @property
+    def as_lidar(self) -> LidarParams:
+        """The same for stages that are LiDAR's, too."""
+        cluster = LidarClusterParams(max_height_m=self.cluster.max_height_m)
+        return LidarParams(ground=self.ground, cluster=cluster, size=self.size, shape=self.shape)
+
+
+def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectParams) -> LidarView:
+    """Find vehicles in points (N, 3) in body coordinates [m] and lexicographic order.
+
+    `eye_m` (2,) is where the left camera is, `focal_baseline` f B [px m] what depth follows from.
+    """
+    how = params.as_lidar
+    found = obstacles(xyz, how)
+    cluster = dbscan(_evened(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points)
+    view = judged(found, cluster, eye_m, how)
+    score = view.boxes.score
+    if view.plane is None or score is None or not len(score):
+        return view
+    member = view.cluster >= 0
+    first = np.flatnonzero(np.diff(view.cluster[member], prepend=-1))
+    top_m = np.maximum.reduceat((view.xyz[:, 2] - view.plane.z_m(view.xyz))[member], first)
+    return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
+
+
+def _evened(xy: Float64, focal_baseline: float, params: StereoClusterParams) -> Float64:
+    """Move points (N, 2) [m] seen from the camera to where a radius of 1 is that of the parameters everywhere.
+
+    Across the line of sight that is the azimuth over eps_rad; along it the integral of dr / (e + k r^2), which is
+    atan(r sqrt(k / e)) / sqrt(k e).
+    """
+    range_m, azimuth = np.hypot(xy[:, 0], xy[:, 1]), np.arctan2(xy[:, 1], xy[:, 0])
+    growth = 2 * params.sigma_px / focal_baseline
+    along = np.arctan(range_m * np.sqrt(growth / params.eps_m)) / np.sqrt(growth * params.eps_m)
+    return np.column_stack([along, azimuth / params.eps_rad])

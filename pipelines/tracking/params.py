@@ -1,0 +1,107 @@
+"""Parameters of the trackers."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fbench.pipelines.checks import LIMIT, require_between
+
+MIN_STD = 1e-6
+
+
+@dataclass(frozen=True)
+class Tracker3DParams:
+    """Parameters of the 3D tracker."""
+
+    association: Literal["distance", "iou", "giou", "mahalanobis"] = "distance"
+    """`distance`: nearest centres on the ground within a gate; `iou`: overlap seen from above; `giou`: generalised
+    overlap in space, which also tells near from far where boxes don't overlap; `mahalanobis`: nearest centres in
+    standard deviations of the filter.
+    """
+    gate_m: float = 3.0
+    """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
+    gate_mps: float = 8.0
+    """By how much the gate grows [m] for each second since a track was measured."""
+    min_iou: float = 0.05
+    """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
+    min_giou: float = -0.2
+    """With `giou`: the same, from -1 (infinitely far) to 1 (equal)."""
+    max_mahalanobis: float = 4.0
+    """With `mahalanobis`: greatest distance in standard deviations."""
+    weak_score: float = -LIMIT
+    """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
+    max_missed: int = 2
+    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
+    max_coast_s: float = 0.5
+    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
+    min_hits: int = 2
+    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
+    measured_std_m: float = 0.3
+    """Standard deviation of a measured centre [m]."""
+    rate_std_mps: float = 10.0
+    """Standard deviation of a new track's velocity [m/s]."""
+    drift_std_mps: float = 5.0
+    """Change of velocity within one second, standard deviation [m/s]."""
+    size_share: float = 1.0
+    """Least share of a new measurement in a track's size: 1 takes the size measured last, 0 the mean of all."""
+    yaw_share: float = 1.0
+    """The same of its heading. Below 1, headings turned by pi count as measured the right way round."""
+    score: Literal["last", "mean"] = "last"
+    """Score of a track: that of its last detection, or the mean of all so far."""
+    predicted_share: float = 1.0
+    """Share of that score which a track has while nothing measures it."""
+    ego_motion: bool = True
+    """Follow objects in world coordinates where poses are known; else in those of the body."""
+
+    def __post_init__(self) -> None:
+        for name in ("min_iou", "size_share", "yaw_share", "predicted_share"):
+            require_between(f"tracking.{name}", getattr(self, name), 0.0, 1.0)
+        for name in ("gate_mps", "max_missed", "max_coast_s", "min_hits", "rate_std_mps", "drift_std_mps"):
+            require_between(f"tracking.{name}", getattr(self, name), 0)
+        for name in ("gate_m", "measured_std_m", "max_mahalanobis"):
+            require_between(f"tracking.{name}", getattr(self, name), MIN_STD)
+        require_between("tracking.min_giou", self.min_giou, -1.0, 1.0)
+        require_between("tracking.weak_score", self.weak_score, -LIMIT)
+
+
+@dataclass(frozen=True)
+class Tracker2DParams:
+    """Parameters of the 2D tracker. Noise is relative to a box's size: the side of a square of its area."""
+
+    association: Literal["iou", "giou", "mahalanobis"] = "iou"
+    """`iou`: overlap; `giou`: generalised overlap, which also tells near from far where boxes don't overlap;
+    `mahalanobis`: nearest in standard deviations of the filter.
+    """
+    min_iou: float = 0.1
+    """Detections that overlap a track's prediction less than this don't belong to it."""
+    min_giou: float = -0.2
+    """With `giou`: the same, from -1 (infinitely far) to 1 (equal)."""
+    max_mahalanobis: float = 4.0
+    """With `mahalanobis`: greatest distance in standard deviations."""
+    weak_score: float = -LIMIT
+    """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
+    max_missed: int = 2
+    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
+    max_coast_s: float = 0.5
+    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
+    min_hits: int = 2
+    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
+    measured_std: float = 0.05
+    """Standard deviation of a measured position, as a share of the box's size."""
+    rate_std: float = 2.0
+    """Standard deviation of a new track's rate of change, in box sizes a second."""
+    drift_std: float = 0.5
+    """Change of the rates within one second, standard deviation in box sizes a second."""
+    score: Literal["last", "mean"] = "last"
+    """Score of a track: that of its last detection, or the mean of all so far."""
+    predicted_share: float = 1.0
+    """Share of that score which a track has while nothing measures it."""
+
+    def __post_init__(self) -> None:
+        for name in ("min_iou", "predicted_share"):
+            require_between(f"tracking.{name}", getattr(self, name), 0.0, 1.0)
+        for name in ("max_missed", "max_coast_s", "min_hits", "rate_std", "drift_std"):
+            require_between(f"tracking.{name}", getattr(self, name), 0)
+        for name in ("measured_std", "max_mahalanobis"):
+            require_between(f"tracking.{name}", getattr(self, name), MIN_STD)
+        require_between("tracking.min_giou", self.min_giou, -1.0, 1.0)
+        require_between("tracking.weak_score", self.weak_score, -LIMIT)

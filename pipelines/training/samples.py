@@ -1,0 +1,65 @@
+"""Images with what is true of them, from logs."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fbench.pipelines.training.settings import CLASSES
+from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.data import Boxes2D, Image
+from fbench.replay.errors import LogError
+from fbench.replay.faults import FaultLog
+from fbench.replay.logs.open import open_log
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One image and the N boxes in it."""
+
+    name: str
+    """Log, sensor and stamp."""
+    image: Image
+    xyxy: Float64
+    """(N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]."""
+    class_id: Int64
+    """(N,) index in `CLASSES`; -1 of what is neither to be found nor a mistake."""
+
+    @property
+    def is_ignored(self) -> Bool:
+        """(N,)."""
+        ignored: Bool = self.class_id < 0
+        return ignored
+
+
+def samples(logs: Sequence[Path]) -> list[Sample]:
+    """Read all images of logs that have 2D truth at their stamps; JPEG stays encoded.
+
+    Raises:
+        LogError: where there are none.
+    """
+    found = [sample for path in logs for sample in _of_log(path)]
+    if not found:
+        raise LogError("no image with 2D truth in these logs: nothing to learn from")
+    return found
+
+
+def _of_log(path: Path) -> Iterator[Sample]:
+    log = open_log(path, FaultLog())
+    truths = {truth.stamp_ns: truth.boxes2d for truth in log.truths() if truth.boxes2d is not None}
+    for message in log.messages():
+        if isinstance(message, Image) and message.stamp_ns in truths:
+            yield _sample(log.info.name, message, truths[message.stamp_ns])
+
+
+def _sample(log: str, image: Image, truth: Boxes2D) -> Sample:
+    mine = truth.camera == image.sensor
+    ids = np.full(len(truth), -1)
+    if truth.label is not None:
+        for index, label in enumerate(CLASSES):
+            ids[truth.label == label] = index
+    if truth.ignore is not None:
+        ids[truth.ignore] = -1
+    name = f"{log} {image.sensor} {image.stamp_ns}"
+    return Sample(name, image, truth.xyxy_px[mine] + 0.5, ids[mine].astype(np.int64))

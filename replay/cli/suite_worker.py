@@ -1,0 +1,59 @@
+"""Replays cells in a process of its own: `python -m fbench.replay.cli.suite_worker`.
+
+Each line of stdin is a cell, each line of stdout the answer to it; it ends with stdin.
+"""
+
+import signal
+import sys
+from contextlib import redirect_stdout
+from types import FrameType
+
+from fbench.replay.cli.job import Job, run_job
+from fbench.replay.config.source import log_source
+from fbench.replay.errors import FbenchError, one_line
+from fbench.replay.suites.cell import Answer, Cell
+
+_LACKS_SENSOR = "CFG001"
+
+
+class _EndedError(BaseException):
+    """SIGTERM came; cleans up on its way out, and no plug-in catches it."""
+
+
+def main() -> int:
+    """Answer every line."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGTERM, _end)
+    out = sys.stdout
+    try:
+        with redirect_stdout(sys.stderr):  # a plug-in may print
+            for line in sys.stdin:
+                print(_answer(Cell.from_json(line)).to_json(), file=out, flush=True)
+    except (_EndedError, KeyboardInterrupt):
+        return 128 + signal.SIGTERM
+    return 0
+
+
+def _answer(cell: Cell) -> Answer:
+    try:
+        run_job(
+            Job(
+                log_source(cell.log), cell.pipeline, cell.settings, out=cell.folder, overwrite=True,
+                scoring=cell.scoring, no_media=not cell.media,
+            )
+        )  # fmt: skip
+    except FbenchError as error:
+        return Answer(str(error), error.code == _LACKS_SENSOR)
+    except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
+        return Answer(one_line(error))
+    return Answer()
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise _EndedError
+
+
+if __name__ == "__main__":
+    sys.exit(main())

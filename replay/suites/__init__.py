@@ -1,0 +1,1 @@
+"""Matrices of replays: many cells, few processes, nothing done twice."""

@@ -1,0 +1,1 @@
+"""Results as Markdown, for pages that people go on writing."""

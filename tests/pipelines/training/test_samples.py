@@ -1,0 +1,57 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.training.samples import samples
+from fbench.pipelines.training.settings import CLASSES
+from fbench.replay.data import Boxes2D, CameraModel, Image, LogInfo, Mount, Rig, Truth
+from fbench.replay.errors import LogError
+from fbench.replay.images import encode_jpeg
+from fbench.replay.logs.mcap.write import McapWriter
+
+K = np.array([[40.0, 0, 31.5], [0, 40.0, 23.5], [0, 0, 1]])
+RIG = Rig(
+    {name: Mount("camera", np.zeros(3), np.array([0, 0, 0, 1.0])) for name in ("front", "rear")},
+    {name: CameraModel(K, (64, 48)) for name in ("front", "rear")},
+)
+
+
+def write(path: Path, truth_ns: tuple[int, ...]) -> Path:
+    with McapWriter(path, LogInfo("made", log_id="made-1"), RIG) as log:
+        for stamp_ns in (100, 200):
+            for camera in ("front", "rear"):
+                pixels = np.zeros((48, 64, 3), np.uint8)
+                log.write(Image(camera, stamp_ns, stamp_ns, encode_jpeg(pixels), "jpeg", (64, 48)))
+            if stamp_ns in truth_ns:
+                log.write(Truth(stamp_ns, stamp_ns, boxes2d=boxes()))
+    return path
+
+
+def boxes() -> Boxes2D:
+    return Boxes2D(
+        camera=np.array(["front", "rear", "front", "front"]),
+        xyxy_px=np.array([[10.0, 20, 30, 40], [1, 2, 3, 4], [5, 5, 9, 9], [0, 0, 7, 7]]),
+        label=np.array(["bus", "car", "car", "trailer"]),
+        ignore=np.array([False, False, True, False]),
+    )
+
+
+def test_images_come_with_the_boxes_of_their_camera(tmp_path):
+    first, second, *rest = samples([write(tmp_path / "a.mcap", (100, 200))])
+    assert len(rest) == 2
+    assert (first.image.sensor, second.image.sensor) == ("front", "rear")
+    assert first.class_id.tolist() == [CLASSES.index("bus"), -1, -1], "ignored, and a class that isn't learnt"
+    assert first.xyxy[0].tolist() == [10.5, 20.5, 30.5, 40.5], "from pixel centres to the upper left corner"
+    assert second.class_id.tolist() == [CLASSES.index("car")]
+    assert second.is_ignored.tolist() == [False]
+
+
+def test_images_without_truth_teach_nothing(tmp_path):
+    found = samples([write(tmp_path / "a.mcap", (200,))])
+    assert [sample.image.stamp_ns for sample in found] == [200, 200]
+
+
+def test_logs_without_any_are_refused(tmp_path):
+    with pytest.raises(LogError, match="nothing to learn from"):
+        samples([write(tmp_path / "a.mcap", ())])

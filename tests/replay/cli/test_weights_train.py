@@ -1,0 +1,58 @@
+"""`fbench weights train`, and what it says where it can't."""
+
+import importlib.util
+
+import pytest
+from tests.city_log import write_city_log
+
+HAS_TORCH = all(importlib.util.find_spec(name) for name in ("torch", "onnx"))
+with_torch = pytest.mark.skipif(not HAS_TORCH, reason="torch is an extra")
+
+
+@pytest.mark.skipif(HAS_TORCH, reason="torch is there")
+def test_without_torch_it_says_what_to_install(fbench, tmp_path):
+    result = fbench("weights", "train", str(tmp_path), "-o", str(tmp_path / "a.onnx"))
+    assert result.code == 2
+    assert "pip install 'fbench[torch]'" in result.err
+    assert result.err.count("\n") == 1
+
+
+@with_torch
+@pytest.mark.parametrize(
+    ("folder", "out", "options", "said"),
+    [
+        ("none", "a.onnx", (), "no such folder; to make one: fbench log simulate training -o"),
+        (".", "a.onnx", (), "no logs in it"),
+        (".", "a.pt", (), "expected a name that ends in .onnx"),
+        (".", "none/a.onnx", (), "can't be written (no folder"),
+        (".", "a.onnx", ("--device", "cuda"), "no CUDA device"),
+    ],
+)
+def test_what_cant_be_done_is_said(fbench, tmp_path, folder, out, options, said):
+    result = fbench("weights", "train", str(tmp_path / folder), "-o", str(tmp_path / out), *options)
+    assert result.code == 2
+    assert said in result.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@with_torch
+def test_logs_without_images_teach_nothing(fbench, tmp_path):
+    write_city_log(tmp_path / "a.mcap", 0.2)
+    result = fbench("weights", "train", str(tmp_path), "-o", str(tmp_path / "a.onnx"))
+    assert result.code == 3
+    assert "nothing to learn from" in result.err
+
+
+@with_torch
+@pytest.mark.slow
+def test_a_trained_file_is_a_detector(fbench, tmp_path):
+    log = tmp_path / "logs" / "a.mcap"
+    log.parent.mkdir()
+    assert fbench("log", "simulate", "urban", "--seconds", "0.2", "--sensors", "camera", "-o", str(log)).code == 0
+    out = tmp_path / "a.onnx"
+    result = fbench("weights", "train", str(log.parent), "-o", str(out), "--steps", "2", "--threads", "1")
+    assert result.code == 0, result.err
+    assert f"weights: {out}" in result.out.replace("\n", "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.onnx", "logs"]
+    replayed = fbench("replay", str(log), "-p", "camera2d", "--set", f"camera.weights={out}", "-o", str(tmp_path / "r"))
+    assert replayed.code == 0, replayed.err

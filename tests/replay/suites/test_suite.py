@@ -1,0 +1,203 @@
+"""Cells through processes that replay, told apart by what they are made of."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fbench.replay.config.source import NO_CONFIG, LogWish
+from fbench.replay.data import Rig
+from fbench.replay.errors import ConfigError
+from fbench.replay.scores import ScoreOptions
+from fbench.replay.store import Run
+from fbench.replay.suites.cell import Cell
+from fbench.replay.suites.run import run_suite
+
+from ..cli.conftest import messages, rig, truths, write_log
+
+MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json"}
+MINE = """
+import time
+from fbench.replay.data import Boxes3D, Output
+
+class Mine:
+    def start(self, rig, log_info): pass
+    def reset(self, reason): pass
+    def step(self, frame):
+        return Output(Boxes3D.empty(), Boxes3D.empty(), {})
+
+class Broken(Mine):
+    def start(self, rig, log_info): raise RuntimeError("won't start")
+
+class Dies(Mine):
+    def step(self, frame):
+        import os
+        os.kill(os.getpid(), 9)
+
+class Slow(Mine):
+    def step(self, frame):
+        import os, pathlib
+        pathlib.Path("at-work").write_text(str(os.getpid()))
+        time.sleep(60)
+"""
+
+
+@pytest.fixture
+def log(tmp_path, monkeypatch):
+    """Three frames, without a camera; the working folder is empty but for `mine.py`."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    return write_log(tmp_path / "car.mcap", [*messages(3, camera=False), *truths(3)], rig(camera=False))
+
+
+def cell(log, pipeline, **fields):
+    folder = Path("runs") / pipeline.replace(":", "-")
+    return Cell(LogWish(log, config=NO_CONFIG), pipeline, fields.pop("folder", folder), media=False, **fields)
+
+
+def states(results):
+    return [result.state for result in results]
+
+
+def contents(folder):
+    return {file.name: file.read_bytes() for file in sorted(folder.iterdir()) if file.name not in MEASURED}
+
+
+@pytest.mark.slow
+def test_any_number_of_workers_gives_equal_runs_in_the_order_of_cells(log):
+    found = {}
+    for workers in (1, 2):
+        names = ["radar3d", "lidar3d", "mine.py:Mine"]
+        cells = [cell(log, name, folder=Path(f"by-{workers}") / name) for name in names]
+        results = run_suite(cells, workers)
+        assert [result.cell for result in results] == cells
+        assert states(results) == ["replayed"] * 3
+        found[workers] = [contents(one.folder) for one in cells]
+        assert Run(cells[1].folder).scores
+    assert found[1] == found[2]
+
+
+@pytest.mark.slow
+def test_only_what_changed_is_replayed(log):
+    cells = [cell(log, "radar3d"), cell(log, "mine.py:Mine")]
+    told = []
+    assert states(run_suite(cells, 2, lambda done, of: told.append((done, of)))) == ["replayed", "replayed"]
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert states(run_suite(cells, 2)) == ["there", "there"]
+
+    changed = [replace(cells[0], settings=["radar.max_range_m=50"]), cells[1]]
+    assert states(run_suite(changed, 2)) == ["replayed", "there"]
+    options = [changed[0], replace(cells[1], scoring=ScoreOptions(range_m=40))]
+    assert states(run_suite(options, 2)) == ["there", "replayed"]
+    Path("mine.py").write_text(MINE + "\n")
+    assert states(run_suite(options, 2)) == ["there", "replayed"]
+
+    write_log(log, [*messages(2, camera=False), *truths(2)], rig(camera=False))
+    assert states(run_suite(options, 2)) == ["replayed", "replayed"]
+    assert len(Run(cells[0].folder).frames) == 2
+
+
+@pytest.mark.slow
+def test_what_is_damaged_or_missing_is_made_anew(log):
+    names = ["scores.json", "manifest.json", "frames.parquet", "cell.json", "tracks.parquet", "untouched"]
+    cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in names]
+    run_suite(cells, 2)
+    whole = contents(cells[0].folder)
+    for name in names[:4]:
+        (Path("runs") / name / name).write_text("{")
+    (Path("runs") / "tracks.parquet" / "tracks.parquet").unlink()
+    left = Path("runs") / ".scores.json.partial-1"  # of a process that was killed
+    left.mkdir()
+    assert states(run_suite(cells, 2)) == ["replayed"] * 5 + ["there"]
+    assert all(contents(one.folder) == whole for one in cells)
+    assert not left.exists()
+    assert states(run_suite(cells, 2)) == ["there"] * 6
+
+
+@pytest.mark.slow
+def test_cells_that_fail_say_why_and_stop_nobody(log):
+    (Path("runs") / "taken").mkdir(parents=True)
+    Path("runs/taken/mine.txt").write_text("not a run")
+    bad_log = Path("bad.mcap")
+    bad_log.write_bytes(b"no log")
+    cells = [
+        cell(log, "mine.py:Broken"),
+        cell(log, "mine.py:Dies"),
+        cell(log, "lidar4d"),
+        cell(log, "radar3d", settings=["radar.no=1"], folder=Path("x")),
+        cell(log, "mine.py:Mine", folder=Path("runs/taken")),
+        cell(bad_log, "mine.py:Mine", folder=Path("y")),
+        cell(Path("absent.mcap"), "mine.py:Mine", folder=Path("z")),
+        cell(log, "mine.py:Mine"),
+    ]
+    results = run_suite(cells, 1)
+    assert states(results) == ["failed"] * 7 + ["replayed"]
+    expected = ["won't start", "signal 9", "unknown pipeline", "unknown parameter", "isn't a run folder", "bad.mcap",
+                "absent.mcap"]  # fmt: skip
+    for result, reason in zip(results, expected, strict=False):
+        assert reason in result.reason
+        assert "\n" not in result.reason
+    assert Path("runs/taken/mine.txt").read_text() == "not a run"
+    assert not list(Path().rglob("*.partial-*"))
+
+
+def test_a_log_without_the_sensor_is_unfit_and_programs_run_each_time(log):
+    without = Rig({"lidar": rig(camera=False).mounts["lidar"]}, {})
+    items = [message for message in messages(2, camera=False) if message.sensor == "lidar"]
+    only_lidar = write_log(Path("lidar.mcap"), items, without)
+    program = cell(log, "exec:./no-such-program", folder=Path("program"))
+    unfit, failed = run_suite([cell(only_lidar, "radar3d"), program], 1)
+    assert (unfit.state, failed.state) == ("unfit", "failed")
+    assert "radar3d needs a radar" in unfit.reason
+
+
+def test_wrong_suites(log):
+    with pytest.raises(ConfigError, match="--workers 0"):
+        run_suite([], 0)
+    one = cell(log, "radar3d")
+    with pytest.raises(ConfigError, match="two cells of a suite go to"):
+        run_suite([one, replace(one, folder=one.folder.absolute())], 1)
+
+
+def test_no_cells_give_nothing():
+    assert run_suite([], 2) == []
+
+
+INTERRUPTED = """
+import sys
+from pathlib import Path
+from fbench.replay.config.source import NO_CONFIG, LogWish
+from fbench.replay.suites.cell import Cell
+from fbench.replay.suites.run import run_suite
+
+log = LogWish(Path(sys.argv[1]), config=NO_CONFIG)
+names = ("mine.py:Mine", "mine.py:Slow", "mine.py:Broken")
+cells = [Cell(log, name, Path("runs") / name[8:], media=False) for name in names]
+try:
+    run_suite(cells, 1)
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.slow
+def test_interrupted_nothing_half_written_stays_and_no_process(log):
+    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(log)])
+    marker = Path("at-work")
+    end = time.monotonic() + 60
+    while not (marker.exists() and marker.read_text()) and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 130
+    worker = int(marker.read_text())
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+    assert sorted(path.name for path in Path("runs").iterdir()) == ["Mine"]
+    seal = json.loads(Path("runs/Mine/cell.json").read_text())
+    assert seal["made_from"]["pipeline"] == "mine.py:Mine"

@@ -1,0 +1,34 @@
+"""How figures are shown."""
+
+import pytest
+
+from fbench.replay.result_table import Column, Figure, Line, ResultTable, shown, table_rows
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "text"),
+    [
+        (0.6824, "share", "68.2"), (-0.1237, "change", "-12.4"), (0.11111, "change", "+11.1"), (0.0, "change", "0.0"),
+        (-0.00001, "change", "0.0"), (-0.00001, "share", "0.0"), (20, "count", "20"), (1.2345, "ms", "1.23"),
+        (None, "share", "–"),
+    ],
+)  # fmt: skip
+def test_shown(value, kind, text):
+    assert shown(value, kind) == text
+
+
+TABLE = ResultTable(
+    "t", "T", (Column("a"), Column("b")),
+    (Line("x", "image", (Figure(1.0), Figure(None, "why"))), Line("y", "", (Figure(None, "why"), Figure(0.0)))),
+)  # fmt: skip
+
+
+def test_reasons_are_told_once():
+    assert TABLE.reasons == ("b of x image, a of y: why",)
+
+
+def test_rows():
+    assert len(table_rows(TABLE)) == 4
+    assert table_rows(TABLE)[1] == {
+        "name": "x", "space": "image", "column": "b", "value": None, "reason": "why", "published": None, "counts": {},
+    }  # fmt: skip

@@ -1,0 +1,48 @@
+"""Tables of an experiment as HTML and as Markdown."""
+
+from dataclasses import replace
+
+from tests.reports.conftest import Page, Plan
+
+from fbench.replay.result_table import Column, Figure, Line, Results, ResultTable
+from fbench.reports.html import HtmlReport
+from fbench.reports.markdown.results import markdown
+
+TABLE = ResultTable(
+    "accuracy", "Accuracy, %", (Column("F1"), Column("fog", "change")),
+    (
+        Line("late3d", "image", (Figure(0.5, published=0.8358), Figure(-0.25, counts={"clear_tp": 3}))),
+        Line("mine", "3D", (Figure(None, "F1 is 0"), Figure(None, "no run"))),
+    ),
+    ("A note.",),
+)  # fmt: skip
+RESULTS = Results("The city", (("command", "fbench demo"), ("seeds", "1|2")), (TABLE,), problems=("failed: <b>",))
+
+
+def test_html_has_the_tables_first_and_the_runs_below(make_run, tmp_path):
+    out = tmp_path / "report.html"
+    HtmlReport().write_results(RESULTS, [make_run(Plan())], out)
+    page = Page(out.read_text("utf-8"))
+    for text in ("Accuracy, %", "50.0 83.6", "−25.0", "F1 is 0", "A note.", "failed: <b>", "fbench demo"):
+        assert text in page.text
+    assert page.text.index("Accuracy, %") < page.text.index("Log digest") < page.text.index("Scores vehicle")
+    assert "<b>" not in page.html.partition("failed:")[2][:10]
+
+
+def test_html_without_results_has_no_such_section(make_run, report):
+    assert "Results" not in report(make_run(Plan())).text
+
+
+def test_markdown():
+    text = markdown(RESULTS)
+    assert "# The city\n\n- command: `fbench demo`\n- seeds: 1\\|2\n" in text
+    assert "| configuration | space | F1 | fog |\n| --- | --- | ---: | ---: |\n" in text
+    assert "| late3d | image | 50.0 (83.6) | -25.0 |\n| mine | 3D | – | – |\n" in text
+    assert "- F1 of mine 3D: F1 is 0\n" in text
+    assert text.endswith("- failed: &lt;b>\n")
+
+
+def test_markdown_keeps_names_from_data_on_their_line():
+    line = replace(TABLE.lines[0], name="a\n# b|c")
+    text = markdown(replace(RESULTS, tables=(replace(TABLE, lines=(line,)),)))
+    assert "| a # b\\|c | image |" in text
