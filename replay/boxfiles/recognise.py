@@ -61,8 +61,9 @@ def _of_text(path: Path) -> str | None:
         return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
     if len(fields) in (15, 16):
         return "kitti"
-    # Some trackers write more behind the score.
-    return "kitti-tracking" if len(fields) >= 17 and all(map(_is_number, fields[:2])) else None
+    # Frame, id, class ...; some trackers write more behind the score.
+    is_row = len(fields) >= 17 and _is_number(fields[0]) and not _is_number(fields[2])
+    return "kitti-tracking" if is_row else None
 
 
 def _is_number(text: str) -> bool:
