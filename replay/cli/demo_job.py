@@ -140,7 +140,8 @@ def _replay(what: Experiment, num_workers: int) -> list[tuple[Drive, CellResult]
     done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
     num_there = sum(result.state == "there" for result in found)
     num_new = sum(result.state == "replayed" for result in found)
-    line = f"runs: {num_there + num_new} of {len(found)} ({num_new} replayed, {num_there} there already)"
+    num_fit = sum(result.state != "unfit" for result in found)
+    line = f"runs: {num_there + num_new} of {num_fit} ({num_new} replayed, {num_there} there already)"
     console().print(line, markup=False)
     return done
 
