@@ -12,7 +12,7 @@ from fbench.pipelines.camera.thresholds import thresholds
 from fbench.pipelines.checks import require_between
 from fbench.pipelines.weights.named import resolve
 from fbench.replay.arrays import Float64, Text, freeze_fields
-from fbench.replay.errors import ConfigError
+from fbench.replay.errors import ConfigError, ModelError
 from fbench.replay.images import Pixels
 
 _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
@@ -96,7 +96,10 @@ class CameraDetector:
         self._params = params
         self._model = Model(params.weights, params.threads, params.input_wh)
         asked = {name: getattr(params, name) for name in _THRESHOLDS}
-        self._thresholds = thresholds(asked, self._model.metadata)
+        try:
+            self._thresholds = thresholds(asked, self._model.metadata)
+        except ModelError as error:
+            raise ModelError(f"{params.weights}: {error}") from error
 
     def prepare(self, pixels: Pixels) -> Prepared:
         """Cut and scale an image (H, W, 3) BGR."""

@@ -19,7 +19,7 @@ def thresholds(asked: Mapping[str, float | None], metadata: Mapping[str, str]) -
     """Return what is asked for by name, else what the weights' metadata say under that name, else the defaults.
 
     Raises:
-        ModelError: where metadata aren't numbers between 0 and 1.
+        ModelError: where metadata aren't numbers between 0 and 1; it names the entry, not the file.
     """
     said = {f.name: _share(f.name, metadata[f.name]) for f in fields(Thresholds) if f.name in metadata}
     return Thresholds(**(said | {name: value for name, value in asked.items() if value is not None}))
