@@ -19,7 +19,7 @@ class Sample:
     """One image and the N boxes in it."""
 
     name: str
-    """Log, sensor and stamp."""
+    """Log with its id, sensor and stamp."""
     image: Image
     xyxy: Float64
     """(N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]."""
@@ -36,21 +36,26 @@ class Sample:
 def samples(logs: Sequence[Path]) -> list[Sample]:
     """Read all images of logs that have 2D truth at their stamps; JPEG stays encoded.
 
+    Cameras in which a log has no truth at all are left out: nobody labelled them.
+
     Raises:
-        LogError: where there are none.
+        LogError: where there are none, or nothing in them is to be found.
     """
     found = [sample for path in logs for sample in _of_log(path)]
     if not found:
         raise LogError("no image with 2D truth in these logs: nothing to learn from")
+    if all(sample.is_ignored.all() for sample in found):
+        raise LogError(f"no box in these logs has one of the labels {', '.join(CLASSES)}: nothing to learn from")
     return found
 
 
 def _of_log(path: Path) -> Iterator[Sample]:
     log = open_log(path, FaultLog())
     truths = {truth.stamp_ns: truth.boxes2d for truth in log.truths() if truth.boxes2d is not None}
+    labelled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
-        if isinstance(message, Image) and message.stamp_ns in truths:
-            yield _sample(log.info.name, message, truths[message.stamp_ns])
+        if isinstance(message, Image) and message.sensor in labelled and message.stamp_ns in truths:
+            yield _sample(f"{log.info.name} {log.info.log_id}", message, truths[message.stamp_ns])
 
 
 def _sample(log: str, image: Image, truth: Boxes2D) -> Sample:

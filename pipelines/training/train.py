@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from fbench.pipelines.training.views import View
 from fbench.replay.arrays import Array
 from fbench.replay.errors import ConfigError
 
+_STATE = {"made_from", "step", "network", "averaged", "optimizer"}
 Report = Callable[[int, float], None]
 """Called with the number of steps done and the latest loss."""
 
@@ -87,7 +89,7 @@ class Training:
         part.replace(checkpoint)
 
     def _resume(self, checkpoint: Path) -> None:
-        state = torch.load(checkpoint, weights_only=True, map_location=self.device)
+        state = _loaded(checkpoint, self.device)
         if state["made_from"] != self._made_from():
             raise ConfigError(f"{checkpoint}: a checkpoint of other settings or logs; delete it, or name another")
         self.network.load_state_dict(state["network"])
@@ -97,6 +99,16 @@ class Training:
 
     def _made_from(self) -> dict[str, str]:
         return {"settings": repr(asdict(self.settings)), "samples": " ".join(s.name for s in self.samples)}
+
+
+def _loaded(checkpoint: Path, device: str) -> dict[str, Any]:
+    try:
+        state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location=device)
+    except (RuntimeError, UnpicklingError, EOFError) as error:
+        raise ConfigError(f"{checkpoint}: damaged, or no checkpoint; delete it, or name another") from error
+    if not isinstance(state, dict) or set(state) != _STATE:
+        raise ConfigError(f"{checkpoint}: no checkpoint of a training; delete it, or name another")
+    return state
 
 
 def _groups(network: nn.Module, settings: TrainingSettings) -> list[dict[str, Any]]:

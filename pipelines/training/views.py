@@ -73,7 +73,6 @@ def _view(
 def _scaled(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int]) -> Pixels:
     """Shrink first by areas, as the finished detector does, then cut; grey beyond the image."""
     height, width = pixels.shape[:2]
-    inner = (max(1, round(width * scale)), max(1, round(height * scale)))
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     left, top, right, bottom = _window(corner, size_wh, scale, (width, height))
     part = pixels[top:bottom, left:right]

@@ -38,6 +38,8 @@ def downloaded(entry: Entry, target: Path, timeout_s: float = TIMEOUT_S) -> Iter
         raise _failed(entry, target, f"the server says {error.code} {error.reason}") from error
     except (OSError, http.client.HTTPException) as error:
         raise _failed(entry, target, _reason(error, timeout_s)) from error
+    except ValueError as error:  # what urllib makes of `https_proxy=http:/host`
+        raise _failed(entry, target, "the environment names a proxy whose address is broken") from error
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
@@ -49,7 +51,7 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
     def http_error_302(
         self, req: urllib.request.Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage
     ) -> Any:
-        where = origin(headers.get("location", ""), req.full_url)
+        where = origin(headers.get("location", headers.get("uri", "")), req.full_url)  # in urllib, either leads on
         if where not in self._entry.origins:
             fp.close()
             raise ModelError(f"{self._entry.url}: redirects to {where}, not followed")

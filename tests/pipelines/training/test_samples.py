@@ -17,14 +17,14 @@ RIG = Rig(
 )
 
 
-def write(path: Path, truth_ns: tuple[int, ...]) -> Path:
+def write(path: Path, truth_ns: tuple[int, ...], rows: slice = slice(None)) -> Path:
     with McapWriter(path, LogInfo("made", log_id="made-1"), RIG) as log:
         for stamp_ns in (100, 200):
             for camera in ("front", "rear"):
                 pixels = np.zeros((48, 64, 3), np.uint8)
                 log.write(Image(camera, stamp_ns, stamp_ns, encode_jpeg(pixels), "jpeg", (64, 48)))
             if stamp_ns in truth_ns:
-                log.write(Truth(stamp_ns, stamp_ns, boxes2d=boxes()))
+                log.write(Truth(stamp_ns, stamp_ns, boxes2d=boxes()[rows]))
     return path
 
 
@@ -55,3 +55,17 @@ def test_images_without_truth_teach_nothing(tmp_path):
 def test_logs_without_any_are_refused(tmp_path):
     with pytest.raises(LogError, match="nothing to learn from"):
         samples([write(tmp_path / "a.mcap", ())])
+
+
+def test_a_camera_that_nobody_labelled_is_no_background(tmp_path):
+    found = samples([write(tmp_path / "a.mcap", (100, 200), slice(0, 1))])
+    assert [(sample.image.sensor, sample.image.stamp_ns) for sample in found] == [("front", 100), ("front", 200)]
+
+
+def test_logs_with_nothing_to_be_found_are_refused(tmp_path):
+    with pytest.raises(LogError, match="no box in these logs has one of the labels car, van"):
+        samples([write(tmp_path / "a.mcap", (100,), slice(2, 4))])
+
+
+def test_a_log_made_anew_is_another_one(tmp_path):
+    assert samples([write(tmp_path / "a.mcap", (100,))])[0].name == "a made-1 front 100"

@@ -64,6 +64,18 @@ def test_it_goes_on_from_a_checkpoint_as_if_nothing_had_been(made, tmp_path):
         assert torch.equal(a, b), name
 
 
+@pytest.mark.parametrize("damage", ["cut", "text", "other"])
+def test_a_damaged_checkpoint_is_refused(made, tmp_path, damage):
+    path = tmp_path / "some.pt"
+    Training(made, replace(SHORT, steps=1)).run(path, quiet)
+    if damage == "other":
+        torch.save({"step": 1}, path)
+    else:
+        path.write_bytes(path.read_bytes()[:1000] if damage == "cut" else b"not a checkpoint")
+    with pytest.raises(ConfigError, match=r"some\.pt: .*delete it, or name another"):
+        Training(made, SHORT).run(path, quiet)
+
+
 def test_a_checkpoint_of_something_else_is_refused(made, tmp_path):
     Training(made, SHORT).run(tmp_path / "a.pt", quiet)
     with pytest.raises(ConfigError, match="of other settings or logs"):

@@ -103,6 +103,19 @@ def test_a_redirection_elsewhere_is_not_followed(server: Server, target: Path):
         assert other.asked == []
 
 
+def test_neither_is_one_by_the_old_header(server: Server, target: Path):
+    def answer(request):
+        request.send_response(302)
+        request.send_header("URI", f"{other.origin}/tiny.onnx")
+        request.end_headers()
+
+    with serving() as other:
+        other.answers["/tiny.onnx"] = sends(CONTENT)
+        server.answers["/tiny.onnx"] = answer
+        assert refused(server.entry(), target).endswith(f"redirects to {other.origin}, not followed")
+        assert other.asked == []
+
+
 @pytest.mark.parametrize(
     ("to", "where"),
     [
@@ -156,6 +169,14 @@ def test_no_network(server: Server, target: Path):
         closed = Server(f"http://127.0.0.1:{free.getsockname()[1]}")
         said = refused(closed.entry(), target)
     assert f"can't be fetched (Connection refused); fetch it in another way and put it at {target}" in said
+
+
+def test_a_proxy_with_a_broken_address(server: Server, target: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("no_proxy")
+    monkeypatch.setenv("http_proxy", "http:/user:secret@proxy")
+    said = refused(server.entry(), target)
+    assert "can't be fetched (the environment names a proxy whose address is broken); fetch it in another way" in said
+    assert "secret" not in said
 
 
 def test_a_server_that_hangs(server: Server, target: Path):
