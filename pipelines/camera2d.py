@@ -5,14 +5,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.camera.cameras_stage import CameraStage
 from fbench.pipelines.camera.detector import CameraDetections, CameraParams
-from fbench.pipelines.camera.detectors import CameraDetectors
-from fbench.pipelines.camera.look import look
+from fbench.pipelines.checks import require_between
+from fbench.pipelines.rhythm import Rhythm, predicted
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
 from fbench.pipelines.weights.named import resolve_settings
 from fbench.replay.boxes import Boxes2D, concatenate
-from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig, Source
+from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig, Source
 from fbench.replay.errors import ConfigError, LogError
 from fbench.replay.sensor_settings import SensorSettings
 
@@ -25,10 +26,13 @@ class Camera2DParams:
     """The detector."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
 
     def __post_init__(self) -> None:
+        require_between("detect_every", self.detect_every, 1)
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
@@ -36,9 +40,8 @@ class Camera2D:
     """Boxes in the images of all cameras, from the images alone."""
 
     def __init__(self, params: Camera2DParams) -> None:
-        self._params, self._detectors = params, CameraDetectors(params.camera)
-        self._tracker = Tracker2D(params.tracking)
-        self._cameras: tuple[str, ...] = ()
+        self._params, self._cameras = params, CameraStage(params.camera)
+        self._tracker, self._rhythm = Tracker2D(params.tracking), Rhythm(params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all cameras of the rig; those without weights count as missing.
@@ -47,11 +50,10 @@ class Camera2D:
             ConfigError: where none has weights: on simulated logs the built-in ones are there.
             LogError: where the rig has no camera.
         """
-        self._cameras = rig.sensors("camera")
-        if not self._cameras:
+        if not rig.sensors("camera"):
             raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")
-        self._detectors.assign(SensorSettings(self._params, rig).own("camera", self._params.camera), log_info)
-        if not any(self._detectors.of(name) for name in self._cameras):
+        self._cameras.start(rig, log_info, SensorSettings(self._params, rig))
+        if not self._cameras.used:
             raise ConfigError(
                 "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
@@ -60,28 +62,23 @@ class Camera2D:
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
-        return self._detectors.identity
+        return self._cameras.identity
 
     def reset(self, reason: str) -> None:
         """Forget all tracks."""
         self._tracker.reset()
+        self._rhythm.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect in every camera's image and track; a camera without a usable image gives no detections."""
-        clock, faults, parts = StageClock(), list[Fault](), [no_detections()]
-        for camera in self._cameras:
-            image = frame.messages.get(camera)
-            detector = self._detectors.of(camera)
-            if detector is None or not isinstance(image, Image):
-                continue
-            found = look(detector, image, clock, faults)
-            if found is not None:
-                parts.append(camera_boxes(camera, found))
-        detections = concatenate(parts)
+        if not self._rhythm.due():
+            return predicted(lambda: self._tracker.predict(frame.stamp_ns), self._cameras.missing)
+        clock, faults = StageClock(), list[Fault]()
+        seen = self._cameras.view(frame, clock, faults)
+        detections = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
         with clock.stage("track"):
             tracks = self._tracker.step(detections, frame.stamp_ns)
-        blind = [camera for camera in self._cameras if self._detectors.of(camera) is None]
-        return Output(detections, tracks, clock.stage_ns, tuple(faults), dict.fromkeys(blind, "no weights"))
+        return Output(detections, tracks, clock.stage_ns, tuple(faults), self._cameras.missing)
 
 
 def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:

@@ -3,21 +3,22 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fbench.pipelines.camera.detector import CameraDetections, CameraParams
-from fbench.pipelines.camera.detectors import CameraDetectors
-from fbench.pipelines.camera.look import look
-from fbench.pipelines.fusion.late import Seen, fuse
+from fbench.pipelines.branches import Branches
+from fbench.pipelines.camera.cameras_stage import CameraStage
+from fbench.pipelines.camera.detector import CameraParams
+from fbench.pipelines.checks import require_between
+from fbench.pipelines.fusion.late import LateFusion, Seen
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.lidar_stage import LidarStage
 from fbench.pipelines.points.merged import require, world_T_body
 from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
+from fbench.pipelines.rhythm import Rhythm, predicted
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
 from fbench.pipelines.weights.named import resolve_settings
-from fbench.replay.data import Fault, Frame, Image, LogInfo, Output, Rig
-from fbench.replay.geometry.camera import require_projection
+from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
 
 
@@ -37,12 +38,15 @@ class Late3DParams:
     """How the sensors' objects become one."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
     in everything, LiDARs in min_range_m and max_range_m, radars in max_range_m, min_magnitude_db and doppler.
     """
 
     def __post_init__(self) -> None:
+        require_between("detect_every", self.detect_every, 1)
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
@@ -53,9 +57,10 @@ class Late3D:
     """
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
-        self._params = params
-        self._detectors = CameraDetectors(params.camera)
-        self._tracker = Tracker3D(params.tracking)
+        self._params, self._branches = params, Branches()
+        self._cameras = CameraStage(params.camera)
+        self._fusion, self._tracker = LateFusion(params.fusion), Tracker3D(params.tracking)
+        self._rhythm = Rhythm(params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig.
@@ -65,43 +70,41 @@ class Late3D:
         """
         require("late3d", ("lidar", "radar"), rig, log_info)
         settings = SensorSettings(self._params, rig)
-        self._detectors.assign(settings.own("camera", self._params.camera), log_info)
-        for name in rig.sensors("camera"):
-            if self._detectors.of(name) is not None:
-                require_projection(rig, name)
+        self._cameras.start(rig, log_info, settings)
+        self._cameras.require_projections()
         self._rig = rig
-        self._lidar = LidarStage(rig, self._params.lidar, settings)
+        self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
-        return self._detectors.identity
+        return self._cameras.identity
 
     def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
+        """Forget all tracks, how the ground lies, and how well the sensors work."""
+        self._fusion.reset()
         self._tracker.reset()
         self._lidar.reset()
+        self._rhythm.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
+        pose = world_T_body(self._rig, frame)
+        if not self._rhythm.due():
+            return predicted(lambda: self._tracker.predict(frame.stamp_ns, pose), self._cameras.missing)
         clock, faults = StageClock(), list[Fault]()
-        cameras = self._cameras(frame, clock, faults)
-        blind = [name for name in self._rig.sensors("camera") if self._detectors.of(name) is None]
-        seen = Seen(self._rig, cameras, self._lidar.view(frame, clock), self._radar.view(frame, clock))
+        seen = Seen(
+            self._rig,
+            *self._branches.run(
+                clock,
+                lambda clock: self._cameras.view(frame, clock, faults),
+                lambda clock: self._lidar.view(frame, clock),
+                lambda clock: self._radar.view(frame, clock),
+            ),
+        )
         with clock.stage("fuse"):
-            detections = fuse(seen, self._params.fusion)
+            detections = self._fusion.step(seen)
         with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns, world_T_body(self._rig, frame))
-        return Output(detections, tracks, clock.stage_ns, tuple(faults), dict.fromkeys(blind, "no weights"))
-
-    def _cameras(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
-        found: dict[str, CameraDetections] = {}
-        for name in self._rig.sensors("camera"):
-            image, detector = frame.messages.get(name), self._detectors.of(name)
-            if detector is None or not isinstance(image, Image):
-                continue
-            seen = look(detector, image, clock, faults)
-            if seen is not None:
-                found[name] = seen
-        return found
+            tracks = self._tracker.step(detections, frame.stamp_ns, pose)
+        return Output(detections, tracks, clock.stage_ns, tuple(faults), self._cameras.missing)

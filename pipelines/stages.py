@@ -23,3 +23,8 @@ class StageClock:
             yield
         finally:
             self.stage_ns[name] = self.stage_ns.get(name, 0) + time.perf_counter_ns() - start
+
+    def include(self, other: "StageClock") -> None:
+        """Add the times of another clock, which measured other stages, or others of the same name."""
+        for name, ns in other.stage_ns.items():
+            self.stage_ns[name] = self.stage_ns.get(name, 0) + ns

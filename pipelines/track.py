@@ -5,6 +5,7 @@ from typing import ClassVar
 
 from fbench.pipelines.checks import require_between
 from fbench.pipelines.recorded_boxes import Found, RecordedBoxes, Which
+from fbench.pipelines.rhythm import Rhythm, predicted
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
 from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
@@ -43,7 +44,7 @@ class Track:
             Tracker3D(params.tracking, any_order=True),
             Tracker2D(params.tracking2d, any_order=True),
         )
-        self._num = 0
+        self._rhythm = Rhythm(params.detect_every)
 
     def use_log(self, log: BoxReader) -> None:
         """Take the log whose detections are meant."""
@@ -62,29 +63,26 @@ class Track:
         self._recorded.enter()
         self._tracker3d.reset()
         self._tracker2d.reset()
-        self._num = 0
+        self._rhythm.reset()
 
     def step(self, frame: Frame) -> Output:
         """Track what was detected; a frame between detections has its predicted tracks for detections."""
         clock = StageClock()
         with clock.stage("read"):
             found = self._recorded.take(frame)
-        is_due, self._num = self._num % self._params.detect_every == 0, self._num + 1
+        if not self._rhythm.due():
+            return predicted(lambda: self._predicted(found, frame.stamp_ns), clock=clock, faults=found.faults)
+        detections = self._recorded.kind.empty() if found.boxes is None else found.boxes
         with clock.stage("track"):
-            detections = self._detections(found) if is_due else None
             tracks = self._tracked(detections, found, frame.stamp_ns)
-        shown = tracks if detections is None else detections
-        missing = found.missing if is_due else {}
-        return Output(shown, tracks, clock.stage_ns, found.faults, missing)
+        return Output(detections, tracks, clock.stage_ns, found.faults, found.missing)
 
-    def _detections(self, found: Found) -> Boxes:
-        return self._recorded.kind.empty() if found.boxes is None else found.boxes
-
-    def _tracked(self, detections: Boxes | None, found: Found, stamp_ns: int) -> Boxes:
-        if detections is None and self._recorded.kind is Boxes2D:
+    def _predicted(self, found: Found, stamp_ns: int) -> Boxes:
+        if self._recorded.kind is Boxes2D:
             return self._tracker2d.predict(stamp_ns)
-        if detections is None:
-            return self._tracker3d.predict(stamp_ns, found.world_T_body)
+        return self._tracker3d.predict(stamp_ns, found.world_T_body)
+
+    def _tracked(self, detections: Boxes, found: Found, stamp_ns: int) -> Boxes:
         if isinstance(detections, Boxes2D):
             return self._tracker2d.step(detections, stamp_ns)
         return self._tracker3d.step(detections, stamp_ns, found.world_T_body)

@@ -24,16 +24,30 @@ def decode(image: Image) -> Pixels | None:
         return None
     if image.encoding in LAYOUTS:
         return raw_to_bgr(image.data, image.encoding, image.size_wh)
-    return _decode_compressed(image)
+    return _decode_compressed(image, is_grey=False)
 
 
-def _decode_compressed(image: Image) -> Pixels | None:
+def decode_grey(image: Image) -> Pixels | None:
+    """Decode to (H, W) uint8; of a JPEG that is the brightness it stores, which takes less than half of the time.
+
+    `None` as `decode` gives it.
+    """
+    if image.encoding not in LAYOUTS and max(image.size_wh) > 0 and image.size_wh[0] * image.size_wh[1] <= MAX_PIXELS:
+        return _decode_compressed(image, is_grey=True)
     import cv2
 
+    pixels = decode(image)
+    return None if pixels is None else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def _decode_compressed(image: Image, *, is_grey: bool) -> Pixels | None:
+    import cv2
+
+    wanted = cv2.IMREAD_GRAYSCALE if is_grey else cv2.IMREAD_COLOR
     try:
         if encoded_size(image.data) != image.size_wh:
             return None
-        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), wanted | cv2.IMREAD_IGNORE_ORIENTATION)
     except (DecodeError, cv2.error):
         return None
     return pixels if pixels is not None and pixels.shape[:2] == image.size_wh[::-1] else None

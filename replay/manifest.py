@@ -116,6 +116,17 @@ class InterpolationEntry(_Strict):
     num_frames: int = 0
 
 
+class VariantEntry(_Strict):
+    """The variant of a pipeline that ran."""
+
+    name: str
+    title: str
+    base: str
+    """The pipeline."""
+    sets: list[str]
+    """Names of the parameters that it sets; their values are among `parameters`, where the command line's come last."""
+
+
 class Manifest(_Strict):
     """What ran, and whether all of it did."""
 
@@ -125,6 +136,8 @@ class Manifest(_Strict):
     log: LogEntry
     pipeline: str
     parameters: dict[str, Any]
+    variant: VariantEntry | None = None
+    """`None`: the pipeline is none."""
     frames: FrameEntry
     inputs: list[InputEntry] = []
     """Files beside the log that decided how it was read."""

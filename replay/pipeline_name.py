@@ -1,4 +1,6 @@
-"""Pipelines as they are written on the command line: `NAME`, `NAME:ARGUMENT`, `FILE.py:CLASS`."""
+"""Pipelines as they are written on the command line: `NAME`, `NAME:ARGUMENT`, `FILE.py:CLASS`, or a variant's
+`GROUP/NAME` or `FILE.toml`.
+"""
 
 import re
 import shlex
@@ -14,7 +16,7 @@ class PipelineName:
     """Which plug-in, and what follows its name."""
 
     plugin: str
-    """`NAME` or `FILE.py:CLASS`."""
+    """`NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`."""
     argument: str | None = None
     """Short for the parameter that the plug-in names: `exec:./stack` is `exec` with `command=./stack`."""
 
@@ -33,7 +35,7 @@ class PipelineName:
         if self.file is not None:
             return _clean(f"{self.file.stem}-{self.plugin.rpartition(':')[2]}")
         if self.argument is None:
-            return _clean(self.plugin)
+            return _clean(self.plugin.replace("/", "-"))
         words = takewhile(lambda word: not word.startswith("-"), self.words)
         if self.plugin == "exec":  # the program's name says more than that it is one
             return _clean("-".join(Path(word).stem for word in words)) or "exec"

@@ -14,8 +14,10 @@ from typing import Any, Literal
 from fbench.replay.errors import ConfigError, FbenchError, RunError, one_line
 from fbench.replay.names import did_you_mean
 from fbench.replay.pipeline_name import parse_name
-from fbench.replay.protocols import BoxReader, Closes, Importer, Pipeline, TakesArgument, UsesLog
+from fbench.replay.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.settings import apply_settings, describe
+from fbench.replay.variant_file import SUFFIX, Variant
+from fbench.replay.variants import built_in_variants, variant_of, variant_settings
 
 Group = Literal["datasets", "pipelines", "metrics", "reports"]
 
@@ -44,7 +46,8 @@ def load(group: Group, name: str) -> Any:
         return _from_file(name)
     points = found(group)
     if name not in points:
-        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, points)}")
+        variants = [variant.name for variant, _ in built_in_variants()] if group == "pipelines" else []
+        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *variants])}")
     try:
         return points[name].load()
     except (ImportError, AttributeError) as error:
@@ -128,36 +131,62 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
     """Build a pipeline and return it with its parameters as the manifest shows them.
 
     Args:
-        name: `NAME`, `FILE.py:CLASS`, or `NAME:ARGUMENT`, short for the parameter that the class takes from there.
-        settings: `NAME=VALUE`, applied after the argument.
+        name: `NAME`, `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a
+            variant: `GROUP/NAME` or `FILE.toml`.
+        settings: `NAME=VALUE`, applied after the argument, or after what the variant sets.
 
     Raises:
         ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
     """
-    cls = pipeline_class(name)
-    settings = _with_argument(name, cls, settings)
-    pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), settings)
+    cls, own = _chosen(name)
+    pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
     return pipeline, describe(params)
 
 
-def _with_argument(name: str, cls: type, settings: list[str]) -> list[str]:
-    """Put what follows a colon before the settings."""
+def _chosen(name: str) -> tuple[type, list[str]]:
+    """Return the class that a pipeline's name means, and what the name itself sets."""
+    variant = variant_of(name)
+    if variant is None:
+        cls: type = load("pipelines", parse_name(name).plugin)
+        return cls, _argument(name, cls)
+    cls = _base(variant)
+    return cls, variant_settings(variant, default_params(cls))
+
+
+def _base(variant: Variant) -> type:
+    """Return the class that a variant is one of; untrusted files run no code."""
+    if ".py:" in variant.base:
+        raise ConfigError(f"{variant.where}: 'base': expected the name of a pipeline, got the file {variant.base}")
+    if variant.base.endswith(SUFFIX) or variant_of(variant.base) is not None:
+        raise ConfigError(f"{variant.where}: 'base': {variant.base} is a variant itself; name a pipeline, and set all")
+    try:
+        cls: type = load("pipelines", variant.base)
+    except ConfigError as error:
+        raise ConfigError(f"{variant.where}: 'base': {error}", "CFG003") from error
+    if isinstance(cls, KeepsStderr):
+        raise ConfigError(f"{variant.where}: 'base': {variant.base} runs a program; name it on the command line")
+    if variant.name in found("pipelines"):
+        raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
+    return cls
+
+
+def _argument(name: str, cls: type) -> list[str]:
+    """What follows a colon, as a setting."""
     parsed = parse_name(name)
     if parsed.argument is None:
-        return settings
+        return []
     if not isinstance(cls, TakesArgument):
         raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
-    return [f"{cls.argument}={parsed.argument}", *settings]
+    return [f"{cls.argument}={parsed.argument}"]
 
 
 def pipeline_class(name: str) -> type:
-    """Return the class of a pipeline: of `NAME`, `FILE.py:CLASS` or `NAME:ARGUMENT`.
+    """Return the class of a pipeline, whose name is written as for `make_pipeline`.
 
     Raises:
         ConfigError: for an unknown name, or a class that can't be imported.
     """
-    found: type = load("pipelines", parse_name(name).plugin)
-    return found
+    return _chosen(name)[0]
 
 
 def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
@@ -166,9 +195,9 @@ def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
     Raises:
         ConfigError: for an unknown name or setting.
     """
-    cls = pipeline_class(name)
+    cls, own = _chosen(name)
     params = default_params(cls)
-    return {} if params is None else describe(apply_settings(params, _with_argument(name, cls, settings)))
+    return {} if params is None else describe(apply_settings(params, [*own, *settings]))
 
 
 def make_importer(name: str, settings: list[str]) -> Importer:

@@ -45,6 +45,7 @@ def redacted_manifest(manifest: Manifest) -> Manifest:
             "redacted": True,
             "log": log.model_copy(update={"name": name, "log_id": digest(log.log_id), "metadata": metadata}),
             "parameters": _parameters(manifest.parameters),
+            "variant": None if manifest.variant is None else manifest.variant.model_copy(update={"title": ""}),
         }
     )
 

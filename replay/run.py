@@ -19,7 +19,16 @@ from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.frames import FrameStream
 from fbench.replay.host import package_versions
-from fbench.replay.manifest import FrameEntry, InputEntry, InterpolationEntry, LogEntry, Manifest, TruthEntry, rig_entry
+from fbench.replay.manifest import (
+    FrameEntry,
+    InputEntry,
+    InterpolationEntry,
+    LogEntry,
+    Manifest,
+    TruthEntry,
+    VariantEntry,
+    rig_entry,
+)
 from fbench.replay.media import MediaKeeper
 from fbench.replay.outputs import OutputCheck
 from fbench.replay.plugins import guarded
@@ -49,6 +58,8 @@ class Plan:
     """Patterns with which the log was opened, for the manifest."""
     sensors: Sequence[str] = ()
     """Patterns of the sensors that the pipeline gets, see `sensor_choice`; empty: all."""
+    variant: VariantEntry | None = None
+    """Which variant the pipeline is, for the manifest."""
     inputs: Sequence[InputEntry] = ()
     """Files that decided how it was read, for the manifest."""
     truth: TruthEntry | None = None
@@ -248,6 +259,7 @@ class _Loop:
             ),
             pipeline=self._plan.name,
             parameters={**self._plan.parameters, **self._identity()},
+            variant=self._plan.variant,
             frames=FrameEntry(
                 reference=self.stream.reference,
                 timeout_ns=sync.timeout_ns,

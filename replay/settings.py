@@ -156,12 +156,17 @@ def described_file(path: Path) -> dict[str, object]:
     return {"file": path.name, "sha256": sha256}
 
 
+def is_file_parameter(params: object, path: str) -> bool:
+    """Tell whether a parameter, whose dotted name may begin with that of a sensor, is a file."""
+    name = path.rpartition(".")[2]
+    return any(name == known and Path in (hint, *typing.get_args(hint)) for known, hint in _hints(type(params)))
+
+
 def _described_by_sensor(params: Any) -> dict[str, object]:
-    files = {name for name, hint in _hints(type(params)) if Path in (hint, *typing.get_args(hint))}
     described: dict[str, object] = {}
     for setting in getattr(params, BY_SENSOR):
         path, _, text = setting.partition("=")
-        is_file = path.rpartition(".")[2] in files and text != "none"
+        is_file = is_file_parameter(params, path) and text != "none"
         described[path] = _described(Path(text).expanduser()) if is_file else text
     return described
 

@@ -137,14 +137,16 @@ def column_array(column: pa.ChunkedArray) -> Array:
     return np.asarray(chunk.fill_null(_FILL[dtype.kind]).to_numpy(zero_copy_only=False), dtype)
 
 
-def read_table(path: Path) -> pa.Table:
-    """Read a Parquet file, checksums verified.
+def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Read a Parquet file, or some of its columns, checksums verified.
 
     Raises:
         RunError: where it is missing or damaged.
     """
     try:
-        return pq.read_table(path, page_checksum_verification=True, use_threads=False, pre_buffer=False)
+        return pq.read_table(
+            path, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False
+        )
     except (OSError, pa.ArrowException) as error:
         raise RunError(f"{path}: can't be read ({str(error).splitlines()[0]})") from error
 

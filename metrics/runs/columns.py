@@ -37,6 +37,7 @@ def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None 
         sources=boxes.sources,
         ignore=boxes.ignore,
         inside=inside[order],
+        predicted=boxes.predicted,
     )
     return in_order(_with_place(common, boxes, None if xyxy_px is None else xyxy_px[order]))
 

@@ -1,6 +1,6 @@
 """Raw counts of hits and misses, which can be added over frames and runs."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True)
@@ -16,11 +16,13 @@ class BoxCounts:
     """Estimates that aren't finite; they are in `fp` too."""
     invalid_truth: int = 0
     """Truth boxes that aren't finite; they are left out."""
+    predicted: int = 0
+    """Estimates that counted though nothing measured them: predictions of a tracker."""
 
     def __add__(self, other: "BoxCounts") -> "BoxCounts":
         return BoxCounts(
             self.tp + other.tp, self.fp + other.fp, self.fn + other.fn, self.ignored + other.ignored,
-            self.invalid + other.invalid, self.invalid_truth + other.invalid_truth,
+            self.invalid + other.invalid, self.invalid_truth + other.invalid_truth, self.predicted + other.predicted,
         )  # fmt: skip
 
     @property
@@ -32,3 +34,10 @@ class BoxCounts:
     def estimates(self) -> int:
         """Estimates that counted."""
         return self.tp + self.fp
+
+    def named(self, with_predicted: bool) -> dict[str, int]:
+        """All counts by name; that of predictions only if it is wanted, and isn't 0."""
+        counts = asdict(self)
+        if not (with_predicted and self.predicted):
+            del counts["predicted"]
+        return counts

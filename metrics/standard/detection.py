@@ -1,7 +1,7 @@
 """Precision, recall and F1 of detections, and what other score thresholds would have given."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -82,7 +82,7 @@ def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
         "precision": (boxes.tp, boxes.estimates, "no estimates"),
         "recall": (boxes.tp, boxes.gt, "no truth boxes"),
     }
-    counts = {**asdict(boxes), "frames": head.num_frames}
+    counts = {**boxes.named(with_predicted=True), "frames": head.num_frames}
     return [
         ratio(metric, head.class_, head.matching, top, bottom, head.reason or why, counts, part=head.slice)
         for metric, (top, bottom, why) in table.items()

@@ -8,7 +8,7 @@ import numpy as np
 from fbench.metrics.matching.one_to_one import match_best, match_greedy
 from fbench.metrics.standard.counted import Counted
 from fbench.metrics.standard.counts import BoxCounts
-from fbench.replay.arrays import Array, Int64
+from fbench.replay.arrays import Array, Bool, Int64
 
 
 class Outcome(IntEnum):
@@ -39,6 +39,7 @@ class Judgement:
         """Sums over all steps."""
         num = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
         tp, invalid = num[Outcome.HIT], num[Outcome.INVALID]
+        predicted = self.counted.sequence.estimates.predicted
         return BoxCounts(
             tp=tp,
             fp=num[Outcome.FALSE_ALARM] + invalid,
@@ -46,7 +47,12 @@ class Judgement:
             ignored=num[Outcome.OUTSIDE] + num[Outcome.EXCUSED],
             invalid=invalid,
             invalid_truth=self.counted.sequence.num_invalid_truth,
+            predicted=0 if predicted is None else self._num_counting(predicted[self.counted.estimate_row]),
         )
+
+    def _num_counting(self, marked: Bool) -> int:
+        """How many of the marked estimates (M,) are hits or false alarms."""
+        return int(np.count_nonzero(marked & ~np.isin(self.outcome, (Outcome.OUTSIDE, Outcome.EXCUSED))))
 
 
 def judge_detections(counted: Counted) -> Judgement:

@@ -1,7 +1,6 @@
 """What is printed of tracks."""
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from fractions import Fraction
 
 from fbench.metrics.standard.entries import Heading
@@ -31,7 +30,7 @@ def _clear_rows(
     n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str
 ) -> list[Score]:  # fmt: skip
     boxes, clear = n.boxes, n.clear
-    counts = {**asdict(boxes), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
+    counts = {**boxes.named(with_predicted=False), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
     gt, why = (0 if undefined else boxes.gt), undefined or ""
     found = boxes.gt - boxes.fn - clear.switches
     total = abs(float(clear.similarity)) if unit == "m" else float(clear.similarity)

@@ -14,6 +14,7 @@ from fbench.pipelines.weights.named import resolve
 from fbench.replay.arrays import Float64, Text, freeze_fields
 from fbench.replay.errors import ConfigError, ModelError
 from fbench.replay.images import Pixels
+from fbench.replay.threads import num_threads
 
 _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 
@@ -41,7 +42,7 @@ class CameraParams:
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
     threads: int = 2
-    """Threads of onnxruntime; results are the same for any number."""
+    """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
 
     def __post_init__(self) -> None:
         for name in _THRESHOLDS:
@@ -94,7 +95,7 @@ class CameraDetector:
         if params.weights is None:
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
-        self._model = Model(params.weights, params.threads, params.input_wh)
+        self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
         asked = {name: getattr(params, name) for name in _THRESHOLDS}
         try:
             self._thresholds = thresholds(asked, self._model.metadata)

@@ -1,16 +1,13 @@
 """Objects while they are put together from what the sensors see."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.params import FusionParams
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
-
-LONG_CAR_M = 7.0
-"""Objects without a camera's label that are longer than this [m] are called trucks, others cars."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +32,7 @@ class Found:
 
 def distance_m(a: Found, b: Found) -> float:
     """Distance of two centres on the ground [m]."""
-    return float(np.hypot(a.center_m[0] - b.center_m[0], a.center_m[1] - b.center_m[1]))
+    return math.hypot(float(a.center_m[0]) - float(b.center_m[0]), float(a.center_m[1]) - float(b.center_m[1]))
 
 
 def one_object(a: Found, b: Found, merge_m: float) -> bool:
@@ -43,7 +40,13 @@ def one_object(a: Found, b: Found, merge_m: float) -> bool:
 
     The latter matters for long vehicles, of which radar shows only the near end.
     """
-    return distance_m(a, b) < merge_m or _holds(a, b) or _holds(b, a)
+    distance = distance_m(a, b)
+    return distance < merge_m or (distance < _reach_m(a) and _holds(a, b)) or (distance < _reach_m(b) and _holds(b, a))
+
+
+def _reach_m(box: Found) -> float:
+    """No point of the box is farther from its middle, seen from above [m]."""
+    return float(box.size_lwh_m[0] + box.size_lwh_m[1]) / 2
 
 
 def _holds(box: Found, other: Found) -> bool:
@@ -51,26 +54,6 @@ def _holds(box: Found, other: Found) -> bool:
     cos, sin = np.cos(box.yaw_rad), np.sin(box.yaw_rad)
     along, across = abs(east * cos + north * sin), abs(north * cos - east * sin)
     return bool(along <= box.size_lwh_m[0] / 2 and across <= box.size_lwh_m[1] / 2)
-
-
-def joined_score(*scores: float) -> float:
-    """Probability that at least one of several independent witnesses is right."""
-    return float(1 - np.prod([1 - score for score in scores]))
-
-
-def row(boxes: Boxes3D, at: int, weight: float, source: int) -> Found:
-    """Take one box of a sensor without classes."""
-    size = boxes.size_lwh_m[at]
-    velocity = np.full(3, np.nan) if boxes.velocity_mps is None else boxes.velocity_mps[at]
-    score = 0.0 if boxes.score is None else float(boxes.score[at])
-    label = "truck" if size[0] > LONG_CAR_M else "car"
-    return Found(boxes.center_m[at], size, float(boxes.yaw_rad[at]), velocity, label, weight * score, source)
-
-
-def radar_weight(boxes: Boxes3D, at: int, params: FusionParams) -> float:
-    """How far a radar's box is believed: clusters without velocity may be anything that stands."""
-    moves = boxes.velocity_mps is not None and bool(np.isfinite(boxes.velocity_mps[at]).any())
-    return params.radar_weight if moves else params.standing_weight
 
 
 def to_boxes(objects: Sequence[Found]) -> Boxes3D:

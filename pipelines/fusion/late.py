@@ -1,24 +1,29 @@
-"""Late fusion in 3D: the boxes of all sensors merged in body coordinates."""
+"""Late fusion in 3D: what all sensors detected, merged in body coordinates."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.cameras import Placed, join
-from fbench.pipelines.fusion.evidence import Evidence, Points, by_lidar, by_moving, by_standing
-from fbench.pipelines.fusion.found import Found, joined_score, one_object, radar_weight, row, to_boxes
-from fbench.pipelines.fusion.lift import Sighting, sightings
+from fbench.pipelines.fusion.agreement import Agreement
+from fbench.pipelines.fusion.clusters import clusters
+from fbench.pipelines.fusion.existence import Evidence, lidar_weight, probabilities
+from fbench.pipelines.fusion.found import Found, one_object, to_boxes
+from fbench.pipelines.fusion.groups import Group, groups
+from fbench.pipelines.fusion.lift import sightings
 from fbench.pipelines.fusion.params import FusionParams
-from fbench.pipelines.fusion.place import place
-from fbench.pipelines.points.ground import Plane
+from fbench.pipelines.fusion.place import Placed, Scene, place
+from fbench.pipelines.fusion.standing import standing_echoes, standing_near_m
+from fbench.pipelines.fusion.views import Targets, blocking
 from fbench.pipelines.points.lidar import LidarView
 from fbench.pipelines.points.radar import RadarView
-from fbench.replay.arrays import Bool, Int64
+from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Rig, Source
-from fbench.replay.geometry.camera import in_image, project_body
+from fbench.replay.data import Kind, Rig, Source
+
+_TWICE = 0.25
+"""Distances whose logarithms differ by less may be guesses of one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,116 +39,104 @@ class Seen:
     """Empty where no radar delivered."""
 
 
+class LateFusion:
+    """Merges what sensors detect, frame by frame, and remembers how well each of them works."""
+
+    def __init__(self, params: FusionParams) -> None:
+        self._params = params
+        self._agreement = Agreement(params.agreement)
+
+    def reset(self) -> None:
+        """Forget how well the sensors work."""
+        self._agreement.reset()
+
+    def step(self, seen: Seen) -> Boxes3D:
+        """Merge all that was seen into labelled boxes with score, sources and, where radar measured it, velocity.
+
+        Measurements of all sensors are grouped at once, each group is placed, and its probability to exist follows
+        from the sensors that see it and those that should. Of objects in one place the most probable stays.
+        """
+        params, scene = self._params, _scene(seen, self._params)
+        found = groups(seen.rig, scene.sightings, scene.lidar, scene.radar, _eye(seen.rig, "radar"), params.association)
+        found = [group for group in found if _may_exist(group, scene, params)]
+        placed = [place(group, scene, params.association) for group in found]
+        if not placed:
+            return to_boxes([])
+        targets = Targets(np.array([p.center_m for p in placed]), np.array([p.size_lwh_m for p in placed]))
+        standing = standing_echoes(scene.radar, targets)
+        obstacles = blocking(np.concatenate([scene.lidar.xyz, scene.lidar.loose]), scene.plane)
+        cameras = tuple(sorted(seen.cameras))
+        evidence = Evidence(seen.rig, cameras, scene, found, targets, standing, _eye(seen.rig, "radar"), obstacles)
+        probability = probabilities(evidence, self._agreement, params)
+        kept = [
+            _found(p, float(probability[i]), _sources(found[i], float(standing[i])))
+            for i, p in enumerate(placed)
+            if probability[i] > 0 and probability[i] >= params.min_score
+        ]
+        return to_boxes(_apart(kept))
+
+
 def fuse(seen: Seen, params: FusionParams) -> Boxes3D:
-    """Merge all that was seen into labelled boxes with score, sources and, where radar measured it, velocity.
-
-    Each camera box is an object; nearer ones take their points first, in each camera anew, and what several cameras
-    see of one object is joined. What LiDAR and radar found besides is added, with a lower score where a camera
-    looked there and saw nothing.
-    """
-    lidar_free = {name: np.ones(len(seen.lidar.xyz), np.bool_) for name in seen.cameras}
-    radar_free = {name: np.ones(len(seen.radar.xyz), np.bool_) for name in seen.cameras}
-    views = {name: _points(seen, name) for name in sorted(seen.cameras)}
-    alone = not len(seen.lidar.xyz) and not len(seen.radar.xyz)
-    placed: list[Placed] = []
-    lidar_used: list[int] = []
-    radar_used: list[int] = []
-    for sighting in _nearest_first(seen, params):
-        camera = sighting.camera
-        lidar_points, radar_points = views[camera]
-        lidar = by_lidar(sighting, lidar_points, lidar_free[camera], params)
-        moving = by_moving(sighting, radar_points, radar_free[camera], params)
-        radar = moving or by_standing(sighting, radar_points, radar_free[camera], params)
-        boxes = _box(seen.lidar.boxes, lidar), _box(seen.radar.boxes, moving)
-        found = place(sighting, lidar, radar, *boxes, seen.lidar.plane, alone, params)
-        placed = join(placed, found, sighting, params)
-        lidar_free[camera] = _taken(lidar, lidar_free[camera], lidar_used)
-        radar_free[camera] = _taken(radar, radar_free[camera], radar_used)
-    objects = [known.found for known in placed]
-    for other in _without_camera(seen, lidar_used, radar_used, params):
-        if not any(one_object(other, known, params.merge_m) for known in objects):
-            objects.append(other)
-    return to_boxes([found for found in objects if found.score > 0 and found.score >= params.min_score])
+    """Merge what was seen in a single frame; see `LateFusion.step`."""
+    return LateFusion(params).step(seen)
 
 
-def _points(seen: Seen, camera: str) -> tuple[Points, Points]:
-    eye = seen.rig.body_T_sensor(camera)[:3, 3]
-    parts = []
-    for view in (seen.lidar, seen.radar):
-        uv, _ = project_body(seen.rig, camera, view.xyz)
-        distance = np.hypot(view.xyz[:, 0] - eye[0], view.xyz[:, 1] - eye[1])
-        parts.append(Points(view.xyz, uv, distance, view.cluster))
-    return parts[0], parts[1]
-
-
-def _nearest_first(seen: Seen, params: FusionParams) -> list[Sighting]:
+def _scene(seen: Seen, params: FusionParams) -> Scene:
     found = [
         sighting
         for name in sorted(seen.cameras)
-        for sighting in sightings(seen.rig, name, seen.cameras[name], seen.lidar.plane, params)
+        for sighting in sightings(seen.rig, name, seen.cameras[name], seen.lidar.plane, params.association)
     ]
-    return sorted(found, key=lambda s: (s.near_m, s.camera, *s.xyxy_px.tolist()))
+    found.sort(key=lambda s: (s.camera, *s.xyxy_px.tolist(), s.label, s.score))
+    lidar = clusters(seen.lidar.xyz, seen.lidar.cluster, seen.lidar.boxes)
+    radar = clusters(seen.radar.xyz, seen.radar.cluster, seen.radar.boxes)
+    near = standing_near_m(seen.rig, found, radar.loose, params.association)
+    return Scene(found, lidar, radar, seen.lidar.plane, _eye(seen.rig, "lidar"), near)
 
 
-def _box(boxes: Boxes3D, evidence: Evidence | None) -> Boxes3D | None:
-    if evidence is None or evidence.cluster < 0:
-        return None
-    return boxes[np.array([evidence.cluster])]
+def _may_exist(group: Group, scene: Scene, params: FusionParams) -> bool:
+    """Leave out most of what only LiDAR sees: a street is full of clusters that look like no road user."""
+    alone = not group.sightings and group.radar < 0
+    return not alone or lidar_weight(scene, params) * float(scene.lidar.score[group.lidar]) >= params.min_score / 2
 
 
-def _taken(evidence: Evidence | None, free: Bool, used: list[int]) -> Bool:
-    if evidence is None:
-        return free
-    used.append(evidence.cluster)
-    return free & ~evidence.rows
+def _eye(rig: Rig, kind: Kind) -> Float64:
+    """Where the sensors of a kind look from (2,) [m]: the middle between them."""
+    places = [rig.body_T_sensor(name)[:2, 3] for name in rig.sensors(kind)]
+    return np.asarray(np.mean(places, axis=0), np.float64) if places else np.zeros(2)
 
 
-def _without_camera(seen: Seen, lidar_used: list[int], radar_used: list[int], params: FusionParams) -> list[Found]:
-    """Objects of LiDAR and radar that no camera box took, by falling score; those of both are one."""
-    from_lidar = [
-        row(seen.lidar.boxes, at, params.lidar_weight, int(Source.L)) for at in _others(seen.lidar.boxes, lidar_used)
-    ]
-    from_radar = [
-        row(seen.radar.boxes, at, radar_weight(seen.radar.boxes, at, params), int(Source.R))
-        for at in _others(seen.radar.boxes, radar_used)
-    ]
-    merged: list[Found] = []
-    for found in sorted(from_lidar + from_radar, key=lambda f: (-f.score, *f.center_m.tolist())):
-        near = [i for i, known in enumerate(merged) if one_object(found, known, params.merge_m)]
-        if not near:
-            merged.append(found)
-        elif merged[near[0]].sources != found.sources:
-            merged[near[0]] = _both(merged[near[0]], found, params)
-    grounded = [_grounded(found, seen.lidar.plane) for found in merged]
-    return [replace(f, score=f.score * params.unseen_factor) if _in_view(seen, f) else f for f in grounded]
+def _sources(group: Group, standing: float) -> int:
+    camera = int(Source.C) if group.sightings else 0
+    lidar = int(Source.L) if group.lidar >= 0 else 0
+    return camera | lidar | (int(Source.R) if group.radar >= 0 or standing > 0 else 0)
 
 
-def _others(boxes: Boxes3D, used: list[int]) -> Int64:
-    score = np.zeros(len(boxes)) if boxes.score is None else boxes.score
-    return np.flatnonzero((score > 0) & ~np.isin(np.arange(len(boxes)), used))
+def _found(p: Placed, score: float, sources: int) -> Found:
+    return Found(p.center_m, p.size_lwh_m, p.yaw_rad, p.velocity_mps, p.label, score, sources)
 
 
-def _both(a: Found, b: Found, params: FusionParams) -> Found:
-    """Join two objects: velocity by radar, place and shape by the sensor that recognises the vehicle better."""
-    lidar, radar = (a, b) if a.sources & Source.L else (b, a)
-    shape = lidar if lidar.score * params.radar_weight >= radar.score * params.lidar_weight else radar
-    score, sources = joined_score(a.score, b.score), a.sources | b.sources
-    return replace(shape, velocity_mps=radar.velocity_mps, score=score, sources=sources)
+def _apart(objects: list[Found]) -> list[Found]:
+    """Leave out objects in the place of more probable ones."""
+    kept: list[Found] = []
+    for found in sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist())):
+        if not any(one_object(found, other, _reach(found, other)) or _in_line(found, other) for other in kept):
+            kept.append(found)
+    return kept
 
 
-def _grounded(found: Found, plane: Plane | None) -> Found:
-    """Stand an object on the ground, where that is known; radar is poor at heights."""
-    if plane is None or found.sources & Source.L:
-        return found
-    x, y, _ = found.center_m
-    z = float(plane.z_m(found.center_m[None])[0]) + float(found.size_lwh_m[2]) / 2
-    return replace(found, center_m=np.array([x, y, z]))
+def _in_line(found: Found, other: Found) -> bool:
+    """Tell whether an object whose distance only a camera guesses is another one, seen twice: it lies in its direction,
+    about as far away.
+    """
+    if found.sources & Source.L or np.isfinite(found.velocity_mps).any():
+        return False
+    (x, y), (u, v) = (f.center_m[:2].tolist() for f in (found, other))
+    reach, away = max(float(np.hypot(x, y)), 0.1), max(float(np.hypot(u, v)), 0.1)
+    aside = abs(x * v - y * u) / away
+    return x * u + y * v > 0 and aside < other.size_lwh_m[1] / 2 and abs(float(np.log(reach / away))) < _TWICE
 
 
-def _in_view(seen: Seen, found: Found) -> bool:
-    """Tell whether a working camera looks at the middle of an object."""
-    for name in sorted(seen.cameras):
-        uv, _ = project_body(seen.rig, name, found.center_m[None])
-        if in_image(seen.rig.cameras[name], uv)[0]:
-            return True
-    return False
+def _reach(a: Found, b: Found) -> float:
+    """Centres nearer than this [m] can't be those of two objects: the mean of both widths."""
+    return float(a.size_lwh_m[1] + b.size_lwh_m[1]) / 2

@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.fusion.flat import FlatView, flat_view
-from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.fusion.params import AssociationParams
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Float64
 from fbench.replay.data import Rig
@@ -37,6 +37,8 @@ class Sighting:
     """(3,) position of the camera in body coordinates [m]."""
     bearing_rad: float
     """Direction of the box's middle on the ground, in body axes [rad]."""
+    half_rad: float
+    """Half of the angle that the box is wide [rad]."""
     near_m: float
     """Guessed distance of the near side from the camera, on the ground [m]."""
     std: float
@@ -54,10 +56,13 @@ class Sighting:
 
 
 def sightings(
-    rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: FusionParams
+    rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: AssociationParams
 ) -> list[Sighting]:
-    """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out."""
-    rows = [i for i in range(len(found)) if str(found.label[i]) in SIZES]
+    """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out, and those
+    that aren't finite.
+    """
+    finite = np.isfinite(found.xyxy_px).all(axis=1) & np.isfinite(found.score)
+    rows = [i for i in np.flatnonzero(finite) if str(found.label[i]) in SIZES]
     views = [flat_view(rig, camera, found.xyxy_px[i]) for i in rows]
     return [
         _sighting(rig, camera, found.xyxy_px[i], view, str(found.label[i]), float(found.score[i]), plane, params)
@@ -74,7 +79,7 @@ def _sighting(
     label: str,
     score: float,
     plane: Plane | None,
-    params: FusionParams,
+    params: AssociationParams,
 ) -> Sighting:
     """Lift one box: borders of the image cut it as recorded, all else is seen without lens distortion."""
     model, body_T_camera = rig.cameras[camera], view.body_T_view
@@ -85,9 +90,14 @@ def _sighting(
     ray = (body_T_camera[:3, :3] * low).sum(axis=1)
     eye = body_T_camera[:3, 3]
     length, width, height, spread = SIZES[label]
-    by_height = (model.K[1, 1] * height / max(bottom - top, 1.0), float(np.hypot(spread, 0.04)))
+    high_px = max(bottom - top, 1.0)
+    by_height = (model.K[1, 1] * height / high_px, float(np.hypot(spread, params.edge_std_px / high_px)))
     by_height = (by_height[0], 0.3) if cut.low or cut.high else by_height
-    by_ground = None if cut.low or plane is None else _on_ground(ray, eye, plane, params.tilt_std_rad)
+    by_ground = (
+        None
+        if cut.low or plane is None
+        else _on_ground(ray, eye, plane, params.tilt_std_rad + params.edge_std_px / model.K[1, 1])
+    )
     depth, std = _joined(by_height, by_ground)
     tall = (bottom - top) * depth / model.K[1, 1]
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
@@ -102,6 +112,7 @@ def _sighting(
         score=score,
         eye_m=eye,
         bearing_rad=float(np.arctan2(ray[1], ray[0])),
+        half_rad=(right - left) / 2 / float(model.K[0, 0]),
         near_m=depth * float(np.hypot(ray[0], ray[1])),
         std=max(std, params.min_range_std),
         depth_m=float(length * np.cos(aspect) + width * np.sin(aspect)) / 2,

@@ -1,90 +1,219 @@
-"""Where an object stands that a camera sees, given what LiDAR and radar say about it."""
+"""Where an object is, how large, and how it moves, by all that sensors measured of it."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.evidence import Evidence
-from fbench.pipelines.fusion.found import Found, joined_score, radar_weight
-from fbench.pipelines.fusion.lift import Sighting
-from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.fusion.clusters import Clusters
+from fbench.pipelines.fusion.groups import Group
+from fbench.pipelines.fusion.lift import SIZES, Sighting
+from fbench.pipelines.fusion.params import AssociationParams
+from fbench.pipelines.fusion.shape import Shape, lidar_shape
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Source
 from fbench.replay.geometry.transforms import wrap_angle
 
-_CAR_LIKE = 0.2
-_LARGE = ("truck", "bus", "trailer")
-_LARGE_M = 6.0
+_MOST_STRETCH = 2.0
+_CLASSES = ("car", "van", "truck", "bus")
+LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
+"""Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
+and higher than a car, else cars."""
 
 
-def place(
-    sighting: Sighting,
-    lidar: Evidence | None,
-    radar: Evidence | None,
-    lidar_box: Boxes3D | None,
-    radar_box: Boxes3D | None,
-    plane: Plane | None,
-    alone: bool,
-    params: FusionParams,
-) -> Found:
-    """Make one object of a sighting and its evidence.
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Middle of an object on the ground and its covariance, by one sensor."""
 
-    `lidar_box` and `radar_box` hold the boxes of the clusters in the evidence: a LiDAR cluster that looks like the
-    vehicle that the camera sees gives the box; moving echoes give the velocity. `alone`: no other sensor delivered,
-    so that the camera needn't be confirmed.
+    xy_m: Float64
+    """(2,) [m]."""
+    weight: Float64
+    """(2, 2) inverse of the covariance [1/m²]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """One object in body coordinates."""
+
+    center_m: Float64
+    """(3,) [m]."""
+    size_lwh_m: Float64
+    """(3,) [m]."""
+    yaw_rad: float
+    velocity_mps: Float64
+    """(3,) over ground [m/s]; NaN where no radar measured it."""
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All measurements of a frame."""
+
+    sightings: list[Sighting]
+    lidar: Clusters
+    radar: Clusters
+    plane: Plane | None
+    lidar_eye_m: Float64
+    """(2,) where the LiDARs look from [m]."""
+    standing_m: list[float]
+    """Distance of the near side of each sighting by stationary echoes [m]; NaN where they tell none."""
+
+
+def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
+    """Join what sensors measured of one object, each weighted by the inverse of its covariance.
+
+    Cameras are good in direction and poor in distance, LiDAR is good in both, radar good in distance. The label is the
+    camera's, else LiDAR's, else by size; typical sizes complete what LiDAR sees. A radial speed is taken as the share
+    of the speed along the heading where LiDAR shows that, unless nearly nothing of it points to the radar.
     """
-    shape = lidar_box if lidar_box is not None and _fits(lidar_box, sighting.label) else None
-    if shape is not None:
-        center, size, yaw = shape.center_m[0, :2], shape.size_lwh_m[0], float(shape.yaw_rad[0])
-    else:
-        center, yaw = _along_ray(sighting, lidar, radar)
-        size = sighting.size_lwh_m
-    weight = params.standing_weight if radar_box is None else radar_weight(radar_box, 0, params)
-    score = joined_score(
-        sighting.score if alone else params.camera_weight * sighting.score,
-        params.lidar_weight * (lidar.strength if lidar else 0.0),
-        weight * (radar.strength if radar else 0.0),
-    )
-    unknown = np.full(3, np.nan)
-    return Found(
-        center_m=np.array([*center, _middle_z(sighting, center, float(size[2]), plane)]),
-        size_lwh_m=size,
-        yaw_rad=yaw,
-        velocity_mps=unknown if radar_box is None or radar_box.velocity_mps is None else radar_box.velocity_mps[0],
-        label=sighting.label,
-        score=score,
-        sources=int(Source.C) | (int(Source.L) if lidar else 0) | (int(Source.R) if radar else 0),
-    )
+    seen = [scene.sightings[i] for i in group.sightings]
+    label = _label(seen)
+    shape = None
+    if group.lidar >= 0:
+        label = label or _lidar_label(scene.lidar, group.lidar)
+        shape = _shape(group, scene, seen, label)
+    radar_box = None if group.radar < 0 else scene.radar.boxes[np.array([group.radar])]
+    estimates = [] if shape is None else [_by_shape(shape)]
+    alone = group.lidar < 0 and group.radar < 0
+    estimates += [
+        _by_camera(scene.sightings[i], scene.standing_m[i] if alone else np.nan, params) for i in group.sightings
+    ]
+    if radar_box is not None:
+        estimates.append(_by_radar(radar_box.center_m[0, :2], float(radar_box.size_lwh_m[0, 0]), params))
+    xy = _joined(estimates)
+    size, yaw = _size_and_yaw(shape, seen, radar_box)
+    if not label:
+        label = _by_size(size)
+    velocity = np.full(3, np.nan)
+    if radar_box is not None and radar_box.velocity_mps is not None:
+        velocity = _along(radar_box.velocity_mps[0], yaw if shape is not None and shape.tells_heading else None)
+    z = _middle_z(scene, group, xy, float(size[2]))
+    return Placed(np.array([*xy, z]), size, yaw, velocity, label)
 
 
-def _fits(box: Boxes3D, label: str) -> bool:
-    """Tell whether a LiDAR cluster's box has the size of what the camera sees."""
-    if label in _LARGE and box.size_lwh_m[0, 0] > _LARGE_M:
-        return True
-    return label not in ("pedestrian", "bicycle", "motorcycle") and box.score is not None and box.score[0] > _CAR_LIKE
+def _label(seen: list[Sighting]) -> str:
+    """Label with the largest sum of scores, the first by name on ties."""
+    sums: dict[str, float] = {}
+    for s in sorted(seen, key=lambda s: s.label):
+        sums[s.label] = sums.get(s.label, 0.0) + s.score
+    return max(sums, key=lambda name: sums[name]) if sums else ""
 
 
-def _along_ray(sighting: Sighting, lidar: Evidence | None, radar: Evidence | None) -> tuple[Float64, float]:
-    """Centre (2,) [m] and heading [rad] of a typical object on the camera's ray.
+def _lidar_label(lidar: Clusters, at: int) -> str:
+    label = "" if lidar.boxes.label is None else str(lidar.boxes.label[at])
+    return label if label in SIZES else ""
 
-    Distances are joined in logarithms, weighted by their errors. Of the two headings that look as wide, the one
-    nearer to a multiple of a right angle is taken: most roads are parallel to the own one or cross it.
+
+def _by_size(size: Float64) -> str:
+    if size[0] > LONG_VAN_M:
+        return "truck"
+    return "van" if size[0] > LONG_CAR_M and size[2] > HIGH_VAN_M else "car"
+
+
+def _shape(group: Group, scene: Scene, seen: list[Sighting], label: str) -> Shape:
+    points, box = scene.lidar.points(group.lidar), scene.lidar.boxes[np.array([group.lidar])]
+    if not group.is_cut:
+        return lidar_shape(points, box, label, scene.lidar_eye_m, False)
+    return lidar_shape(_cut_out(points, seen[0]), box, label, scene.lidar_eye_m, True)
+
+
+def _cut_out(points: Float64, sighting: Sighting) -> Float64:
+    """Points in the direction of a sighting, from the nearest of them on as far as such an object reaches."""
+    off = points[:, :2] - sighting.eye_m[:2]
+    reach = np.hypot(off[:, 0], off[:, 1])
+    aside = np.abs(wrap_angle(np.arctan2(off[:, 1], off[:, 0]) - sighting.bearing_rad))
+    half = float(sighting.size_lwh_m[:2].max()) / 2 / max(sighting.near_m, 1.0)
+    inside = aside < half
+    if not inside.any():
+        return points
+    near = np.sort(reach[inside])[int(inside.sum()) // 10]
+    return np.asarray(points[inside & (reach < near + 2 * sighting.depth_m + 0.5)], np.float64)
+
+
+def _by_shape(shape: Shape) -> Estimate:
+    return _estimate(shape.xy_m, shape.yaw_rad, shape.std_along_m, shape.std_across_m)
+
+
+def _by_camera(s: Sighting, standing_m: float, params: AssociationParams) -> Estimate:
+    """On the ray, at the distance guessed, or its mean in logarithms with that of stationary echoes."""
+    forward, left = _axes(s.bearing_rad)
+    near, std = s.near_m, s.std
+    if np.isfinite(standing_m):
+        weights = s.std**-2, (standing_m / params.standing_std_m) ** 2
+        near = float(np.exp((weights[0] * np.log(near) + weights[1] * np.log(standing_m)) / sum(weights)))
+        std = float(sum(weights)) ** -0.5
+    reach = near + s.depth_m
+    aside = float(np.hypot(params.bearing_std_rad * reach, 0.1 * s.size_lwh_m[1]))
+    if s.cut:  # what lies beyond the image's border is guessed
+        aside = float(np.hypot(aside, s.size_lwh_m[0] / 3))
+    xy = s.eye_m[:2] + forward * reach + left * s.beside_m
+    return _estimate(xy, s.bearing_rad, float(np.hypot(std * near, 0.1 * s.size_lwh_m[0])), aside)
+
+
+def _by_radar(xy: Float64, length_m: float, params: AssociationParams) -> Estimate:
+    reach = float(np.hypot(*xy))
+    std = float(np.hypot(params.radar_std_m, length_m / 10))
+    return _estimate(xy, float(np.arctan2(xy[1], xy[0])), std, 0.3 + params.radar_bearing_std_rad * reach)
+
+
+def _estimate(xy: Float64, axis_rad: float, std_along_m: float, std_across_m: float) -> Estimate:
+    forward, left = _axes(axis_rad)
+    weight = np.outer(forward, forward) / std_along_m**2 + np.outer(left, left) / std_across_m**2
+    return Estimate(xy, weight)
+
+
+def _joined(estimates: list[Estimate]) -> Float64:
+    """Mean (2,) [m]."""
+    total = sum((e.weight for e in estimates), np.zeros((2, 2)))
+    x, y = sum((e.weight[:, 0] * e.xy_m[0] + e.weight[:, 1] * e.xy_m[1] for e in estimates), np.zeros(2))
+    determinant = total[0, 0] * total[1, 1] - total[0, 1] * total[1, 0]
+    xy = np.array([total[1, 1] * x - total[0, 1] * y, total[0, 0] * y - total[1, 0] * x])
+    return np.asarray(xy / determinant, np.float64)
+
+
+def _size_and_yaw(shape: Shape | None, seen: list[Sighting], radar_box: Boxes3D | None) -> tuple[Float64, float]:
+    """Of LiDAR where it shows them, else the camera's typical ones, else radar's."""
+    if shape is not None and (shape.tells_heading or not seen):
+        return shape.size_lwh_m, shape.yaw_rad
+    if seen:
+        best = max(seen, key=lambda s: (not s.cut, s.score, s.camera))
+        size = best.size_lwh_m if shape is None else shape.size_lwh_m
+        return size, _heading(best)
+    if radar_box is None:
+        raise ValueError("a group without measurements")
+    return radar_box.size_lwh_m[0], float(radar_box.yaw_rad[0])
+
+
+def _heading(s: Sighting) -> float:
+    """Of the two headings that look as wide, the one nearer to a multiple of a right angle: most roads are parallel to
+    the own one or cross it.
     """
-    guesses = [(np.log(sighting.near_m), sighting.std**-2)]
-    guesses += [(np.log(e.near_m), (e.near_m / e.std_m) ** 2) for e in (lidar, radar) if e is not None]
-    near = np.exp(sum(log * weight for log, weight in guesses) / sum(weight for _, weight in guesses))
-    bearing = sighting.bearing_rad
-    seen = lidar if lidar is not None else radar
-    if sighting.cut and not sighting.beside_m and seen is not None:
-        bearing = seen.bearing_rad
-    forward, left = np.array([np.cos(bearing), np.sin(bearing)]), np.array([-np.sin(bearing), np.cos(bearing)])
-    center = sighting.eye_m[:2] + forward * (near + sighting.depth_m) + left * sighting.beside_m
-    headings = wrap_angle(np.array([bearing - sighting.aspect_rad, bearing + sighting.aspect_rad]))
-    return center, float(headings[int(np.argmin(np.abs(np.sin(2 * headings))))])
+    headings = wrap_angle(np.array([s.bearing_rad - s.aspect_rad, s.bearing_rad + s.aspect_rad]))
+    return float(headings[int(np.argmin(np.abs(np.sin(2 * headings))))])
 
 
-def _middle_z(sighting: Sighting, center: Float64, height_m: float, plane: Plane | None) -> float:
-    """Height of the middle [m]: on the ground where that is known, else level with the camera's foot."""
-    if plane is None:
-        return float(sighting.eye_m[2])
-    return float(plane.z_m(center[None])[0]) + height_m / 2
+def _along(radial_mps: Float64, yaw_rad: float | None) -> Float64:
+    """Velocity (3,) whose part along the line of sight is that measured; NaN stays."""
+    speed, bearing = float(np.hypot(*radial_mps[:2])), float(np.arctan2(radial_mps[1], radial_mps[0]))
+    if yaw_rad is None or not np.isfinite(speed) or speed == 0.0:
+        return radial_mps
+    share = float(np.cos(yaw_rad - bearing))
+    if abs(share) * _MOST_STRETCH < 1.0:
+        return radial_mps
+    return np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0]) * speed / share
+
+
+def _middle_z(scene: Scene, group: Group, xy: Float64, height_m: float) -> float:
+    """On the ground where that is known; else as LiDAR or radar measured it, else level with the camera's foot."""
+    if scene.plane is not None:
+        return float(scene.plane.z_m(xy[None])[0]) + height_m / 2
+    if group.lidar >= 0:
+        return float(scene.lidar.boxes.center_m[group.lidar, 2])
+    if group.radar >= 0:
+        return float(scene.radar.boxes.center_m[group.radar, 2])
+    return float(scene.sightings[group.sightings[0]].eye_m[2])
+
+
+def _axes(angle_rad: float) -> tuple[Float64, Float64]:
+    cos, sin = float(np.cos(angle_rad)), float(np.sin(angle_rad))
+    return np.array([cos, sin]), np.array([-sin, cos])

@@ -1,11 +1,12 @@
 """How much a LiDAR cluster looks like a passenger car."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from fbench.pipelines.checks import require_between
-from fbench.pipelines.points.over_kernel import count_inside
+from fbench.pipelines.points.inside import SortedPoints
 from fbench.pipelines.points.vehicle import fading
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.errors import ConfigError
@@ -37,17 +38,19 @@ class CarShapeParams:
     """Number of points above the height of cars: poles, walls and trees go on."""
     margin_m: float = 0.3
     """How far beside the rectangle points count as above it [m]."""
+    where: ClassVar[str] = "lidar.shape"
+    """Dotted name of these parameters."""
 
     def __post_init__(self) -> None:
-        require_between("lidar.shape.margin_m", self.margin_m, 0, 100)
+        require_between(f"{self.where}.margin_m", self.margin_m, 0, 100)
         for name in (*_RISING, *_FALLING):
             for value in getattr(self, name):
-                require_between(f"lidar.shape.{name}", value, 0)
+                require_between(f"{self.where}.{name}", value, 0)
         for name, sign, word in (*((n, 1, "above") for n in _RISING), *((n, -1, "below") for n in _FALLING)):
             fine, impossible = getattr(self, name)
             if not sign * (impossible - fine) >= _LEAST_STEP:
                 raise ConfigError(
-                    f"lidar.shape.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
+                    f"{self.where}.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
                 )
 
 
@@ -65,20 +68,5 @@ def plausibility(
     score *= fading(extent[:, 0], *params.most_width_m)
     score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
     likely = np.flatnonzero(score > 0)
-    score[likely] *= fading(_points_over(rectangles[likely], tall, params.margin_m), *params.num_over)
+    score[likely] *= fading(SortedPoints(tall).inside(rectangles[likely], params.margin_m)[:, 0], *params.num_over)
     return score
-
-
-def _points_over(rectangles: Float64, xyz: Float64, margin_m: float) -> Int64:
-    """Count the points (N, 3) over each rectangle (M, 6), widened by a margin.
-
-    Looks only at the points between the least and greatest x of a rectangle.
-    """
-    points = xyz[np.argsort(xyz[:, 0], kind="stable"), :2]
-    wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
-    cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
-    x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
-    # A hair more than needed, so that rounding leaves no point out.
-    begin = np.searchsorted(points[:, 0], x.min(axis=1) - 1e-6)
-    end = np.searchsorted(points[:, 0], x.max(axis=1) + 1e-6)
-    return count_inside(wide, np.ascontiguousarray(points), begin, end)

@@ -1,13 +1,17 @@
 """scikit-learn's clusterers by name, with results that don't depend on the order of the points."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from fbench.replay.arrays import Array, Float64, Int64
+
+_QUIET = Lock()
 
 
 def _hdbscan(points: Float64, eps: float, min_points: int) -> Any:
@@ -71,11 +75,20 @@ def cluster_by_name(points: Array, method: str, eps: float, min_points: int) -> 
     order = usable[np.lexsort(points[usable].T[::-1])]
     given = np.ascontiguousarray(points[order], np.float64)
     # OPTICS divides by reachabilities, which are 0 where points are equal, and warns where all points are noise.
-    with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore", category=UserWarning):
+    with np.errstate(all="ignore"), _no_warnings():
         found = np.asarray(CLUSTERERS[method](given, eps, min_points).fit_predict(given), np.int64)
     is_new = np.any(np.diff(given, axis=0, prepend=np.nan) != 0, axis=1)
     result[order] = _renumbered(found, np.cumsum(is_new) - 1, min_points)
     return result
+
+
+@contextmanager
+def _no_warnings() -> Iterator[None]:
+    """Silence scikit-learn, for one thread at a time: the filters of warnings are the process's, and one that puts
+    back what it found while another is at work would leave them wrong for good.
+    """
+    with _QUIET, warnings.catch_warnings(action="ignore", category=UserWarning):
+        yield
 
 
 def _renumbered(found: Int64, place: Int64, min_points: int) -> Int64:

@@ -26,10 +26,10 @@ class Grouping:
     min_points: int
     """Points within the radius that make a core point, itself included."""
     adaptive_from_m: float | None = None
-    """Beyond this distance from the vehicle [m] the radius grows in proportion to it; none: it doesn't."""
+    """Beyond this distance from the vehicle [m] the radius of DBSCAN grows in proportion to it; none: it doesn't."""
 
     def check(self, prefix: str) -> None:
-        """Refuse unknown methods, and radii that grow for others than DBSCAN; `prefix` is what precedes the names.
+        """Refuse unknown methods and distances that make no sense; `prefix` is what precedes the names.
 
         Raises:
             ConfigError: naming the parameter.
@@ -38,8 +38,6 @@ class Grouping:
             raise ConfigError(f"{prefix}.method: there is no '{self.method}'{did_you_mean(self.method, METHODS)}")
         if self.adaptive_from_m is not None:
             require_between(f"{prefix}.adaptive_from_m", self.adaptive_from_m, 1.0, 10_000.0)
-            if self.method != "dbscan":
-                raise ConfigError(f"{prefix}.adaptive_from_m: needs {prefix}.method=dbscan, not {self.method}")
 
     def radii(self, range_m: Float64) -> Float64:
         """Radius of each point (N,), by its distance from the vehicle: the spacing of beams grows with it."""

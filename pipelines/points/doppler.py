@@ -142,8 +142,12 @@ def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
 
 def range_rates(echoes: Echoes, params: DopplerParams) -> Float64:
     """Radial velocity (N,) [m/s] over ground of the echoes of one radar; NaN where it measures no velocities."""
+    return over_ground(echoes, own_velocity(echoes, params))
+
+
+def own_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
+    """Velocity (2,) [m/s] of one radar over ground, forward and left, as far as its measured velocities hold it."""
     measured = echoes[np.isfinite(echoes.radial_velocity_mps)]
-    velocity = np.zeros(2)
     if len(measured.xyz) >= params.min_echoes and params.ego_motion != "removed":
-        velocity = sensor_velocity(measured, params)
-    return over_ground(echoes, velocity)
+        return sensor_velocity(measured, params)
+    return np.zeros(2)

@@ -1,6 +1,7 @@
 """Height of the ground under each point, without knowing how high the sensors sit or how they are tilted."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage
@@ -25,6 +26,8 @@ class GroundParams:
     """Steepest deviation from the plane [m/m]."""
     tolerance_m: float = 0.2
     """Height [m] below which a point belongs to the ground."""
+    where: ClassVar[str] = "lidar.ground"
+    """Dotted name of these parameters."""
 
     def __post_init__(self) -> None:
         # Cells and range bound the size of the grid.
@@ -32,7 +35,7 @@ class GroundParams:
             "cell_m": (0.5, 100.0), "outliers": (0.0, 0.5), "range_m": (1.0, 500.0), "max_tilt": (0.0, 1.0),
             "max_slope": (0.0, 1.0), "tolerance_m": (0.0, 10.0),
         }  # fmt: skip
-        require_ranges("lidar.ground", self, ranges)
+        require_ranges(self.where, self, ranges)
 
 
 @dataclass(frozen=True)

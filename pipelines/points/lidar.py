@@ -1,17 +1,22 @@
-"""LiDAR detection: ground removed, the rest clustered, clusters judged by how much they look like vehicles."""
+"""LiDAR detection: ground removed, the rest clustered, clusters judged by how much they look like road users."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from fbench.pipelines.checks import require_between, require_ranges
-from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
+from fbench.pipelines.points.car_shape import CarShapeParams
 from fbench.pipelines.points.clustering import Grouping
+from fbench.pipelines.points.features import Standing
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
+from fbench.pipelines.points.judging import Seen, like_cars, road_users
 from fbench.pipelines.points.rectangle_kernel import fit_rectangles
-from fbench.pipelines.points.vehicle import VehicleSize, complete
+from fbench.pipelines.points.vehicle import OtherSizes, VehicleSize
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import LogInfo
+from fbench.replay.log_keys import SIMULATED
 
 _HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
 _NEAR_M = 0.05
@@ -25,11 +30,11 @@ class LidarClusterParams:
     """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
     eps_m: float = 0.6
     """Radius [m]."""
-    min_points: int = 4
+    min_points: int = 3
     """Points within the radius that make a core point, itself included."""
-    adaptive_from_m: float | None = None
-    """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
-    everywhere."""
+    adaptive_from_m: float | None = 25.0
+    """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
+    beams does; none: it is the same everywhere."""
     with_height: bool = False
     """Whether heights count; if not, points are grouped as seen from above."""
     max_height_m: float = 2.5
@@ -64,14 +69,23 @@ class LidarParams:
     """The own vehicle reaches this far behind the body's origin [m]."""
     ego_side_m: float = 1.1
     """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
+    deskew: bool = True
+    """Where poses are known, points are moved to the frame's instant by their own times, unless the log says that
+    nothing moved in a sweep; sweeps of other instants are moved as a whole."""
     ground: GroundParams = field(default_factory=GroundParams)
     """How the ground is found."""
     cluster: LidarClusterParams = field(default_factory=LidarClusterParams)
     """How points are grouped."""
     size: VehicleSize = field(default_factory=VehicleSize)
-    """What partly seen vehicles are completed to."""
+    """What partly seen cars are completed to."""
+    sizes: OtherSizes = field(default_factory=OtherSizes)
+    """What others are completed to; only the model tells them apart."""
+    judge: Literal["model", "rules"] | None = None
+    """How clusters are judged: `model`, fitted on the simulated city, gives the probability of a road user and its
+    class, `rules` how much a cluster looks like a passenger car; none: by the model in simulated logs, else by rules.
+    """
     shape: CarShapeParams = field(default_factory=CarShapeParams)
-    """What a cluster must look like."""
+    """What a cluster must look like by the rules."""
 
     def __post_init__(self) -> None:
         names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")
@@ -79,6 +93,7 @@ class LidarParams:
         if self.max_range_m is not None:
             require_between("lidar.max_range_m", self.max_range_m, 0.1, 10_000.0)
         self.size.check("lidar.size")
+        self.sizes.check("lidar.sizes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +121,14 @@ class LidarView:
     cluster: Int64
     """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
     boxes: Boxes3D
-    """One for each cluster, with a score in [0, 1]: how much it looks like a passenger car."""
+    """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
+    it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
+
+
+def judging(params: LidarParams, log_info: LogInfo) -> LidarParams:
+    """Return parameters that say how clusters of this log are judged."""
+    by_model = SIMULATED in log_info.metadata
+    return params if params.judge is not None else replace(params, judge="model" if by_model else "rules")
 
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
@@ -125,34 +147,36 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
     """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
-    return judged(found, _clusters(found.xyz, params.cluster), viewpoint, params)
+    return judged(found, clusters(found.xyz, params.cluster), viewpoint, params)
 
 
 def judged(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
-    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,)."""
+    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,); by rules unless told."""
+    xyz, cluster, seen = arranged(found, cluster, viewpoint)
+    return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else _boxes(seen, params))
+
+
+def arranged(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
+    """Sort obstacles by their clusters (N,), -1 for none, and fit rectangles; `None` where there are no clusters."""
     by_cluster = np.argsort(cluster, kind="stable")
     xyz, cluster = found.xyz[by_cluster], cluster[by_cluster]
-    member = cluster >= 0
-    if found.plane is None or not member.any():
-        return LidarView(found.plane, xyz, cluster, Boxes3D.empty())
-    grouped = Obstacles(found.plane, xyz[member], found.height_m[by_cluster][member], found.tall)
-    return LidarView(found.plane, xyz, cluster, _boxes(grouped, found.plane, cluster[member], viewpoint, params))
+    loose = int(np.searchsorted(cluster, 0))
+    if found.plane is None or loose == len(cluster):
+        return xyz, cluster, None
+    first = np.append(loose + np.flatnonzero(np.diff(cluster[loose:], prepend=-1)), len(cluster))
+    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, _HEADINGS_RAD, _NEAR_M)
+    height = np.column_stack([xyz[:, :2], found.height_m[by_cluster]])
+    tall = np.column_stack([found.tall[:, :2], found.tall[:, 2] - found.plane.z_m(found.tall)])
+    return xyz, cluster, Seen(Standing(height, first, tall), rectangles, found.plane, viewpoint)
 
 
-def _clusters(xyz: Float64, params: LidarClusterParams) -> Int64:
+def clusters(xyz: Float64, params: LidarClusterParams) -> Int64:
+    """Cluster obstacles (N, 3): numbers (N,), -1 for none."""
     features = xyz if params.with_height else xyz[:, :2]
     return params.grouping.clusters(features, np.hypot(xyz[:, 0], xyz[:, 1]))
 
 
-def _boxes(found: Obstacles, plane: Plane, cluster: Int64, viewpoint: Float64, params: LidarParams) -> Boxes3D:
-    """Judge clusters, whose points are sorted by `cluster` (N,)."""
-    first = np.append(np.flatnonzero(np.diff(cluster, prepend=-1)), len(cluster))
-    rectangles = fit_rectangles(np.ascontiguousarray(found.xyz[:, :2]), first, _HEADINGS_RAD, _NEAR_M)
-    footprint = complete(rectangles, viewpoint, params.size)
-    top = np.maximum.reduceat(found.height_m, first[:-1])
-    bottom = np.minimum.reduceat(found.height_m, first[:-1])
-    score = plausibility(rectangles, np.diff(first), bottom, top, found.tall, params.shape)
-    height = np.maximum(top, params.size.height_m)
-    center = np.column_stack([footprint.center_m, plane.z_m(footprint.center_m) + height / 2])
-    size = np.column_stack([footprint.size_lw_m, height])
-    return Boxes3D(center, size, footprint.yaw_rad, score=score)
+def _boxes(seen: Seen, params: LidarParams) -> Boxes3D:
+    if params.judge == "model":
+        return road_users(seen, params.size, params.sizes)
+    return like_cars(seen, params.size, params.shape)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.points.deskew import Deskew
 from fbench.replay.arrays import Bool, Float64
 from fbench.replay.data import Frame, Kind, LogInfo, PointCloud, Pose, RadarScan, Rig
 from fbench.replay.errors import LogError
@@ -34,20 +35,43 @@ class Echoes:
         return Echoes(*columns, self.period_mps, self.sensor)
 
 
-def lidar_points(rig: Rig, frame: Frame, ranges_m: Mapping[str, tuple[float, float]]) -> Float64 | None:
+@dataclass(frozen=True)
+class Outline:
+    """How far the own vehicle reaches from the body's origin [m]; points in it, seen from above, lie on it."""
+
+    front_m: float = 0.0
+    rear_m: float = 0.0
+    side_m: float = 0.0
+
+    def without(self, xyz: Float64) -> Bool:
+        """Tell which points (N, 3) in body coordinates [m] don't lie on the own vehicle."""
+        ahead, aside = xyz[:, 0], np.abs(xyz[:, 1])
+        return np.asarray(~((ahead > -self.rear_m) & (ahead < self.front_m) & (aside < self.side_m)), np.bool_)
+
+
+def lidar_points(
+    rig: Rig, frame: Frame, ranges_m: Mapping[str, tuple[float, float]], own: Outline = Outline(),
+    deskew: Deskew | None = None,
+) -> Float64 | None:  # fmt: skip
     """Points (N, 3) [m] of all LiDARs in body coordinates, in lexicographic order; `None` where no LiDAR delivered.
 
-    `ranges_m` gives for each LiDAR the least and the largest distance of points from it; nearer ones lie on the
-    vehicle itself.
+    `ranges_m` gives for each LiDAR the least and the largest distance of points from it; those on the vehicle itself,
+    which move with it, are left out, and `deskew` moves the others to the frame's instant.
     """
     clouds = [m for m in _in_order(frame) if isinstance(m, PointCloud)]
+    if deskew is not None:
+        deskew.note(body_pose(rig, frame), frame.stamp_ns)
     if not clouds:
         return None
     parts = []
     for cloud in clouds:
         low, high = ranges_m[cloud.sensor]
         square = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz)
-        parts.append(transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[(square >= low**2) & (square <= high**2)]))
+        near = np.flatnonzero((square >= low**2) & (square <= high**2))
+        xyz = transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[near])
+        others = own.without(xyz)
+        xyz, rows = xyz[others], near[others]
+        parts.append(xyz if deskew is None else deskew.moved(xyz, cloud, rows, frame.stamp_ns))
     merged = np.concatenate(parts)
     return merged[np.lexsort(merged.T[::-1])]
 
@@ -58,12 +82,6 @@ def lidar_position(rig: Rig) -> Float64:
     return np.asarray(np.mean(places, axis=0), np.float64)
 
 
-def outside(xyz: Float64, front_m: float, rear_m: float, side_m: float) -> Float64:
-    """Points (N, 3) in body coordinates [m] that don't lie in the outline of the own vehicle, seen from above."""
-    ahead, aside = xyz[:, 0], np.abs(xyz[:, 1])
-    return xyz[~((ahead > -rear_m) & (ahead < front_m) & (aside < side_m))]
-
-
 def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> list[Echoes] | None:
     """Echoes of each radar, whose velocities alias with `periods_mps` by name; `None` where no radar delivered."""
     scans = [m for m in _in_order(frame) if isinstance(m, RadarScan)]
@@ -71,7 +89,13 @@ def radar_scans(rig: Rig, frame: Frame, periods_mps: Mapping[str, float]) -> lis
 
 
 def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
-    """Pose (4, 4) of the body in the world; `None` where the log has none for this frame.
+    """Pose (4, 4) of the body in the world; `None` where the log has none for this frame, see `body_pose`."""
+    pose = body_pose(rig, frame)
+    return None if pose is None else pose.world_T_body
+
+
+def body_pose(rig: Rig, frame: Frame) -> Pose | None:
+    """Pose of the body in the world; `None` where the log has none for this frame.
 
     Of several sources the first by name counts, also in frames that lack it: sources differ in their origin.
     """
@@ -79,7 +103,7 @@ def world_T_body(rig: Rig, frame: Frame) -> Float64 | None:
     if not poses or any(name < poses[0] for name in frame.missing if name not in rig.mounts):
         return None
     pose = frame.messages[poses[0]]
-    return pose.world_T_body if isinstance(pose, Pose) else None
+    return pose if isinstance(pose, Pose) else None
 
 
 def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:

@@ -2,21 +2,25 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.checks import require_ranges
+from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.clustering import Grouping
-from fbench.pipelines.points.doppler import DopplerParams, range_rates
+from fbench.pipelines.points.doppler import DopplerParams, over_ground, own_velocity
 from fbench.pipelines.points.merged import Echoes
 from fbench.pipelines.points.unmeasured import UnmeasuredParams, add_unmeasured, strong
 from fbench.pipelines.points.vehicle import VehicleSize
 from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import LogInfo
+from fbench.replay.log_keys import SIMULATED
 
 _ECHO_HEIGHT_M = 0.3
 """Where most echoes of a vehicle come from [m above ground]: bumpers, wheels and the gap under the floor."""
+_SPREADING_FROM_M = 20.0
+"""See `RadarParams.full_score_within_m`; chosen on development seeds of the simulated city."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,9 @@ class RadarParams:
     """What clusters are completed to."""
     full_score_echoes: float = 20.0
     """A cluster of n echoes scores 1 - exp(-n / this)."""
+    full_score_within_m: float | None = None
+    """Farther away [m] each echo counts as the square of the distance over this, as rays spread; none: 20 m in
+    simulated logs, whose radars spread rays evenly, else an echo counts the same at any distance."""
 
     def __post_init__(self) -> None:
         ranges = {
@@ -77,6 +84,8 @@ class RadarParams:
             "full_score_echoes": (0.1, 1e6),
         }  # fmt: skip
         require_ranges("radar", self, ranges)
+        if self.full_score_within_m is not None:
+            require_between("radar.full_score_within_m", self.full_score_within_m, 1.0, 10_000.0)
         self.size.check("radar.size")
 
 
@@ -106,6 +115,17 @@ class Compensated:
     """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
     is_strong: Bool
     """(N,) whether an echo is among the strongest of its scan."""
+    own_mps: Float64
+    """(N,) the radar's own velocity towards the points [m/s]: range_rate_mps less this is how fast their distance from
+    it changes. NaN where velocities were recorded without the ego motion.
+    """
+
+
+def scoring(params: RadarParams, log_info: LogInfo) -> RadarParams:
+    """Return parameters that say how echoes of this log's radars count."""
+    if params.full_score_within_m is not None or SIMULATED not in log_info.metadata:
+        return params
+    return replace(params, full_score_within_m=_SPREADING_FROM_M)
 
 
 def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compensated:
@@ -116,12 +136,15 @@ def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compe
     return Compensated(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _compensated(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool]:
+def _compensated(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool, Float64]:
     near = _is_near(scan, params)
     period = np.full(len(scan.xyz), scan.period_mps)
-    rate = range_rates(scan, params.doppler)
+    velocity = own_velocity(scan, params.doppler)
+    rate = over_ground(scan, velocity)
+    toward = scan.direction[near, 0] * velocity[0] + scan.direction[near, 1] * velocity[1]
+    own = np.full(len(toward), np.nan) if params.doppler.ego_motion == "removed" else toward
     is_strong = strong(scan.magnitude_db[near], params.unmeasured)
-    return scan.xyz[near], scan.direction[near], rate[near], period[near], is_strong
+    return scan.xyz[near], scan.direction[near], rate[near], period[near], is_strong, own
 
 
 def _is_near(scan: Echoes, params: RadarParams) -> Bool:
@@ -133,7 +156,7 @@ def _is_near(scan: Echoes, params: RadarParams) -> Bool:
 def detect(echoes: Compensated, params: RadarParams) -> RadarView:
     """Find what moves, and what may, where no velocity was measured."""
     cluster = _clusters(echoes, params)
-    return RadarView(echoes.xyz, cluster, _boxes(echoes, cluster, params.size, params.full_score_echoes))
+    return RadarView(echoes.xyz, cluster, _boxes(echoes, cluster, params))
 
 
 def _clusters(echoes: Compensated, params: RadarParams) -> Int64:
@@ -157,18 +180,26 @@ def _unbroken(rate_mps: Float64, period_mps: float) -> Float64:
     return rate_mps if period_mps <= 0 else np.asarray(np.mod(rate_mps, period_mps), np.float64)
 
 
-def _boxes(echoes: Compensated, cluster: Int64, size: VehicleSize, full_score_echoes: float) -> Boxes3D:
+def _boxes(echoes: Compensated, cluster: Int64, params: RadarParams) -> Boxes3D:
+    size = params.size
     rows = [np.flatnonzero(cluster == number) for number in range(int(cluster.max(initial=-1)) + 1)]
     if not rows:
         return Boxes3D.empty()
     center, bearing, length = (np.array(part) for part in zip(*(_place(echoes, r, size) for r in rows), strict=True))
-    rate = np.array([_median_rate(echoes.range_rate_mps[r], echoes.period_mps[r]) for r in rows])
+    rate = np.array([median_rate(echoes.range_rate_mps[r], echoes.period_mps[r]) for r in rows])
     velocity = np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate])
     others = np.full((len(rows), 2), (size.width_m, size.height_m))
-    score = 1 - np.exp(-np.array([len(r) for r in rows]) / full_score_echoes)
+    score = _scores(np.array([len(r) for r in rows]), center, params)
     # A radar sees no heading: most traffic is parallel to the own way, and what is longer than a car was seen along it.
     yaw = np.where(length > size.length_m, bearing, 0.0)
     return Boxes3D(center, np.column_stack([length, others]), yaw, velocity_mps=velocity, score=score)
+
+
+def _scores(num: Int64, center_m: Float64, params: RadarParams) -> Float64:
+    """Scores (N,) of clusters with so many echoes (N,) around centres (N, 3)."""
+    from_m = params.full_score_within_m
+    growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center_m[:, 0], center_m[:, 1]) / from_m) ** 2
+    return np.asarray(1 - np.exp(-num * growth / params.full_score_echoes), np.float64)
 
 
 def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64, float, float]:
@@ -191,7 +222,7 @@ def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64
     return center, bearing, max(size.length_m, float(far - near))
 
 
-def _median_rate(rate_mps: Float64, period_mps: Float64) -> float:
+def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
     """Median radial velocity [m/s] of one cluster, by the least ambiguous of the radars that see it.
 
     What is still ambiguous is taken to be the slower of the two.

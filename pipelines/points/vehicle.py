@@ -1,11 +1,11 @@
 """Whole vehicles from the sides of them that a sensor sees."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from fbench.pipelines.checks import require_ranges
-from fbench.replay.arrays import Array, Float64
+from fbench.replay.arrays import Array, Bool, Float64
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,31 @@ class VehicleSize:
         require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
 
 
+@dataclass(frozen=True)
+class OtherSizes:
+    """Sizes of typical road users that are no cars."""
+
+    van: VehicleSize = field(default_factory=lambda: VehicleSize(5.3, 2.1, 2.2))
+    """Van."""
+    truck: VehicleSize = field(default_factory=lambda: VehicleSize(8.5, 2.6, 3.3))
+    """Truck or bus."""
+    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(2.1, 0.8, 1.6))
+    """Motorcycle with its rider."""
+    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(1.8, 0.6, 1.7))
+    """Bicycle with its rider."""
+    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(0.6, 0.6, 1.7))
+    """Person on foot."""
+
+    def check(self, prefix: str) -> None:
+        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters.
+
+        Raises:
+            ConfigError: naming the parameter.
+        """
+        for one in fields(self):
+            getattr(self, one.name).check(f"{prefix}.{one.name}")
+
+
 @dataclass(frozen=True, eq=False)
 class Footprints:
     """Rectangles on the ground in body coordinates."""
@@ -48,15 +73,25 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
     sensor at `viewpoint` (2,) sees stays where it is; along an axis in which the sensor is beside the rectangle, its
     middle does.
     """
+    extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
+    along_first = extent[:, 0] > extent[:, 1]
+    along_first = np.where(extent.max(axis=1) > 1.25 * size.width_m, along_first, ~along_first)
+    return completed(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
+
+
+def completed(rectangles: Float64, along_first: Bool, viewpoint: Float64, length_width_m: Float64) -> Footprints:
+    """Complete visible rectangles (N, 5 or more), see `complete`, knowing which edges are the sides.
+
+    `along_first` (N,): whether vehicles are long along the rectangle's heading. `length_width_m`, (2,) or (N, 2) [m]:
+    how large they are at least.
+    """
     heading = rectangles[:, 0]
     low, high = rectangles[:, [1, 3]], rectangles[:, [2, 4]]
     axes = np.stack([_unit(heading), _unit(heading + np.pi / 2)], axis=1)
     eye = axes[:, :, 0] * viewpoint[0] + axes[:, :, 1] * viewpoint[1]
-    extent = high - low
-    along_first = extent[:, 0] > extent[:, 1]
-    along_first = np.where(extent.max(axis=1) > 1.25 * size.width_m, along_first, ~along_first)
-    typical = np.where(along_first[:, None], [size.length_m, size.width_m], [size.width_m, size.length_m])
-    full = np.maximum(extent, typical)
+    typical = np.broadcast_to(length_width_m, low.shape)
+    typical = np.where(along_first[:, None], typical, typical[:, ::-1])
+    full = np.maximum(high - low, typical)
     middle = np.where(eye < low, low + full / 2, np.where(eye > high, high - full / 2, (low + high) / 2))
     center = middle[:, :1] * axes[:, 0] + middle[:, 1:] * axes[:, 1]
     yaw = half_turn(heading + np.where(along_first, 0.0, np.pi / 2))

@@ -1,6 +1,7 @@
 """Vehicles in points of stereo: ground, clusters and boxes as with LiDAR, with room for errors of depth."""
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,11 +14,27 @@ from fbench.pipelines.points.vehicle import VehicleSize, fading
 from fbench.replay.arrays import Float64
 from fbench.replay.errors import ConfigError
 
-_SHAPE = CarShapeParams(
-    top_m=(2.2, 2.6), least_extent_m=(1.2, 0.6), most_length_m=(6.0, 8.0), most_width_m=(2.6, 3.6),
-    filling_m=(0.5, 0.9), num_points=(12.0, 6.0), num_over=(1.0, 4.0),
-)  # fmt: skip
-"""Errors of depth widen clusters and fill them."""
+
+@dataclass(frozen=True)
+class StereoGroundParams(GroundParams):
+    """How the ground is found in points of stereo."""
+
+    where: ClassVar[str] = "objects.ground"
+    tolerance_m: float = 0.3
+
+
+@dataclass(frozen=True)
+class StereoShapeParams(CarShapeParams):
+    """What a cluster of stereo must be like: errors of depth widen clusters and fill them."""
+
+    where: ClassVar[str] = "objects.shape"
+    top_m: tuple[float, float] = (2.2, 2.6)
+    least_extent_m: tuple[float, float] = (1.2, 0.6)
+    most_length_m: tuple[float, float] = (6.0, 8.0)
+    most_width_m: tuple[float, float] = (2.6, 3.6)
+    filling_m: tuple[float, float] = (0.5, 0.9)
+    num_points: tuple[float, float] = (12.0, 6.0)
+    num_over: tuple[float, float] = (1.0, 4.0)
 
 
 @dataclass(frozen=True)
@@ -47,7 +64,7 @@ class StereoClusterParams:
 class ObjectParams:
     """What becomes of the points."""
 
-    ground: GroundParams = field(default_factory=lambda: GroundParams(tolerance_m=0.3))
+    ground: StereoGroundParams = field(default_factory=StereoGroundParams)
     """How the ground is found."""
     cluster: StereoClusterParams = field(default_factory=StereoClusterParams)
     """How points are grouped."""
@@ -55,7 +72,7 @@ class ObjectParams:
     """Height of a cluster's highest point [m]: from the first on fine, below the second no vehicle but a barrier."""
     size: VehicleSize = field(default_factory=VehicleSize)
     """What partly seen vehicles are completed to."""
-    shape: CarShapeParams = field(default_factory=lambda: _SHAPE)
+    shape: StereoShapeParams = field(default_factory=StereoShapeParams)
     """What a cluster must look like."""
 
     def __post_init__(self) -> None:
@@ -68,7 +85,7 @@ class ObjectParams:
     def as_lidar(self) -> LidarParams:
         """The same for stages that are LiDAR's, too."""
         cluster = LidarClusterParams(max_height_m=self.cluster.max_height_m)
-        return LidarParams(ground=self.ground, cluster=cluster, size=self.size, shape=self.shape)
+        return LidarParams(ground=self.ground, cluster=cluster, size=self.size, judge="rules", shape=self.shape)
 
 
 def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectParams) -> LidarView:

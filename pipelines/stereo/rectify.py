@@ -63,8 +63,8 @@ class Rectifier:
     """How shrunk images are rectified; `None` where they are already."""
 
     def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
-        """Shrink and rectify two images (H, W, 3) BGR; returns them grey (h, w)."""
-        one, other = (_grey(image, self.camera.size_wh) for image in (left, right))
+        """Shrink and rectify two grey images (H, W), to (h, w)."""
+        one, other = (_small(image, self.camera.size_wh) for image in (left, right))
         return (one, other) if self.maps is None else self.maps.images(one, other)
 
 
@@ -106,10 +106,9 @@ def _is_straight(rig: Rig, pair: Pair) -> bool:
     return turned * reach < _STRAIGHT_PX and aside * left.size_wh[0] / 8 < _STRAIGHT_PX
 
 
-def _grey(pixels: Pixels, size_wh: tuple[int, int]) -> Pixels:
+def _small(grey: Pixels, size_wh: tuple[int, int]) -> Pixels:
     import cv2
 
-    grey = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-    if grey.shape[::-1] != size_wh:
-        grey = cv2.resize(grey, size_wh, interpolation=cv2.INTER_AREA)
-    return np.asarray(grey, np.uint8)
+    if grey.shape[::-1] == size_wh:
+        return grey
+    return np.asarray(cv2.resize(grey, size_wh, interpolation=cv2.INTER_AREA), np.uint8)

@@ -12,7 +12,7 @@ from fbench.pipelines.stereo.params import StereoParams
 from fbench.pipelines.stereo.rectify import chosen_pair, rectifier
 from fbench.replay.arrays import Float64
 from fbench.replay.data import Fault, Frame, Image, Rig
-from fbench.replay.images import Pixels, decode
+from fbench.replay.images import Pixels, decode_grey
 
 NOISE = "stereo depth is noise"
 """Why stereo is left out of a frame whose images match too badly."""
@@ -73,7 +73,7 @@ class StereoStage:
         image = frame.messages.get(name)
         if not isinstance(image, Image):
             return None
-        pixels = decode(image)
+        pixels = decode_grey(image)
         if pixels is None:
             faults.append(Fault("DEC002", f"{name} at stamp {image.stamp_ns}"))
         elif pixels.shape[1::-1] != self._sizes[name]:

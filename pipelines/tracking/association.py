@@ -12,7 +12,10 @@ def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]
     Pairs below `min_similarity`, and those without any similarity, are never made. Returns rows and columns of the
     pairs, by row.
     """
-    allowed = (similarity >= min_similarity) & (similarity > 0)
+    allowed = similarity >= min_similarity if min_similarity > 0 else similarity > 0
+    rows, columns = np.nonzero(allowed)
+    if len(rows) <= min(allowed.shape) and len(set(rows.tolist())) == len(set(columns.tolist())) == len(rows):
+        return rows, columns  # nothing to choose
     # Forbidden pairs are worth nothing, so they never push out an allowed pair.
     rows, columns = linear_sum_assignment(np.where(allowed, similarity, 0.0), maximize=True)
     made = allowed[rows, columns]

@@ -17,26 +17,31 @@ def as_similarity(giou: Float64) -> Float64:
 def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float64, gate: float) -> Float64:
     """Similarity (T, M) by distance in standard deviations of what is expected, 0 from `gate` of them on.
 
-    The squared distance is (z - H x)' (H P H' + R)^-1 (z - H x) (P. C. Mahalanobis, 1936).
+    The squared distance is (z - H x)' (H P H' + R)^-1 (z - H x) (P. C. Mahalanobis, 1936), where components don't
+    influence each other.
 
     Args:
-        states: (T, m + r) predicted.
+        states: T tracks, predicted.
         measured: (M, m)
         measured_std: (m,), or (M, m) for each measurement.
         gate: In standard deviations.
     """
-    num = measured.shape[1]
     variance = np.broadcast_to(measured_std, measured.shape) ** 2
-    spread = states.cov[:, None, :num, :num] + variance[None, :, :, None] * np.eye(num)
-    apart = measured[None, :, :] - states.mean[:, None, :num]
-    weighed = np.linalg.solve(spread, apart[..., None])[..., 0]
-    squared = np.maximum(np.sum(apart * weighed, axis=2), 0.0)
+    apart = measured[None, :, :] - states.place[:, None, :]
+    squared = np.sum(apart**2 / (states.place_var[:, None, :] + variance[None, :, :]), axis=2)
     return nearness(np.sqrt(squared), np.full(len(states), gate))
 
 
 def footprint_iou(a: Float64, b: Float64) -> Float64:
     """Overlap (N, M) seen from above of upright boxes (N, 7) and (M, 7): centre, size, heading."""
     return flat_iou(a, b, *_starts(a, b), solid=False).reshape(len(a), len(b))
+
+
+def image_iou(a: Array, b: Array) -> Float64:
+    """Overlap (N, M) of rectangles (N, 4) and (M, 4): left, top, right, bottom."""
+    from fbench.pipelines.tracking.overlap_kernel import overlaps  # numba takes a while to import
+
+    return overlaps(np.array(a, np.float64, order="C"), np.array(b, np.float64, order="C"))
 
 
 def giou_2d(a: Array, b: Array) -> Float64:

@@ -9,7 +9,42 @@ MIN_STD = 1e-6
 
 
 @dataclass(frozen=True)
-class Tracker3DParams:
+class TrackerParams:
+    """What trackers in 3D and in images share."""
+
+    min_giou: float = -0.2
+    """With `giou`: detections whose generalised overlap with a track's prediction is less don't belong to it; from -1
+    (infinitely far) to 1 (equal).
+    """
+    max_mahalanobis: float = 4.0
+    """With `mahalanobis`: greatest distance in standard deviations."""
+    weak_score: float = -LIMIT
+    """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
+    max_missed: int = 2
+    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
+    max_coast_s: float = 0.5
+    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
+    min_hits: int = 2
+    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
+    score: Literal["last", "mean"] = "last"
+    """Score of a track: that of its last detection, or the mean of all so far."""
+    predicted_share: float = 1.0
+    """Share of that score which a track has while nothing measures it."""
+
+    def __post_init__(self) -> None:
+        self._check(("predicted_share",), 0.0, 1.0)
+        self._check(("max_missed", "max_coast_s", "min_hits"), 0)
+        self._check(("max_mahalanobis",), MIN_STD)
+        self._check(("min_giou",), -1.0, 1.0)
+        self._check(("weak_score",), -LIMIT)
+
+    def _check(self, names: tuple[str, ...], low: float, high: float = LIMIT) -> None:
+        for name in names:
+            require_between(f"tracking.{name}", getattr(self, name), low, high)
+
+
+@dataclass(frozen=True)
+class Tracker3DParams(TrackerParams):
     """Parameters of the 3D tracker."""
 
     association: Literal["distance", "iou", "giou", "mahalanobis"] = "distance"
@@ -23,18 +58,6 @@ class Tracker3DParams:
     """By how much the gate grows [m] for each second since a track was measured."""
     min_iou: float = 0.05
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    min_giou: float = -0.2
-    """With `giou`: the same, from -1 (infinitely far) to 1 (equal)."""
-    max_mahalanobis: float = 4.0
-    """With `mahalanobis`: greatest distance in standard deviations."""
-    weak_score: float = -LIMIT
-    """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
-    max_missed: int = 2
-    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
-    max_coast_s: float = 0.5
-    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
-    min_hits: int = 2
-    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
     measured_std_m: float = 0.3
     """Standard deviation of a measured centre [m]."""
     rate_std_mps: float = 10.0
@@ -45,26 +68,18 @@ class Tracker3DParams:
     """Least share of a new measurement in a track's size: 1 takes the size measured last, 0 the mean of all."""
     yaw_share: float = 1.0
     """The same of its heading. Below 1, headings turned by pi count as measured the right way round."""
-    score: Literal["last", "mean"] = "last"
-    """Score of a track: that of its last detection, or the mean of all so far."""
-    predicted_share: float = 1.0
-    """Share of that score which a track has while nothing measures it."""
     ego_motion: bool = True
     """Follow objects in world coordinates where poses are known; else in those of the body."""
 
     def __post_init__(self) -> None:
-        for name in ("min_iou", "size_share", "yaw_share", "predicted_share"):
-            require_between(f"tracking.{name}", getattr(self, name), 0.0, 1.0)
-        for name in ("gate_mps", "max_missed", "max_coast_s", "min_hits", "rate_std_mps", "drift_std_mps"):
-            require_between(f"tracking.{name}", getattr(self, name), 0)
-        for name in ("gate_m", "measured_std_m", "max_mahalanobis"):
-            require_between(f"tracking.{name}", getattr(self, name), MIN_STD)
-        require_between("tracking.min_giou", self.min_giou, -1.0, 1.0)
-        require_between("tracking.weak_score", self.weak_score, -LIMIT)
+        super().__post_init__()
+        self._check(("min_iou", "size_share", "yaw_share"), 0.0, 1.0)
+        self._check(("gate_mps", "rate_std_mps", "drift_std_mps"), 0)
+        self._check(("gate_m", "measured_std_m"), MIN_STD)
 
 
 @dataclass(frozen=True)
-class Tracker2DParams:
+class Tracker2DParams(TrackerParams):
     """Parameters of the 2D tracker. Noise is relative to a box's size: the side of a square of its area."""
 
     association: Literal["iou", "giou", "mahalanobis"] = "iou"
@@ -72,36 +87,16 @@ class Tracker2DParams:
     `mahalanobis`: nearest in standard deviations of the filter.
     """
     min_iou: float = 0.1
-    """Detections that overlap a track's prediction less than this don't belong to it."""
-    min_giou: float = -0.2
-    """With `giou`: the same, from -1 (infinitely far) to 1 (equal)."""
-    max_mahalanobis: float = 4.0
-    """With `mahalanobis`: greatest distance in standard deviations."""
-    weak_score: float = -LIMIT
-    """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
-    max_missed: int = 2
-    """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
-    max_coast_s: float = 0.5
-    """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
-    min_hits: int = 2
-    """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
+    """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
     measured_std: float = 0.05
     """Standard deviation of a measured position, as a share of the box's size."""
     rate_std: float = 2.0
     """Standard deviation of a new track's rate of change, in box sizes a second."""
     drift_std: float = 0.5
     """Change of the rates within one second, standard deviation in box sizes a second."""
-    score: Literal["last", "mean"] = "last"
-    """Score of a track: that of its last detection, or the mean of all so far."""
-    predicted_share: float = 1.0
-    """Share of that score which a track has while nothing measures it."""
 
     def __post_init__(self) -> None:
-        for name in ("min_iou", "predicted_share"):
-            require_between(f"tracking.{name}", getattr(self, name), 0.0, 1.0)
-        for name in ("max_missed", "max_coast_s", "min_hits", "rate_std", "drift_std"):
-            require_between(f"tracking.{name}", getattr(self, name), 0)
-        for name in ("measured_std", "max_mahalanobis"):
-            require_between(f"tracking.{name}", getattr(self, name), MIN_STD)
-        require_between("tracking.min_giou", self.min_giou, -1.0, 1.0)
-        require_between("tracking.weak_score", self.weak_score, -LIMIT)
+        super().__post_init__()
+        self._check(("min_iou",), 0.0, 1.0)
+        self._check(("rate_std", "drift_std"), 0)
+        self._check(("measured_std",), MIN_STD)

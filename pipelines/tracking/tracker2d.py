@@ -23,7 +23,6 @@ from fbench.pipelines.tracking.tracks import (
 )
 from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.boxes import Boxes2D
-from fbench.replay.geometry.boxes import iou_2d
 
 __all__ = ["Tracker2D", "Tracker2DParams"]
 
@@ -111,17 +110,20 @@ class Tracker2D:
 
     def _predicted(self, tracks: Tracks, stamp_ns: int) -> Tracks:
         dt_s = seconds_since(self._stamp_ns, stamp_ns)
-        moved = kalman.predict(tracks.states, dt_s, self._params.drift_std * _unit(tracks.states.mean[:, :4]))
+        moved = kalman.predict(tracks.states, dt_s, self._params.drift_std * _unit(tracks.states.place))
         shaped = _with_valid_shape(moved, tracks.states)
-        distance = tracks.last["distance_m"] + np.nan_to_num(tracks.last["range_rate_mps"]) * dt_s
+        rate = tracks.last["range_rate_mps"]
+        distance = tracks.last["distance_m"] + np.where(np.isnan(rate), 0.0, rate) * dt_s
         return replace(tracks, states=shaped, last=tracks.last | {"distance_m": distance})
 
     def _similarity(self, tracks: Tracks, detections: Columns) -> tuple[Float64, float]:
         """How well tracks and detections fit (T, M), and how well a pair must."""
         similarity, least = self._likeness(tracks, detections)
-        apart = rivals(tracks.last["label"], detections["label"])
-        apart |= tracks.last["camera"][:, None] != detections["camera"][None, :]
-        return np.where(apart, 0.0, similarity), least
+        similarity[rivals(tracks.last["label"], detections["label"])] = 0.0
+        one, other = tracks.last["camera"], detections["camera"]
+        if len({*one.tolist(), *other.tolist()}) > 1:
+            similarity[one[:, None] != other[None, :]] = 0.0
+        return similarity, least
 
     def _likeness(self, tracks: Tracks, detections: Columns) -> tuple[Float64, float]:
         p = self._params
@@ -129,10 +131,10 @@ class Tracker2D:
             measured = _measure(detections)
             std = p.measured_std * _unit(measured)
             return like.mahalanobis_nearness(tracks.states, measured, std, p.max_mahalanobis), 0.0
-        boxes = _boxes(tracks.states.mean)
+        boxes = _boxes(tracks.states.place)
         if p.association == "giou":
             return like.as_similarity(like.giou_2d(boxes, detections["xyxy_px"])), (p.min_giou + 1.0) / 2.0
-        return iou_2d(boxes, detections["xyxy_px"]), p.min_iou
+        return like.image_iou(boxes, detections["xyxy_px"]), p.min_iou
 
     def _carried(self, tracks: Tracks, at: Int64, found: Columns) -> Columns:
         """What the tracks `at` carry on; where nothing measured distance or range rate now, what they had."""
@@ -151,7 +153,7 @@ class Tracker2D:
         tracks = selected(tracks, (tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
         predicted = np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
         found: Columns = tracks.last | {
-            "xyxy_px": _boxes(tracks.states.mean),
+            "xyxy_px": _boxes(tracks.states.place),
             "score": smoothing.coasted_score(tracks.last["score"], predicted, p.predicted_share),
             "track_id": tracks.track_id,
             "predicted": predicted,
@@ -180,31 +182,35 @@ def _complete(boxes: Boxes2D) -> Columns:
 def _measure(boxes: Columns) -> Float64:
     """Centre x, y, area s and aspect ratio r (N, 4)."""
     low, high = boxes["xyxy_px"][:, :2], boxes["xyxy_px"][:, 2:]
-    centre = (low + high) / 2
+    measured = np.empty((len(low), 4))
+    measured[:, :2] = (low + high) / 2
     width, height = np.maximum(high - low, MIN_SHAPE).T
-    return np.stack([centre[:, 0], centre[:, 1], width * height, width / height], axis=1)
+    measured[:, 2], measured[:, 3] = width * height, width / height
+    return measured
 
 
-def _boxes(mean: Float64) -> Float64:
-    """Left, top, right, bottom (N, 4) of states."""
-    x, y, area, aspect = mean[:, :4].T
-    half = np.stack([np.sqrt(area * aspect), np.sqrt(area / aspect)], axis=1) / 2
-    centre = np.stack([x, y], axis=1)
-    return np.concatenate([centre - half, centre + half], axis=1)
+def _boxes(measured: Float64) -> Float64:
+    """Left, top, right, bottom (N, 4) of centre, area and aspect ratio."""
+    x, y, area, aspect = measured.T
+    across, down = np.sqrt(area * aspect) / 2, np.sqrt(area / aspect) / 2
+    xyxy = np.empty((len(measured), 4))
+    xyxy[:, 0], xyxy[:, 1], xyxy[:, 2], xyxy[:, 3] = x - across, y - down, x + across, y + down
+    return xyxy
 
 
 def _unit(measured: Float64) -> Float64:
     """What one box size means for each component (N, 4): a side, a side, the area, the aspect ratio."""
-    _, _, area, aspect = measured.T
-    side = np.sqrt(area)
-    return np.stack([side, side, area, aspect], axis=1)
+    unit = measured.copy()
+    unit[:, 0] = unit[:, 1] = np.sqrt(measured[:, 2])
+    return unit
 
 
 def _with_valid_shape(moved: States, before: States) -> States:
     """Where a prediction would have no area or aspect, keep those of before and forget their rates."""
-    mean = moved.mean.copy()
-    for shape in (2, 3):
-        bad = mean[:, shape] < MIN_SHAPE
-        mean[bad, shape] = np.maximum(before.mean[bad, shape], MIN_SHAPE)
-        mean[bad, shape + 4] = 0.0
-    return States(mean, moved.cov)
+    bad = moved.place[:, 2:] < MIN_SHAPE
+    if not bad.any():
+        return moved
+    values = moved.values.copy()
+    values[kalman.PLACE, :, 2:][bad] = np.maximum(before.place[:, 2:][bad], MIN_SHAPE)
+    values[kalman.RATE, :, 2:][bad] = 0.0
+    return States(values)

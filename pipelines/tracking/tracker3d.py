@@ -129,10 +129,11 @@ class Tracker3D:
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         """How well tracks and detections fit (T, M), and how well a pair must."""
         similarity, least = self._likeness(tracks, detections, stamp_ns)
-        return np.where(rivals(tracks.last["label"], detections["label"]), 0.0, similarity), least
+        similarity[rivals(tracks.last["label"], detections["label"])] = 0.0
+        return similarity, least
 
     def _likeness(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
-        p, centre, found = self._params, tracks.states.mean[:, :3], detections["center_m"]
+        p, centre, found = self._params, tracks.states.place, detections["center_m"]
         if p.association == "distance":
             unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
             return nearness(distance_bev(centre, found), p.gate_m + p.gate_mps * unmeasured_s), 0.0
@@ -161,10 +162,10 @@ class Tracker3D:
         p = self._params
         coasted_s = (self._stamp_ns - tracks.updated_ns) * 1e-9
         tracks = selected(tracks, (tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
-        mean, predicted = tracks.states.mean, np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
+        predicted = np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
         found: Columns = tracks.last | {
-            "center_m": mean[:, :3],
-            "velocity_mps": mean[:, 3:],
+            "center_m": tracks.states.place,
+            "velocity_mps": tracks.states.rate,
             "score": smoothing.coasted_score(tracks.last["score"], predicted, p.predicted_share),
             "track_id": tracks.track_id,
             "predicted": predicted,

@@ -15,7 +15,8 @@ _FAINT = 1e-3
 """What a vote with a negative score counts: scores that are no probabilities name a label all the same."""
 _LABEL = {label: i for i, label in enumerate(LABELS) if label != "other"}
 _LABELS = np.array(LABELS)
-_KIND = dict.fromkeys(VEHICLES, "vehicle")
+_KINDS = {"other": 0, **{label: 1 + i for label, i in _LABEL.items()}, **dict.fromkeys(VEHICLES, 1 + len(LABELS))}
+"""Numbers of what can be one object; 0: anything."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +70,8 @@ def measured_tracks(tracks: Tracks, at: Int64, detections: Columns, states: Stat
     missed[at] = 0
     updated_ns[at] = stamp_ns
     votes[at] += ballots(detections["label"], detections["score"])
-    mean, cov = (
-        columns.overwritten_rows(old, at, new)
-        for old, new in ((tracks.states.mean, states.mean), (tracks.states.cov, states.cov))
-    )
     last = columns.overwritten(tracks.last, at, detections)
-    return Tracks(tracks.track_id, hits, missed, updated_ns, votes, States(mean, cov), last)
+    return Tracks(tracks.track_id, hits, missed, updated_ns, votes, tracks.states.overwritten(at, states), last)
 
 
 def selected(tracks: Tracks, which: Bool) -> Tracks:
@@ -103,18 +100,22 @@ def joined(first: Tracks, second: Tracks) -> Tracks:
 
 def ballots(label: Text, score: Float64) -> Float64:
     """One row of `Tracks.votes` a detection: its score at its label; `other` says nothing, so it has no vote."""
-    votes = np.zeros((len(label), len(LABELS)))
-    for i, name in enumerate(label.tolist()):
-        if name in _LABEL:
-            votes[i, _LABEL[name]] = score[i] if score[i] >= 0 else _FAINT
-    return votes
+    votes = np.zeros((len(label), len(LABELS) + 1))
+    column = [_LABEL.get(name, -1) for name in label.tolist()]
+    votes[np.arange(len(label)), column] = np.where(score >= 0, score, _FAINT)
+    return votes[:, :-1]
 
 
 def rivals(a: Text, b: Text) -> Bool:
     """Which labels (N,) and (M,) can't be one object: car and van can, car and pedestrian not; `other` is anything."""
-    first, second = (np.array([_KIND.get(name, name) for name in x.tolist()], np.str_) for x in (a, b))
-    known = (first != "other")[:, None] & (second != "other")[None, :]
-    different: Bool = known & (first[:, None] != second[None, :])
+    names = a.tolist(), b.tolist()
+    kind = {name: _KINDS.get(name, -i) for i, name in enumerate(dict.fromkeys(names[0] + names[1]), 1)}
+    if len(set(kind.values()) - {0}) < 2:
+        return np.zeros((len(a), len(b)), np.bool_)
+    first, second = (np.array([kind[name] for name in of], np.int64) for of in names)
+    different: Bool = first[:, None] != second[None, :]
+    different[first == 0] = False
+    different[:, second == 0] = False
     return different
 
 

@@ -15,6 +15,7 @@ from fbench.replay.cli.experiment import (
     host_line,
     is_lossy,
     own_pipelines,
+    own_variants,
     results_of,
     shown_runs,
     simulate,
@@ -24,6 +25,7 @@ from fbench.replay.cli.results_show import show_results
 from fbench.replay.cli.show import console
 from fbench.replay.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.files import replace_text
+from fbench.replay.imports.claim import claimed
 from fbench.replay.result_table import Results, table_rows
 from fbench.replay.suites.cell import CellResult
 from fbench.replay.suites.run import run_suite
@@ -52,7 +54,7 @@ class DemoWish:
     def command(self) -> str:
         """What does the same again; where it puts it and with how many processes changes nothing."""
         words = ["fbench demo", *([] if self.split is None else [f"--split {self.split}"])]
-        words += [] if self.seconds is None else [f"--seconds {self.seconds:g}"]
+        words += [] if self.seconds is None else [f"--seconds {self.seconds!r}".removesuffix(".0")]
         return " ".join([*words, *([] if self.num_seeds is None else [f"--num-seeds {self.num_seeds}"])])
 
 
@@ -81,7 +83,8 @@ def experiment(wish: DemoWish) -> Experiment:
     if wish.split is None:
         # The one that people go on with.
         drives[0] = replace(drives[0], log=wish.out / "city.mcap")
-    return Experiment(tuple(drives), own_pipelines(), wish.out, wish.command)
+    pipelines = own_pipelines() if wish.split is None else (*own_pipelines(), *own_variants())
+    return Experiment(tuple(drives), pipelines, wish.out, wish.command)
 
 
 def run_experiment(what: Experiment, num_workers: int) -> int:
@@ -90,11 +93,20 @@ def run_experiment(what: Experiment, num_workers: int) -> int:
     Raises:
         ConfigError: where the folder can't be written.
     """
-    out = console()
-    with _resumable():
-        _make_folder(what.folder)
+    _make_folder(what.folder)
+    # Two in one folder would clear away each other's half-written runs.
+    with _resumable(), claimed(what.folder / "demo", _say_waiting):
         _simulate(what)
-        done = _replay(what, num_workers)
+        return _finish(what, _replay(what, num_workers))
+
+
+def _say_waiting() -> None:
+    console().print("waiting for another fbench demo in this folder", markup=False)
+
+
+def _finish(what: Experiment, done: list[tuple[Drive, CellResult]]) -> int:
+    """Print and write what came out; return the exit code."""
+    out = console()
     results = results_of(what, done)
     results = replace(results, measured=tuple(replace(t, notes=(host_line(),)) for t in results.measured))
     show_results(results, out)

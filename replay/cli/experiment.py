@@ -6,16 +6,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fbench.replay.cli.job import short_name
 from fbench.replay.config.source import NO_CONFIG, LogWish
+from fbench.replay.errors import ConfigError
 from fbench.replay.host import describe_host, package_versions
-from fbench.replay.imports.run import write_recording
+from fbench.replay.imports.run import holds_log, write_recording
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.plugins import found, pipeline_class
 from fbench.replay.protocols import TakesArgument
 from fbench.replay.result_table import Results
 from fbench.replay.store import Run
 from fbench.replay.suites.cell import Cell, CellResult
-from fbench.replay.suites.seal import is_sealed_log, seal_log
+from fbench.replay.suites.seal import is_sealed_log, seal_log, was_sealed
+from fbench.replay.variants import built_in_variants
 
 if TYPE_CHECKING:
     from fbench.datasets.city.spec import CitySpec
@@ -73,21 +76,27 @@ class Experiment:
     def _cell(self, drive: Drive, pipeline: str) -> Cell:
         # A configuration that somebody writes beside the logs is for other logs of theirs.
         log = LogWish(drive.log, config=NO_CONFIG)
-        folder, settings = self.folder / drive.name / pipeline, list(self.settings.get(pipeline, ()))
+        folder, settings = self.folder / drive.name / short_name(pipeline), list(self.settings.get(pipeline, ()))
         return Cell(log, pipeline, folder, settings, media=drive.condition == CLEAR)
 
 
 def own_pipelines() -> tuple[str, ...]:
-    """Return fbench's own pipelines that need nothing beside the log."""
-    own = [name for name, point in found("pipelines").items() if point.value.startswith(_OWN)]
+    """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
+    bases = {variant.base for variant, _ in built_in_variants()}
+    own = [name for name, point in found("pipelines").items() if point.value.startswith(_OWN) and name not in bases]
     return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
+
+
+def own_variants() -> tuple[str, ...]:
+    """Return the variants that come with fbench: the thesis's configurations as written."""
+    return tuple(variant.name for variant, point in built_in_variants() if point.value.startswith(_OWN))
 
 
 def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:
     """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written.
 
     Raises:
-        ConfigError: where a log can't be written.
+        ConfigError: where a log can't be written, or another has its name.
     """
     from fbench.datasets.city.recording import CityRecording
 
@@ -95,9 +104,16 @@ def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None])
         drive.log.parent.mkdir(parents=True, exist_ok=True)
         is_there = is_sealed_log(drive.log, drive.spec.log_id)
         if not is_there:
+            _require_ours(drive)
             write_recording(CityRecording(drive.spec, drive.name), Target(drive.log, overwrite=True), progress)
             seal_log(drive.log, drive.spec.log_id)
         yield not is_there
+
+
+def _require_ours(drive: Drive) -> None:
+    # Without a seal where a simulation was killed just before it would have written that.
+    if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
+        raise ConfigError(f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out")
 
 
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:
@@ -148,8 +164,19 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
     yield "seeds", "; ".join(f"{world} {', '.join(map(str, own))}" for world, own in seeds.items())
     yield "sensors", ", ".join(dict.fromkeys(name for drive in drives for name in drive.spec.rig.names))
     yield "camera detector", _detectors([run for _, _, run in runs])
+    yield from _learnt(drives)
     yield "frames", _frames(runs)
     yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
+
+
+def _learnt(drives: Sequence[Drive]) -> Iterator[tuple[str, str]]:
+    """Figures of a detector on what it learnt from are better than others, and must say so."""
+    from fbench.datasets.city.suite import SEEDS
+    from fbench.datasets.city.training import HELD_OUT
+
+    learnt = sorted({drive.spec.seed for drive in drives} & {seed for seed in SEEDS["dev"] if seed != HELD_OUT})
+    if learnt:
+        yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learnt))
 
 
 def _worlds(drives: Sequence[Drive]) -> list[str]:
@@ -208,4 +235,5 @@ def _failures(done: Sequence[tuple[Drive, CellResult]]) -> Iterator[str]:
 def host_line() -> str:
     """The machine that was measured on."""
     host = describe_host()
-    return f"Wall time on {host['cpu']}, {host['cores']} cores, one process a core; it differs from run to run."
+    where = f"{host['cpu']}, {host['cores']} cores"
+    return f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."

@@ -20,6 +20,7 @@ from fbench.replay.fault_budget import FaultBudget
 from fbench.replay.faults import FaultLog
 from fbench.replay.files import replace_text
 from fbench.replay.host import describe_host
+from fbench.replay.manifest import VariantEntry
 from fbench.replay.pipeline_name import parse_name
 from fbench.replay.plugins import give_log, guarded, load, opened_pipeline
 from fbench.replay.protocols import KeepsStderr, Pipeline
@@ -31,6 +32,8 @@ from fbench.replay.scores import ScoreOptions
 from fbench.replay.secrets import without_secrets
 from fbench.replay.store import Run
 from fbench.replay.sync import SyncParams
+from fbench.replay.variant_file import Variant
+from fbench.replay.variants import sensors_of, variant_of
 
 
 @dataclass(frozen=True)
@@ -60,19 +63,31 @@ class Job:
     """Show the traceback of the first frame that fails."""
 
     @property
+    def variant(self) -> Variant | None:
+        """The variant that the pipeline is, if it is one."""
+        return variant_of(self.pipeline)
+
+    @property
     def name(self) -> str:
         """The pipeline's, for the manifest."""
+        if (variant := self.variant) is not None:
+            return without_secrets(variant.name)
         return short_name(public_pipeline(self.pipeline) if self.redact else self.pipeline)
 
     def folder(self, info: LogInfo) -> Path:
         """Where the run of a log goes."""
         log = public_name(info) if self.redact else without_secrets(self.log.path.stem)
-        return self.out or Path("runs") / f"{log}-{self.name}"
+        return self.out or Path("runs") / f"{log}-{self.name.replace('/', '-')}"
 
 
 def short_name(pipeline: str) -> str:
-    """A pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`."""
-    return parse_name(without_secrets(pipeline)).short
+    """A pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`, a variant is called as it says.
+
+    Raises:
+        ConfigError: where the file of a variant can't be used.
+    """
+    variant = variant_of(pipeline)
+    return parse_name(without_secrets(pipeline)).short if variant is None else without_secrets(variant.file_name)
 
 
 def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
@@ -113,7 +128,8 @@ def run_job(job: Job) -> Run:
             stamps=job.stamps,
             excerpt=job.excerpt,
             topics=job.log.topics,
-            sensors=job.sensors,
+            sensors=sensors_of(job.pipeline, job.sensors),
+            variant=variant_entry(job.variant),
             inputs=job.log.used(),
             truth=job.log.truth_entry(),
             max_between_ns=job.max_between_ns,
@@ -132,6 +148,14 @@ def run_job(job: Job) -> Run:
     if job.report:
         load("reports", "html")().write([run], folder / "report.html")
     return run
+
+
+def variant_entry(variant: Variant | None) -> VariantEntry | None:
+    """Return what the manifest says of a variant."""
+    if variant is None:
+        return None
+    sets = [name for name, _ in variant.settings]
+    return VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
 
 def _first_traceback(debug: bool) -> Callable[[BaseException], None]:

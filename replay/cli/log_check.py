@@ -23,6 +23,7 @@ from fbench.replay.plugins import give_log, opened_pipeline
 from fbench.replay.protocols import Pipeline
 from fbench.replay.restamp import StampParams
 from fbench.replay.sync import SyncParams
+from fbench.replay.variants import sensors_of
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ def run_check(job: CheckJob) -> int:
             give_log(pipeline[1], pipeline[0], lambda: job.log.open(faults))
         total = sum(reader.container.counts.values())
         with message_progress(f"{job.log.path.name}: reading all", total) as progress:
+            sensors = job.sensors if job.pipeline is None else sensors_of(job.pipeline, job.sensors)
             options = CheckOptions(
-                job.sync, job.stamps, job.decode_images, pipeline, tuple(job.sensors), tuple(job.ignored), progress
+                job.sync, job.stamps, job.decode_images, pipeline, tuple(sensors), tuple(job.ignored), progress
             )
             result = check_log(reader, faults, options)
     if job.as_json:

@@ -36,7 +36,7 @@ PipelineOrFile = Annotated[
     str | None,
     typer.Option(
         "--pipeline", "-p", metavar="NAME",
-        help="A name (see fbench plugins), FILE.py:CLASS, recorded:TOPIC or 'exec:COMMAND'.",
+        help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
 ]  # fmt: skip
 _RECORDED = "recorded"
@@ -57,9 +57,11 @@ def pipeline_of(name: str | None, results: "BoxSource | None") -> str:
         ConfigError: where none is named, or another than results are for.
     """
     from fbench.replay.errors import ConfigError
+    from fbench.replay.variants import variant_of
 
     if results is None and name is None:
         raise ConfigError("which pipeline? give --pipeline NAME (see fbench plugins), or --detections PATH")
-    if results is not None and name not in _TAKE_RESULTS:
+    variant = None if name is None else variant_of(name)
+    if results is not None and (name if variant is None else variant.base) not in _TAKE_RESULTS:
         raise ConfigError(f"--detections are results already, so --pipeline {name} can't be used with them")
     return name or _RECORDED

@@ -7,7 +7,8 @@ import typer
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
 Pipeline = Annotated[
-    str, typer.Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins) or FILE.py:CLASS.")
+    str,
+    typer.Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins), FILE.py:CLASS or FILE.toml."),
 ]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli.detect_every import DetectEvery, with_detect_every
 from fbench.replay.cli.log_options import (
     Config,
     DetectionsFile,
@@ -47,6 +48,7 @@ def replay(
     log: Log,
     pipeline: PipelineOrFile = None,
     settings: Settings = None,
+    detect_every: DetectEvery = None,
     config: Config = None,
     rig: RigFiles = None,
     truth: TruthFile = None,
@@ -107,10 +109,11 @@ def replay(
     filed = box_source(truth, truth_format, truth_frame)
     results = box_source(detections, None, truth_frame)
     source = log_source(LogWish(log, config, rig or [], filed, results, topics or []))
+    name = pipeline_of(pipeline, results)
     job = Job(
         log=source,
-        pipeline=pipeline_of(pipeline, results),
-        settings=settings or [],
+        pipeline=name,
+        settings=with_detect_every(name, settings or [], detect_every),
         sensors=make_sensors(sensors or []),
         out=out,
         overwrite=overwrite,

@@ -10,6 +10,7 @@ from rich.console import Console
 from fbench.replay.cli.fault_text import fault_lines
 from fbench.replay.cli.show import console, interval_reasons, latency_table, null_reasons, print_json, score_table
 from fbench.replay.errors import ConfigError
+from fbench.replay.predictions import predictions_of
 from fbench.replay.store import Run
 from fbench.replay.truth.coverage import coverage_of
 
@@ -52,6 +53,8 @@ def _status(run: Run) -> list[str]:
     manifest = run.manifest
     segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
+    predictions = predictions_of(run)
+    lines += [] if predictions is None else [f"predicted: {predictions}"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
     lines += [f"missing: {what} in {num} {_plural('frame', num)}" for what, num in sorted(missing.items())]
     counts = run.json("faults.json")

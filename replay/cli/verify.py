@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fbench.replay.cli.detect_every import DetectEvery, with_detect_every
 from fbench.replay.cli.log_options import (
     Config,
     DetectionsFile,
@@ -36,6 +37,7 @@ def verify(
     log: Log,
     pipeline: PipelineOrFile = None,
     settings: Settings = None,
+    detect_every: DetectEvery = None,
     config: Config = None,
     rig: RigFiles = None,
     truth: TruthFile = None,
@@ -74,11 +76,12 @@ def verify(
     results = box_source(detections, None, truth_frame)
     wish = LogWish(log, config, rig or [], filed, results, topics or [])
     source = log_source(wish)
+    name = pipeline_of(pipeline, results)
     task = Task(
         log=wish,
-        pipeline=pipeline_of(pipeline, results),
+        pipeline=name,
         folder=Path(),
-        settings=settings or [],
+        settings=with_detect_every(name, settings or [], detect_every),
         sensors=make_sensors(sensors or []),
         sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
         stamps=source.stamps(stamps, offset or []),

@@ -22,6 +22,7 @@ from fbench.replay.plugins import give_log, opened_pipeline
 from fbench.replay.read_ahead import opened_ahead
 from fbench.replay.run import Plan, replay
 from fbench.replay.scores import ScoreOptions
+from fbench.replay.variants import sensors_of
 from fbench.replay.verify.forms import converted
 from fbench.replay.verify.task import WATCH, Task
 from fbench.replay.verify.watch import WatchedPipeline, WatchedReader
@@ -59,7 +60,7 @@ def run(task: Task) -> None:
             stamps=task.stamps,
             excerpt=task.excerpt,
             topics=log.topics,
-            sensors=task.sensors,
+            sensors=sensors_of(task.pipeline, task.sensors),
             inputs=log.used(),
             truth=log.truth_entry(),
             clock=make_clock(task.rate, task.sync.max_gap_ns),

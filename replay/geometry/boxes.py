@@ -35,14 +35,19 @@ def corners(boxes: Boxes3D) -> Float64:
 def iou_2d(a: Array, b: Array) -> Float64:
     """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 if both are empty."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    overlap = np.prod(np.clip(high - low, 0, None), axis=2)
-    area_a = np.prod(np.clip(a[:, 2:] - a[:, :2], 0, None), axis=1)
-    area_b = np.prod(np.clip(b[:, 2:] - b[:, :2], 0, None), axis=1)
+    overlap = _common(a[:, 0], a[:, 2], b[:, 0], b[:, 2])
+    overlap *= _common(a[:, 1], a[:, 3], b[:, 1], b[:, 3])
+    area_a, area_b = (np.maximum(r[:, 2] - r[:, 0], 0) * np.maximum(r[:, 3] - r[:, 1], 0) for r in (a, b))
     union = area_a[:, None] + area_b[None, :] - overlap
     iou: Float64 = np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
     return iou
+
+
+def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) -> Float64:
+    """Length (N, M) that intervals (N,) and (M,) share."""
+    length = np.minimum(high_a[:, None], high_b)
+    length -= np.maximum(low_a[:, None], low_b)
+    return np.maximum(length, 0.0, out=length)
 
 
 def distance_bev(a: Array, b: Array) -> Float64:

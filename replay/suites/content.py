@@ -17,9 +17,11 @@ from fbench.replay.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.protocols import KeepsStderr
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.suites.cell import Cell
+from fbench.replay.variants import sensors_of
 
 FORMAT = 1
 """Of what is written about a run's content; another number replays all."""
+_OWN = "fbench"
 _PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics")
 """Those that decide what is in a run folder; weights inside them count, too."""
 _OPTIONS = TypeAdapter(ScoreOptions)
@@ -32,6 +34,7 @@ class Contents:
 
     def __init__(self) -> None:
         self._digest_of: Callable[[Path], str] = cache(digest_of)
+        self._package_of: Callable[[str], str] = cache(self._package)
         self._around: Content = {
             "code": {name: self._package(name) for name in _PACKAGES},
             "versions": package_versions(),
@@ -55,6 +58,7 @@ class Contents:
             "pipeline": cell.pipeline,
             "source": self._source(cls),
             "parameters": pipeline_parameters(cell.pipeline, cell.settings),
+            "sensors": sensors_of(cell.pipeline, ()),
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": cell.media,
             **self._around,
@@ -71,17 +75,24 @@ class Contents:
         }
 
     def _source(self, cls: type) -> str:
-        """Digest of the file that holds the class; it may be anybody's."""
-        file = inspect.getsourcefile(cls)
-        return "" if file is None else self._digest_of(Path(file))
+        """Digest of the package that holds the class, or of its file; it may be anybody's."""
+        package = cls.__module__.partition(".")[0]
+        if package == _OWN:
+            return ""  # counts already
+        file = Path(inspect.getfile(cls))
+        is_alone = "." not in cls.__module__ and file.name != "__init__.py"
+        return self._digest_of(file) if is_alone else self._package_of(package)
 
-    def _package(self, name: str) -> str:
-        spec = find_spec(name)
+    @staticmethod
+    def _package(package: str) -> str:
+        spec = find_spec(package)
         places = [] if spec is None or spec.submodule_search_locations is None else spec.submodule_search_locations
         whole = blake2b(digest_size=16)
         for folder in map(Path, places):
-            for file in sorted(file for file in folder.rglob("*") if file.is_file() and file.suffix != ".pyc"):
-                whole.update(f"{file.relative_to(folder).as_posix()}\n{digest_of(file)}\n".encode())
+            # Without what Python compiles and others write while we look.
+            for name in sorted(file.relative_to(folder) for file in folder.rglob("*") if file.is_file()):
+                if "__pycache__" not in name.parts:
+                    whole.update(f"{name.as_posix()}\n{digest_of(folder / name)}\n".encode())
         return whole.hexdigest()
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 
-from fbench.replay.errors import ConfigError, FbenchError
+from fbench.replay.errors import ConfigError, FbenchError, one_line
 from fbench.replay.suites.cell import Cell, CellResult
 from fbench.replay.suites.content import Content, Contents, key_of
 from fbench.replay.suites.seal import RUN_SEAL, is_sealed_run, seal_run
@@ -64,6 +64,8 @@ def _planned(cell: Cell, contents: Contents) -> _Planned:
         return _Planned(contents.of(cell))
     except FbenchError as error:
         return _Planned(error=str(error))
+    except Exception as error:  # noqa: BLE001  # a plug-in may raise anything, and mustn't stop the rest
+        return _Planned(error=one_line(error))
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,11 @@ def is_sealed_log(log: Path, log_id: str) -> bool:
     return seal.get("log_id") == log_id and log.exists() and _is(log, seal.get("digest"))
 
 
+def was_sealed(log: Path) -> bool:
+    """Tell whether a log was made here, whatever it is now."""
+    return _beside(log).is_file()
+
+
 def _beside(log: Path) -> Path:
     return log.with_name(f".{log.name}.seal")
 

@@ -9,8 +9,9 @@ from contextlib import contextmanager, suppress
 from threading import Lock
 
 from fbench.replay.suites.cell import Answer, Cell
+from fbench.replay.threads import VARIABLE
 
-_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", VARIABLE), "1")
 _PATIENCE_S = 10.0
 """For a process that is told to end, to clean up."""
 _LAST_BYTES = 4000
@@ -32,11 +33,13 @@ class Worker:
             line = process.stdout.readline() if process.stdout else ""
         except OSError:  # it has died
             line = ""
-        if line.endswith("\n"):
+        if not line.endswith("\n"):
+            return self._failed(self._why_dead(process))
+        try:
             return Answer.from_json(line)
-        reason = self._why_dead(process)
-        self._forget()
-        return Answer(reason)
+        except ValueError:  # a library wrote past Python's stdout; which answer is whose can't be told any more
+            self.end()
+            return self._failed(f"its process wrote {line[:80]!r} where an answer was expected")
 
     def end(self) -> None:
         """End the process; what it was writing is cleared away."""
@@ -53,6 +56,10 @@ class Worker:
         self.end()
         self._forget()
         self._stderr.close()
+
+    def _failed(self, reason: str) -> Answer:
+        self._forget()
+        return Answer(reason)
 
     def _forget(self) -> None:
         """Close the pipes of a process that has ended."""

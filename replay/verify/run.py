@@ -14,6 +14,7 @@ from pathlib import Path
 from fbench.replay.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
 from fbench.replay.pipeline_name import parse_name, with_absolute_files
 from fbench.replay.store import Run
+from fbench.replay.variant_file import SUFFIX
 from fbench.replay.verify.difference import Difference, Outcome, first_difference
 from fbench.replay.verify.task import Task
 from fbench.replay.verify.variants import BASE, Variant, variants
@@ -139,7 +140,9 @@ def _span_s(run: Run) -> float:
 
 
 def _absolute(text: str) -> str:
-    """A pipeline as seen from any folder: `FILE.py:CLASS`, and files in the argument of `NAME:ARGUMENT`."""
+    """A pipeline as seen from any folder: `FILE.py:CLASS`, `FILE.toml`, files in the argument of `NAME:ARGUMENT`."""
+    if text.endswith(SUFFIX):
+        return str(Path(text).resolve())
     name = parse_name(text)
     if name.argument is not None:
         return f"{name.plugin}:{with_absolute_files(name.argument)}"

@@ -5,9 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fbench.replay.read_ahead import DEFAULT
+from fbench.replay.threads import VARIABLE
 from fbench.replay.verify.task import Form, Task
 
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", VARIABLE)
 PACED_S = 2.0
 """Wall time that a paced replay waits for log time."""
 

@@ -48,6 +48,8 @@ def _of(o: Overview) -> Iterator[Notice]:
     elif o.labelled < o.frames:
         head = f"{o.labelled} of {o.frames} frames have truth."
         yield Notice("info", head, "The others were replayed and not scored.")
+    if o.predictions is not None:
+        yield Notice("info", "Tracks predicted in between stand for detections.", f"They are {o.predictions}.")
 
 
 def _different(overviews: Sequence[Overview]) -> list[Notice]:

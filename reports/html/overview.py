@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fbench.replay.predictions import Predictions, predictions_of
 from fbench.replay.store import Run
 from fbench.reports.html.records import FaultRow, FaultTable, read_record
 from fbench.reports.html.text import DASH, brief, visible
@@ -29,6 +30,8 @@ class Overview:
     lost: int | None
     """How many faults lost data; `None` where the run has no `faults.json`."""
     losses: Sequence[FaultRow]
+    predictions: Predictions | None
+    """What stands for detections though nothing was detected."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ def overview(run: Run, label: str) -> Overview:
         complete=manifest.complete,
         lost=faults.lost if faults else None,
         losses=[row for row in faults.rows if row.count and row.behaviour == "count"] if faults else [],
+        predictions=predictions_of(run),
     )
 
 

@@ -50,4 +50,6 @@ def _row(cells: list[str]) -> str:
 def _plain(text: str) -> str:
     """Keep text from data in its cell and on its line, and from acting as HTML."""
     kept = "".join(c if c.isprintable() else " " for c in text)
-    return kept.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+    for mark in "\\|[":  # the last begins links, and pictures from anywhere
+        kept = kept.replace(mark, f"\\{mark}")
+    return kept.replace("<", "&lt;")

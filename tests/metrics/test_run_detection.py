@@ -56,6 +56,18 @@ def test_a_second_estimate_on_one_truth_is_a_false_alarm(make_run: MakeRun) -> N
     assert counts(make_run(Case(boxes3d((10, 0), (10.2, 0)), boxes3d((10, 0), label="car")))) == (1, 1, 0, 0)
 
 
+def test_predictions_of_a_tracker_are_counted_among_what_counts(make_run: MakeRun) -> None:
+    found = replace(boxes3d((10, 0), (20, 0), (30, 0), (400, 0)), predicted=np.array([True, False, True, True]))
+    run = make_run(Case(found, boxes3d((10, 0), (20, 0), label="car")), Case(boxes3d((10, 0)), boxes3d((10, 0))))
+    assert counts(run) == (3, 1, 0, 1)
+    assert {scores(run)[name].counts["predicted"] for name in ("f1", "precision", "recall")} == {2}
+
+
+def test_where_nothing_is_predicted_nothing_is_said_of_it(make_run: MakeRun) -> None:
+    found = replace(boxes3d((10, 0)), predicted=np.array([False]))
+    assert "predicted" not in scores(make_run(Case(found, boxes3d((10, 0), label="car"))))["f1"].counts
+
+
 def test_the_threshold_is_included(make_run: MakeRun) -> None:
     truth = boxes3d((10, 0), label="car")
     assert counts(make_run(Case(boxes3d((12, 0)), truth))) == (1, 0, 0, 0)

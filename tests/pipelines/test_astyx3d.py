@@ -22,10 +22,12 @@ def log(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pipeline", "floor"), [("lidar3d", 0.52), ("radar3d", 0.74), ("late3d", 0.82)])
+@pytest.mark.parametrize(
+    ("pipeline", "floor"), [("lidar3d", 0.52), ("radar3d", 0.74), ("early3d", 0.80), ("late3d", 0.82)]
+)
 def test_f1_of_vehicles(log: Path, shared: Path, tmp_path: Path, pipeline: str, floor: float):
     weights = shared / "weights" / "deimv2_femto" / "deimv2_hgnetv2_femto_coco.onnx"
-    options = ("--set", f"camera.weights={weights}") if pipeline == "late3d" else ()
+    options = ("--set", f"camera.weights={weights}") if pipeline in ("early3d", "late3d") else ()
     run("replay", log, "-p", pipeline, "-o", tmp_path / "run", *options)
     scores = json.loads((tmp_path / "run" / "scores.json").read_text())
     bev = [row for row in scores if row["metric"] == "f1" and row["matching"].startswith("bev 2 m")]

@@ -1,24 +1,36 @@
 """Every number that a parameter takes is either refused, or gives finite boxes."""
 
+import re
 import typing
 import warnings
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from functools import cache
 
 import numpy as np
 import pytest
 
+from fbench.pipelines.early3d import Early3D, Early3DParams
 from fbench.pipelines.late3d import Late3D, Late3DParams
 from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
 from fbench.pipelines.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import LogInfo
+from fbench.replay.data import Frame, LogInfo
 from fbench.replay.errors import ConfigError
 from fbench.replay.settings import apply_settings, parameter_paths
 
 from .frames import cloud, frame, rig, scan
+from .stereo import pairs
 
-PIPELINES = {"lidar3d": (Lidar3D, Lidar3DParams), "radar3d": (Radar3D, Radar3DParams), "late3d": (Late3D, Late3DParams)}
+PIPELINES = {
+    "lidar3d": (Lidar3D, Lidar3DParams),
+    "radar3d": (Radar3D, Radar3DParams),
+    "stereo3d": (Stereo3D, Stereo3DParams),
+    "early3d": (Early3D, Early3DParams),
+    "late3d": (Late3D, Late3DParams),
+}
+PAIR = pairs.rig()
 VALUES = ("-1", "0", "1", "1000000", "1" + "0" * 21, "1" + "0" * 400, "1e-300", "1e30", "inf", "-inf")
 
 
@@ -62,10 +74,16 @@ def test_every_number_is_refused_or_gives_finite_boxes(name: str) -> None:
     assert refused > len(cases) / 2
 
 
-def _check(pipeline: Lidar3D | Radar3D | Late3D, setting: str) -> None:
-    pipeline.start(rig("cam", "lidar", "radar"), LogInfo("drive", "id"))
+@cache
+def _of_cameras(index: int) -> Frame:
+    return pairs.frame(PAIR, [pairs.road(), pairs.wall(15.0), *pairs.car(9.0, 0.0)], index=index)
+
+
+def _check(pipeline: Lidar3D | Radar3D | Stereo3D | Early3D | Late3D, setting: str) -> None:
+    is_stereo = isinstance(pipeline, Stereo3D)
+    pipeline.start(PAIR if is_stereo else rig("cam", "lidar", "radar"), LogInfo("drive", "id"))
     for index in range(2):
-        output = pipeline.step(frame(index, cloud(), scan()))
+        output = pipeline.step(_of_cameras(index) if is_stereo else frame(index, cloud(), scan()))
         for boxes in (output.detections, output.tracks):
             assert isinstance(boxes, Boxes3D), setting
             for values in (boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, boxes.score):
@@ -94,3 +112,10 @@ def _check(pipeline: Lidar3D | Radar3D | Late3D, setting: str) -> None:
 def test_messages_name_the_dotted_parameter(setting: str, match: str) -> None:
     with pytest.raises(ConfigError, match=match):
         apply_settings(Late3DParams(), [setting])
+
+
+@pytest.mark.parametrize("setting", ["objects.ground.cell_m=-2", "objects.shape.top_m=2,2", "objects.size.width_m=0"])
+def test_messages_of_stereo_name_the_dotted_parameter(setting: str) -> None:
+    name = setting.partition("=")[0]
+    with pytest.raises(ConfigError, match=rf"^{re.escape(name)}: expected"):
+        apply_settings(Stereo3DParams(), [setting])

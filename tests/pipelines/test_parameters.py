@@ -38,7 +38,10 @@ def test_values_that_make_no_sense(make: Callable[[], object], match: str) -> No
         make()
 
 
-NAMES = ("camera2d", "lidar3d", "radar3d", "late3d", "track")
+NAMES = (
+    "camera2d", "lidar2d", "radar2d", "early2d", "late2d", "lidar3d", "radar3d", "stereo3d", "early3d", "late3d",
+    "track", "plain2d", "plain3d",
+)  # fmt: skip
 NUMBERS = [(name, path) for name in NAMES for path in _numbers(name)]
 
 

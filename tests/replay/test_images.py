@@ -6,7 +6,7 @@ import pytest
 
 from fbench.replay.data import Image
 from fbench.replay.errors import DecodeError
-from fbench.replay.images import decode, encode_jpeg, encoded_size, resized
+from fbench.replay.images import decode, decode_grey, encode_jpeg, encoded_size, resized
 
 PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)
 
@@ -63,3 +63,31 @@ def test_encoded_size():
 def test_resized_keeps_the_aspect_and_never_enlarges():
     assert resized(PIXELS, 4).shape == (3, 4, 3)
     assert resized(PIXELS, 100) is PIXELS
+
+
+def test_grey_is_the_brightness_of_the_colours():
+    """Within rounding: a JPEG stores brightness, from which colours follow."""
+    v, u = np.indices((48, 64))
+    bgr = np.stack([2 * u + 40, 3 * v + 50, 3 * (u + v) // 2 + 30], axis=2).astype(np.uint8)
+    data = encode_jpeg(bgr, 95)
+    grey = decode_grey(Image("cam", 0, 0, data, "jpeg", (64, 48)))
+    colours = decode(Image("cam", 0, 0, data, "jpeg", (64, 48)))
+    assert grey is not None
+    assert colours is not None
+    assert np.abs(grey.astype(int) - cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)).max() <= 2
+    raw = decode_grey(Image("cam", 0, 0, bgr.tobytes(), "bgr8", (64, 48)))
+    np.testing.assert_array_equal(raw, cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Image("cam", 0, 0, b"not a jpeg", "jpeg", (4, 4)),
+        Image("cam", 0, 0, encode_jpeg(np.zeros((8, 8, 3), np.uint8)), "jpeg", (4, 4)),
+        Image("cam", 0, 0, b"123", "bgr8", (4, 4)),
+        Image("cam", 0, 0, b"123", "jpeg", (1 << 20, 1 << 20)),
+        Image("cam", 0, 0, b"123", "jpeg", (0, 0)),
+    ],
+)
+def test_no_grey_of_what_is_corrupt(bad):
+    assert decode_grey(bad) is None

@@ -42,7 +42,7 @@ def test_markdown():
     assert text.endswith("- failed: &lt;b>\n")
 
 
-def test_markdown_keeps_names_from_data_on_their_line():
-    line = replace(TABLE.lines[0], name="a\n# b|c")
+def test_markdown_keeps_names_from_data_on_their_line_and_fetches_nothing_for_them():
+    line = replace(TABLE.lines[0], name="a\n# b|c![](http://x/y.png)\\[")
     text = markdown(replace(RESULTS, tables=(replace(TABLE, lines=(line,)),)))
-    assert "| a # b\\|c | image |" in text
+    assert r"| a # b\|c!\[](http://x/y.png)\\\[ | image |" in text

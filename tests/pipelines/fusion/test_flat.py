@@ -9,7 +9,7 @@ from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.fusion.flat import flat_view
 from fbench.pipelines.fusion.late import Seen, fuse
 from fbench.pipelines.fusion.lift import sightings
-from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.fusion.params import AssociationParams, FusionParams
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import CameraModel, Rig
 from fbench.replay.geometry.camera import project_boxes
@@ -38,8 +38,8 @@ def near_side(rig, box):
 @pytest.mark.parametrize(("x_m", "y_m"), [(15.0, 0.0), (20.0, 6.0), (25.0, -9.0)])
 def test_a_bent_image_tells_what_a_straight_one_does(model, coefficients, x_m, y_m):
     rig, box = bent_rig(model, coefficients), car(x_m, y_m)
-    (bent,) = sightings(rig, "cam", near_side(rig, box), PLANE, FusionParams())
-    (straight,) = sightings(RIG, "cam", near_side(RIG, box), PLANE, FusionParams())
+    (bent,) = sightings(rig, "cam", near_side(rig, box), PLANE, AssociationParams())
+    (straight,) = sightings(RIG, "cam", near_side(RIG, box), PLANE, AssociationParams())
     assert bent.near_m == pytest.approx(straight.near_m, rel=0.03)
     assert bent.bearing_rad == pytest.approx(straight.bearing_rad, abs=0.005)
     assert bent.size_lwh_m == pytest.approx(straight.size_lwh_m, rel=0.05)
@@ -60,7 +60,7 @@ def test_a_fisheye_lifts_what_is_beside_and_behind_it(bearing):
     box = car(0.0)
     place = 12 * np.array([np.cos(angle), np.sin(angle), 0]) + [0.5, 0, box.center_m[0, 2]]
     box = replace(box, center_m=place[None], yaw_rad=np.array([angle]))
-    (sighting,) = sightings(rig, "cam", near_side(rig, box), PLANE, FusionParams())
+    (sighting,) = sightings(rig, "cam", near_side(rig, box), PLANE, AssociationParams())
     # Far from the axis a car looks taller on its outer side, and so do boxes around it.
     assert sighting.near_m == pytest.approx(12 - 2.1, rel=0.07)
     assert sighting.bearing_rad == pytest.approx(angle, abs=0.01)
@@ -69,7 +69,7 @@ def test_a_fisheye_lifts_what_is_beside_and_behind_it(bearing):
 def test_the_border_of_the_real_image_cuts():
     rig = bent_rig("plumb_bob", (-0.25, 0.08, 0, 0, 0))
     found = CameraDetections(np.array([[1000.0, 300, 1279, 460]]), np.array([0.8]), np.array(["car"]))
-    (sighting,) = sightings(rig, "cam", found, PLANE, FusionParams())
+    (sighting,) = sightings(rig, "cam", found, PLANE, AssociationParams())
     assert sighting.cut
     assert sighting.xyxy_px.tolist() == [1000, 300, 1279, 460]
 
@@ -77,7 +77,7 @@ def test_the_border_of_the_real_image_cuts():
 def test_a_box_that_no_ray_leads_to_is_left_out():
     rig = bent_rig("plumb_bob", (-0.9, 0, 0, 0, 0))  # reaches 0.41: 406 px
     found = CameraDetections(np.array([[0.0, 0, 100, 100], [600, 340, 680, 400]]), np.ones(2), np.array(["car", "car"]))
-    assert [s.xyxy_px[0] for s in sightings(rig, "cam", found, PLANE, FusionParams())] == [600]
+    assert [s.xyxy_px[0] for s in sightings(rig, "cam", found, PLANE, AssociationParams())] == [600]
 
 
 @pytest.mark.parametrize(("model", "coefficients"), BENT)

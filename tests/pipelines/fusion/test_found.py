@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.fusion.found import Found, joined_score, one_object
+from fbench.pipelines.fusion.found import Found, one_object
 
 
 def found(x, y, length=4.0, yaw=0.0):
@@ -24,8 +24,3 @@ def found(x, y, length=4.0, yaw=0.0):
 )
 def test_one_object(a, b, one):
     assert one_object(a, b, merge_m=3.0) is one
-
-
-def test_joined_score():
-    assert joined_score(0.5, 0.5) == 0.75
-    assert joined_score() == 0.0

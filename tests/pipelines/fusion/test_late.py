@@ -8,19 +8,28 @@ from fbench.pipelines.fusion.params import FusionParams
 
 from .views import car, lidar_view, outline, radar_view, seen, standing_view
 
-PARAMS = FusionParams(lidar_weight=0.5)
+PARAMS = FusionParams(ruled_weight=1.0)
+
+
+def odds(probability):
+    return float(np.log(probability / (1 - probability)))
+
+
+def probability(value):
+    return 1 / (1 + np.exp(-value))
 
 
 def test_three_sensors_make_one_object():
     box = car(20.0, 2.0)
     found = fuse(seen(outline(box), lidar_view(box), radar_view(box)), PARAMS)
     assert len(found) == 1
-    assert found.center_m == pytest.approx(box.center_m, abs=0.05)
+    assert found.center_m == pytest.approx(box.center_m, abs=0.1)
     assert found.label.tolist() == ["car"]
     assert found.sources.tolist() == [7]
     assert found.velocity_mps.tolist() == [[3, 0, 0]]
-    strengths = 0.6 * 0.8, 0.5 * (1 - np.exp(-3)), 0.93 * (1 - np.exp(-2))
-    assert found.score[0] == pytest.approx(1 - np.prod([1 - s for s in strengths]), abs=0.02)
+    confirmed = 0.85 * (1 - np.exp(-40 / 8))
+    added = odds(0.8), odds(0.9), odds(confirmed)
+    assert found.score[0] == pytest.approx(probability(sum(added) - 2 * odds(0.3)))
 
 
 def test_camera_and_radar_without_lidar():
@@ -46,35 +55,53 @@ def test_standing_echoes_confirm_but_give_no_velocity():
     assert np.isnan(found.velocity_mps).all()
 
 
-def test_a_camera_box_that_nothing_confirms_is_dropped_unless_no_other_sensor_works():
-    box, other = car(20.0), car(20.0, -6.0)
-    assert len(fuse(seen(outline(box), lidar_view(other)), replace(PARAMS, unseen_factor=0.0))) == 0
-    found = fuse(seen(outline(box)), PARAMS)
-    assert found.sources.tolist() == [1]
-    assert found.score.tolist() == [0.8]
-    assert found.center_m == pytest.approx(box.center_m, abs=0.2)
+def test_a_camera_box_that_lidar_ought_to_confirm_loses_unless_no_other_sensor_works():
+    box, other = car(12.0), car(13.0, -3.5)
+    alone = fuse(seen(outline(box)), PARAMS)
+    assert alone.sources.tolist() == [1]
+    assert alone.score == pytest.approx([0.8])
+    assert alone.center_m == pytest.approx(box.center_m, abs=0.2)
+    found = fuse(seen(outline(box), lidar_view(other)), replace(PARAMS, min_score=0.0))
+    assert found.score[found.sources == 1][0] < 0.5
+
+
+def test_a_sensor_that_something_hides_from_an_object_says_nothing():
+    front, behind, beside = car(10.0), car(28.0, 0.5), car(28.0, -6.0)
+    found = fuse(seen(outline(front, behind, beside), lidar_view(front)), replace(PARAMS, min_score=0.0))
+    hidden, visible = (found.score[np.argmin(np.abs(found.center_m[:, 1] - y))] for y in (0.5, -6.0))
+    assert hidden > visible + 0.05
 
 
 def test_what_a_camera_ought_to_see_and_does_not_loses():
     ahead, behind = car(20.0), car(-20.0)
     found = fuse(seen(outline(), None, radar_view(ahead, behind)), PARAMS)
-    assert found.center_m[:, 0].tolist() == [-20.0]
-    assert found.score == pytest.approx(0.93 * 0.9)
-    assert found.sources.tolist() == [4]
+    score = dict(zip(found.center_m[:, 0], found.score, strict=True))
+    assert score[-20.0] == pytest.approx(0.8 * 0.9)
+    assert score.get(20.0, 0.0) < 0.6
+    assert found.sources.tolist() == [4] * len(found)
     without_camera = fuse(seen(None, None, radar_view(ahead, behind)), PARAMS)
-    assert without_camera.center_m[:, 0].tolist() == [-20.0, 20.0]
+    assert without_camera.score == pytest.approx([0.8 * 0.9] * 2)
 
 
 def test_lidar_and_radar_without_camera():
     box = car(20.0, 2.0)
     off = car(21.0, 2.5)
-    found = fuse(seen(None, lidar_view(box), radar_view(off, score=0.8)), PARAMS)
+    found = fuse(seen(None, lidar_view(box), radar_view(off)), PARAMS)
     assert len(found) == 1
     assert found.sources.tolist() == [6]
-    assert found.center_m == pytest.approx(box.center_m)
+    assert 20.0 < found.center_m[0, 0] < 20.6  # LiDAR is the better one
+    assert found.center_m[0, 1] == pytest.approx(2.0, abs=0.1)
     assert found.velocity_mps.tolist() == [[3, 0, 0]]
-    assert found.score[0] == pytest.approx(1 - (1 - 0.45) * (1 - 0.93 * 0.8))
+    assert found.score[0] == pytest.approx(probability(odds(0.9) + odds(0.8 * 0.9) - odds(0.3)))
     assert found.label.tolist() == ["car"]
+
+
+def test_scores_by_rules_are_believed_less_than_those_of_a_model():
+    view = lidar_view(car(20.0, 2.0))
+    by_model = replace(view, boxes=replace(view.boxes, label=np.array(["car"])))
+    params = FusionParams(ruled_weight=0.7)
+    assert fuse(seen(None, view), params).score == pytest.approx([0.7 * 0.9])
+    assert fuse(seen(None, by_model), params).score == pytest.approx([0.9])
 
 
 def test_long_objects_without_camera_are_trucks():
@@ -91,8 +118,8 @@ def test_the_nearer_of_two_cars_in_one_direction_takes_its_points_first():
 
 def test_points_at_another_distance_do_not_belong():
     box = car(12.0)
-    found = fuse(seen(outline(box), lidar_view(car(30.0), score=0.0)), replace(PARAMS, min_score=0.4))
-    assert found.sources.tolist() == [1]
+    found = fuse(seen(outline(box), lidar_view(car(30.0), score=0.0)), replace(PARAMS, min_score=0.1))
+    assert found.sources[0] == 1
     assert found.center_m[0, 0] == pytest.approx(12.0, abs=0.5)
 
 
@@ -118,3 +145,40 @@ def test_order_of_camera_boxes_changes_nothing():
     for name, value in fuse(seen(camera, lidar_view(*cars)), PARAMS).arrays().items():
         other = fuse(seen(turned, lidar_view(*cars)), PARAMS).arrays()[name]
         np.testing.assert_array_equal(value, other)
+
+
+@pytest.mark.parametrize(("yaw", "velocity"), [(0.0, (4.0, 0.0)), (np.pi / 4, (4.0, 4.0)), (np.pi / 2, (4.0, 0.0))])
+def test_a_radial_speed_is_taken_along_the_heading_that_lidar_shows(yaw, velocity):
+    box = car(20.0, yaw=yaw)
+    points = box.center_m[0] + np.linspace(-2, 2, 30)[:, None] * np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    lidar = replace(lidar_view(box), xyz=points)
+    found = fuse(seen(None, lidar, radar_view(box, velocity=(4.0, 0.0, 0.0))), PARAMS)
+    assert found.velocity_mps[0, :2] == pytest.approx(velocity, abs=0.01)
+
+
+def test_a_pedestrian_stands_where_its_points_are():
+    person = car(15.0, 1.0, size=(0.6, 0.6, 1.7))
+    whole = car(17.0, 1.0)  # a car that begins at the person's back, as a detector without classes completes it
+    points = np.column_stack([np.full(12, 14.8), 1 + np.linspace(-0.25, 0.25, 12), np.linspace(-1.3, 0.1, 12)])
+    lidar = replace(lidar_view(whole), xyz=points, cluster=np.zeros(12, np.int64))
+    found = fuse(seen(outline(person, label="pedestrian"), lidar), PARAMS)
+    assert found.label.tolist() == ["pedestrian"]
+    assert found.center_m[0, :2] == pytest.approx([15.1, 1.0], abs=0.25)
+    assert found.size_lwh_m[0].tolist() == [0.6, 0.6, 1.7]
+
+
+def test_the_label_of_a_lidar_that_knows_classes_is_taken_where_no_camera_sees():
+    box = car(-20.0)
+    view = lidar_view(box)
+    van = replace(view, boxes=replace(view.boxes, label=np.array(["van"])))
+    assert fuse(seen(outline(), van), PARAMS).label.tolist() == ["van"]
+
+
+def test_a_cluster_that_reaches_far_beyond_a_box_gives_what_is_inside():
+    """A car before a hedge that is 30 m long, all in one cluster."""
+    box = car(20.0)
+    view, hedge = lidar_view(box, score=0.0), np.column_stack([np.full(60, 24.0), np.linspace(2, 32, 60), np.zeros(60)])
+    joined = replace(view, xyz=np.concatenate([view.xyz, hedge]), cluster=np.zeros(90, np.int64))
+    found = fuse(seen(outline(box), joined), PARAMS)
+    assert found.sources.tolist() == [3]
+    assert found.center_m[0, :2] == pytest.approx([20, 0], abs=0.5)

@@ -3,12 +3,12 @@ import pytest
 
 from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.fusion.lift import sightings
-from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.fusion.params import AssociationParams
 from fbench.replay.geometry.camera import project_boxes
 
 from .views import PLANE, RIG, car, outline
 
-PARAMS = FusionParams()
+PARAMS = AssociationParams()
 
 
 def lift(found, plane=PLANE):

@@ -1,3 +1,6 @@
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -72,13 +75,18 @@ def test_radius_grows_beyond_the_distance_that_is_set():
     assert grouping.clusters(points, points[:, 0]).tolist() == [-1, -1, 0, 0]
 
 
+def test_only_the_radius_of_dbscan_grows():
+    points = np.column_stack([np.full(40, 60.0), np.linspace(0.0, 4.0, 40)])
+    found = [Grouping("agglomerative", 0.5, 2, from_m).clusters(points, points[:, 0]) for from_m in (None, 20.0)]
+    np.testing.assert_array_equal(*found)
+
+
 @pytest.mark.parametrize("name", ["lidar", "radar"])
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         (["method=hdbscn"], r"cluster.method: there is no 'hdbscn'; did you mean 'hdbscan'\?"),
         (["method=kmeans"], r"there is no 'kmeans'"),
-        (["method=optics", "adaptive_from_m=20"], r"adaptive_from_m: needs .*method=dbscan, not optics"),
         (["adaptive_from_m=0.5"], r"cluster.adaptive_from_m: expected between 1 and 10000, got 0.5"),
     ],
 )
@@ -105,3 +113,15 @@ def test_heights_count_on_request():
     for with_height, expected in ((False, 1), (True, 2)):
         params = LidarParams(cluster=LidarClusterParams(with_height=with_height))
         assert len(detect(obstacles(xyz, params), np.zeros(2), params).boxes) == expected
+
+
+def test_threads_leave_the_filters_of_warnings_as_they_were():
+    before, apart = list(warnings.filters), np.arange(40.0)[:, None] * np.array([100.0, 1.0])
+
+    def often(_number: int) -> None:
+        for _ in range(10):
+            assert Grouping("optics", 1.0, 5).clusters(apart, np.zeros(len(apart))).max() == -1
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(often, range(4)))
+    assert list(warnings.filters) == before

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.points.merged import (
+    Outline,
     lidar_points,
     lidar_position,
-    outside,
     radar_scans,
     require,
     world_T_body,
@@ -80,8 +80,8 @@ def test_velocities_that_are_no_numbers_are_unknown():
 
 def test_points_on_the_own_vehicle():
     xyz = np.array([[3.9, 0, 0], [4.1, 0, 0], [-2.4, 1.0, 2], [-2.6, 1.0, 2], [1, -1.2, 0], [1, -1.0, 0]])
-    assert outside(xyz, 4.0, 2.5, 1.1).tolist() == xyz[[1, 3, 4]].tolist()
-    assert outside(xyz, 4.0, 2.5, 0.0).tolist() == xyz.tolist()
+    assert Outline(4.0, 2.5, 1.1).without(xyz).tolist() == [False, True, False, True, True, False]
+    assert Outline(4.0, 2.5, 0.0).without(xyz).all()
 
 
 def test_pose_of_the_body():

@@ -5,7 +5,9 @@ import pytest
 
 from fbench.pipelines.points.doppler import wrapped
 from fbench.pipelines.points.merged import Echoes
-from fbench.pipelines.points.radar import RadarParams, compensate, detect
+from fbench.pipelines.points.radar import RadarParams, compensate, detect, scoring
+from fbench.replay.data import LogInfo
+from fbench.replay.log_keys import SIMULATED
 
 from ..scenes import echoes, radial, surroundings
 
@@ -37,6 +39,21 @@ def test_moving_car_with_its_velocity(speed):
     assert boxes.velocity_mps[0, 0] == pytest.approx(speed, abs=0.1)
     assert boxes.score is not None
     assert boxes.score[0] == pytest.approx(1 - np.exp(-2))
+
+
+def test_far_echoes_count_more_where_rays_spread():
+    """40 echoes on a car 20 m away, whose middle is completed to 21.7 m or so."""
+    near, far = (found(scene(5.0), params=RadarParams(full_score_within_m=within)) for within in (30.0, 10.0))
+    distance = np.hypot(*far.center_m[0, :2])
+    assert near.score[0] == pytest.approx(1 - np.exp(-2))
+    assert far.score[0] == pytest.approx(1 - np.exp(-2 * (distance / 10) ** 2))
+
+
+def test_rays_spread_in_simulated_logs():
+    simulated, other = LogInfo("drive", "id", {SIMULATED: "city"}), LogInfo("drive", "id")
+    assert scoring(RadarParams(), simulated).full_score_within_m == 20.0
+    assert scoring(RadarParams(full_score_within_m=50.0), simulated).full_score_within_m == 50.0
+    assert scoring(RadarParams(), other).full_score_within_m is None
 
 
 def test_stationary_things_are_not_found():

@@ -23,8 +23,7 @@ FULL = DisparityParams(shrink=1)
 def matched(sensors: Rig, surfaces, params=FULL):
     how = rectifier(sensors, chosen_pair(sensors, "drive", None, None), params.shrink)
     matcher = Matcher(how.camera.K[0, 0], how.baseline_m, how.camera.size_wh[0], params)
-    bgr = [np.repeat(seen(sensors, name, surfaces)[:, :, None], 3, axis=2) for name in ("left", "right")]
-    left, right = how.images(*bgr)
+    left, right = how.images(seen(sensors, "left", surfaces), seen(sensors, "right", surfaces))
     return matcher.disparity(left, right, matcher.texture(left)), how
 
 

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from fbench.pipelines.tracking.hull_kernel import hull_areas
-from fbench.pipelines.tracking.kalman import States
-from fbench.pipelines.tracking.likeness import giou_2d, giou_3d, mahalanobis_nearness
+from fbench.pipelines.tracking.kalman import States, begin
+from fbench.pipelines.tracking.likeness import giou_2d, giou_3d, image_iou, mahalanobis_nearness
+from fbench.replay.geometry.boxes import iou_2d
 
 
 def box(x=0.0, y=0.0, z=0.0, length=4.0, width=2.0, height=1.5, yaw=0.0):
@@ -88,9 +89,7 @@ def test_giou_in_images():
 
 
 def test_distance_in_standard_deviations():
-    cov = np.zeros((1, 6, 6))
-    cov[0, :3, :3] = np.diag([8.0, 3.0, 0.0])
-    states = States(np.zeros((1, 6)), cov)
+    states = begin(np.zeros((1, 3)), np.zeros((1, 3)), np.sqrt([8.0, 3.0, 0.0]), np.ones(3))
     measured = np.array([[0.0, 0, 0], [3, 0, 0], [0, 2, 0], [3, 2, 0], [0, 0, 4]])
     # Variances of what is expected: 9, 4 and 1.
     found = mahalanobis_nearness(states, measured, np.ones(3), 4.0)
@@ -101,13 +100,24 @@ def test_distance_in_standard_deviations():
 @settings(max_examples=100, deadline=None)
 def test_mahalanobis_as_written_down(seed):
     rng = np.random.default_rng(seed)
-    root = rng.normal(size=(4, 6, 6))
-    states = States(rng.normal(size=(4, 6)), root @ root.transpose(0, 2, 1))
+    states = States(rng.uniform(0.1, 5, (5, 4, 3)))
     measured, std = rng.normal(size=(5, 3)), rng.uniform(0.1, 2, (5, 3))
     expected = np.empty((4, 5))
     for t in range(4):
         for m in range(5):
-            apart = measured[m] - states.mean[t, :3]
-            spread = states.cov[t, :3, :3] + np.diag(std[m] ** 2)
+            apart = measured[m] - states.place[t]
+            spread = np.diag(states.place_var[t] + std[m] ** 2)
             expected[t, m] = max(0.0, 1 - np.sqrt(apart @ np.linalg.inv(spread) @ apart) / 3)
     np.testing.assert_allclose(mahalanobis_nearness(states, measured, std, 3.0), expected, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=1000, deadline=None)
+def test_overlap_in_images_is_that_of_numpy_bit_by_bit(seed):
+    rng = np.random.default_rng(seed)
+    low = rng.normal(0, 50, (9, 2))
+    rows = np.concatenate([low, low + rng.uniform(-5, 60, (9, 2))], axis=1)  # some are inside out
+    rows[rng.random(rows.shape) < 0.05] = rng.choice([np.nan, np.inf, -np.inf, 0.0])
+    with np.errstate(invalid="ignore"):
+        expected = iou_2d(rows[:5], rows[3:])
+    np.testing.assert_array_equal(image_iou(rows[:5], rows[3:]), expected)

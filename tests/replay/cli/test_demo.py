@@ -1,6 +1,8 @@
 """`fbench demo`, and the experiment behind it on small logs."""
 
 import json
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,8 @@ from tests.city_log import SMALL_RIG
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.spec import CitySpec
 from fbench.replay.cli.demo_job import DemoWish, experiment, run_experiment
-from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines
+from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines, results_of
+from fbench.replay.imports.claim import claimed
 from fbench.replay.store import Run
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
@@ -32,15 +35,24 @@ def files(folder):
 def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
     what = experiment(DemoWish(Path("demo")))
     assert what.conditions == ["clear", "traffic", "rain", "fog", "night"]
-    assert [drive.name for drive in what.drives][:2] == ["urban-clear-105", "urban-traffic-105"]
+    assert [drive.name for drive in what.drives][:2] == ["urban-clear-209", "urban-traffic-209"]
     assert len({drive.spec.log_id for drive in what.drives}) == len(what.drives) == 10
     assert what.drives[0].log == Path("demo/city.mcap")
-    assert what.drives[1].log == Path("demo/logs/urban-traffic-105.mcap")
+    assert what.drives[1].log == Path("demo/logs/urban-traffic-209.mcap")
     assert what.drives[0].spec.rig.names == ("camera", "lidar", "radar")
     assert [drive.scene for drive, cell in what.cells() if cell.media] == (
-        ["urban-105"] * len(what.pipelines) + ["highway-103"] * len(what.pipelines)
+        ["urban-209"] * len(what.pipelines) + ["highway-205"] * len(what.pipelines)
     )
     assert what.command == "fbench demo"
+
+
+@pytest.mark.parametrize(
+    ("split", "learnt"), [(None, None), ("dev", "101, 102, 103, 104, 105, 106, 107"), ("test", None)]
+)
+def test_results_say_which_scenes_the_detector_learnt_from(split, learnt):
+    what = experiment(DemoWish(Path("demo"), split=split))
+    facts = dict(results_of(what, []).facts)
+    assert facts.get("seeds that fbench's own camera detector learnt from") == learnt
 
 
 def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
@@ -50,6 +62,13 @@ def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
     assert len(what.drives) == 24
     assert what.conditions[-2:] == ["traffic+fog", "heavy-rain"]
     assert what.command == "fbench demo --split test --num-seeds 2"
+    assert {"late3d", "thesis/late3d"} <= set(what.pipelines)
+    assert not any(name.startswith("thesis/") for name in experiment(DemoWish(Path("demo"))).pipelines)
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(3.0, "3"), (0.3, "0.3"), (1234.5678, "1234.5678")])
+def test_the_command_does_the_same_again(seconds, text):
+    assert experiment(DemoWish(Path("demo"), seconds=seconds)).command == f"fbench demo --seconds {text}"
 
 
 def test_pipelines_are_those_that_need_nothing_beside_the_log():
@@ -74,6 +93,30 @@ def test_wrong_use(fbench, arguments, error):
     result = fbench("demo", *arguments)
     assert result.code == 2
     assert error in result.err
+
+
+def test_a_log_of_somebody_else_is_not_replaced(fbench):
+    log = Path("mine/city.mcap")
+    log.parent.mkdir()
+    log.write_bytes(b"a recording of mine")
+    result = fbench("demo", "-o", "mine")
+    assert (result.code, log.read_bytes()) == (2, b"a recording of mine")
+    assert result.err.startswith("fbench: mine/city.mcap: exists already, and is no log of the demo; choose another")
+    assert sorted(path.name for path in log.parent.iterdir()) == ["city.mcap"]
+
+
+def test_a_second_demo_in_a_folder_waits_for_the_first(tmp_path, capsys):
+    said = ""
+    with ThreadPoolExecutor(1) as pool:
+        with claimed(tmp_path / "demo", lambda: None):
+            second = pool.submit(run_experiment, small(tmp_path, conditions=()), 1)
+            while not said:
+                said = capsys.readouterr().out
+                time.sleep(0.01)
+            assert said == "waiting for another fbench demo in this folder\n"
+            assert not list(tmp_path.glob("results.*"))
+        assert second.result(60) == 0
+    assert (tmp_path / "results.md").is_file()
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def test_table_names_the_run_and_the_budget(fbench, log, still):
     assert result.err == ""
 
 
-@pytest.mark.parametrize("pipeline", ["lidar3d", "radar3d", "late3d"])
+@pytest.mark.parametrize("pipeline", ["lidar3d", "radar3d", "early3d", "late3d"])
 def test_builtin_pipelines_are_the_same_at_any_rate(fbench, log, pipeline):
     for name, rate in (("a", "max"), ("b", "max"), ("c", "2")):
         assert fbench("replay", log, "-p", pipeline, "-o", name, "--rate", rate).code == 0

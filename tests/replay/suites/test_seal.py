@@ -1,14 +1,16 @@
 """Logs that were made here, and are still as they were."""
 
-from fbench.replay.suites.seal import is_sealed_log, seal_log
+from fbench.replay.suites.seal import is_sealed_log, seal_log, was_sealed
 
 
 def test_a_log_is_sealed_until_it_changes(tmp_path):
     log = tmp_path / "a.mcap"
     log.write_bytes(b"content")
     assert not is_sealed_log(log, "id-1")
+    assert not was_sealed(log)
     seal_log(log, "id-1")
     assert is_sealed_log(log, "id-1")
+    assert was_sealed(log)
     assert not is_sealed_log(log, "id-2")
     log.write_bytes(b"contenT")
     assert not is_sealed_log(log, "id-1")

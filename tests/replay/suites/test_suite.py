@@ -17,6 +17,7 @@ from fbench.replay.errors import ConfigError
 from fbench.replay.scores import ScoreOptions
 from fbench.replay.store import Run
 from fbench.replay.suites.cell import Cell
+from fbench.replay.suites.content import Contents
 from fbench.replay.suites.run import run_suite
 
 from ..cli.conftest import messages, rig, truths, write_log
@@ -24,6 +25,8 @@ from ..cli.conftest import messages, rig, truths, write_log
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json"}
 MINE = """
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from fbench.replay.data import Boxes3D, Output
 
 class Mine:
@@ -39,6 +42,21 @@ class Dies(Mine):
     def step(self, frame):
         import os
         os.kill(os.getpid(), 9)
+
+class Talks(Mine):
+    def step(self, frame):
+        import os
+        os.write(1, b"hello\\n")
+        return super().step(frame)
+
+@dataclass(frozen=True)
+class Params:
+    where: Path = Path("x")
+    def __post_init__(self):
+        raise KeyError("won't do")
+
+class Choosy(Mine):
+    def __init__(self, params: Params): pass
 
 class Slow(Mine):
     def step(self, frame):
@@ -129,6 +147,8 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
     cells = [
         cell(log, "mine.py:Broken"),
         cell(log, "mine.py:Dies"),
+        cell(log, "mine.py:Talks"),
+        cell(log, "mine.py:Choosy"),
         cell(log, "lidar4d"),
         cell(log, "radar3d", settings=["radar.no=1"], folder=Path("x")),
         cell(log, "mine.py:Mine", folder=Path("runs/taken")),
@@ -137,9 +157,9 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
         cell(log, "mine.py:Mine"),
     ]
     results = run_suite(cells, 1)
-    assert states(results) == ["failed"] * 7 + ["replayed"]
-    expected = ["won't start", "signal 9", "unknown pipeline", "unknown parameter", "isn't a run folder", "bad.mcap",
-                "absent.mcap"]  # fmt: skip
+    assert states(results) == ["failed"] * 9 + ["replayed"]
+    expected = ["won't start", "signal 9", r"wrote 'hello\n' where an answer", "KeyError", "unknown pipeline",
+                "unknown parameter", "isn't a run folder", "bad.mcap", "absent.mcap"]  # fmt: skip
     for result, reason in zip(results, expected, strict=False):
         assert reason in result.reason
         assert "\n" not in result.reason
@@ -155,6 +175,39 @@ def test_a_log_without_the_sensor_is_unfit_and_programs_run_each_time(log):
     unfit, failed = run_suite([cell(only_lidar, "radar3d"), program], 1)
     assert (unfit.state, failed.state) == ("unfit", "failed")
     assert "radar3d needs a radar" in unfit.reason
+
+
+@pytest.mark.slow
+def test_code_counts_but_not_what_python_compiles_of_it(log, tmp_path, monkeypatch):
+    package = tmp_path / "suites_code"
+    (package / "__pycache__").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("fbench.replay.suites.content._PACKAGES", ("suites_code",))
+    one = [cell(log, "mine.py:Mine")]
+    assert states(run_suite(one, 1)) == ["replayed"]
+    (package / "__pycache__" / "a.cpython-311.pyc.140012345").write_text("half")
+    assert states(run_suite(one, 1)) == ["there"]
+    (package / "weights.onnx").write_text("others")
+    assert states(run_suite(one, 1)) == ["replayed"]
+
+
+def test_all_code_of_a_package_with_a_pipeline_counts(log, tmp_path, monkeypatch):
+    package, told = tmp_path / "outsider", tmp_path / "outsider-1.0.dist-info"
+    for folder in (package, told):
+        folder.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "part.py").write_text("")
+    (package / "pipe.py").write_text(MINE)
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
+    (told / "entry_points.txt").write_text("[fbench.pipelines]\noutsider = outsider.pipe:Mine\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("fbench.replay.suites.content._PACKAGES", ())
+    one = cell(log, "outsider")
+    before = Contents().of(one)
+    assert Contents().of(one) == before
+    (package / "part.py").write_text("CHANGED = 1")
+    assert Contents().of(one) != before
 
 
 def test_wrong_suites(log):

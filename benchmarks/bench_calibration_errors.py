@@ -1,0 +1,164 @@
+"""Early against late fusion over growing errors of mounting and of time: F1, and where the curves cross.
+
+    python benchmarks/bench_calibration_errors.py [--seconds S] [--seeds N ...] [--pipelines NAME ...] [--out FOLDER]
+
+Drives of both worlds in clear weather, with the thesis's mono camera, radar and LiDAR (10 turns a second here). Errors
+of mounting: the pipelines are told a wrong pose of camera and radar, T exp(xi) with a random axis and direction, the
+same for the whole drive and for all pipelines. Errors of time: the camera's images are older than their stamps say.
+"""
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fbench.datasets.city.conditions import condition
+from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.rig import RigSpec, thesis_rig
+from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.metrics.robustness import ScoredRun, pooled
+from fbench.replay.cli.job import Job, run_job
+from fbench.replay.config.source import NO_CONFIG, LogWish, log_source
+from fbench.replay.draws import generator
+from fbench.replay.imports.run import write_recording
+from fbench.replay.logs.convert.target import Target
+
+WORLDS: tuple[WorldName, ...] = ("urban", "highway")
+MOUNTING = ((0.0, 0.0), (0.25, 0.02), (0.5, 0.05), (1.0, 0.10), (2.0, 0.20), (3.0, 0.50))
+"""Angles [deg] and distances [m]."""
+LATE_MS = (0, 20, 50, 100, 200)
+PERIOD_MS = 100
+WRONG = ("camera", "radar")
+PAIRS = (("early2d", "late2d", "image"), ("early3d", "late3d", "3D"), ("early3d", "late3d", "image"))
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One scene."""
+
+    world: WorldName
+    seed: int
+    seconds: float
+
+    def spec(self, late_ms: int) -> CitySpec:
+        """With a camera that measures so long after the LiDAR."""
+        rig = thesis_rig()
+        camera = rig.cameras["camera"].model_copy(update={"phase_ms": float(late_ms % PERIOD_MS)})
+        lidar = rig.lidars["lidar"]
+        lidar = lidar.model_copy(update={"rate_hz": 1000.0 / PERIOD_MS, "points_per_s": lidar.points_per_s // 2})
+        own = RigSpec(cameras={"camera": camera}, lidars={"lidar": lidar}, radars=rig.radars)
+        return CitySpec(self.world, condition("clear"), self.seconds, self.seed, own)
+
+    def log(self, folder: Path, late_ms: int) -> Path:
+        """Its file, written where it isn't there."""
+        path = folder / f"{self.world}-{self.seed}-{late_ms % PERIOD_MS}.mcap"
+        if not path.exists():
+            recording = CityRecording(self.spec(late_ms), path.stem)
+            write_recording(recording, Target(path), lambda name, num, total: None)
+        return path
+
+
+def wrong_rig(drive: Drive, degrees: float, meters: float) -> str:
+    """Calibration with an error xi of camera and radar, as TOML."""
+    rig, lines = drive.spec(0).rig.rig(), []
+    for name in WRONG:
+        draw = generator(drive.seed, "mounting", drive.world, name)
+        axis, direction = (v / np.linalg.norm(v) for v in draw.normal(size=(2, 3)))
+        error = np.eye(4)
+        error[:3, :3] = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
+        error[:3, 3] = meters * direction
+        lines += [f"[sensors.{name}]", f"matrix = {(rig.body_T_sensor(name) @ error).tolist()}"]
+    return "\n".join(lines) + "\n"
+
+
+def run(drive: Drive, pipeline: str, level: str, wish: LogWish, offset: Sequence[str], folder: Path) -> ScoredRun:
+    """Replay one drive with one error."""
+    source = log_source(wish)
+    out = folder / f"{drive.world}-{drive.seed}-{level}-{pipeline}"
+    job = Job(
+        source, pipeline, out=out, overwrite=True, sync=source.sync("lidar", None, None, None),
+        stamps=source.stamps(None, offset), max_between_ns=2 * PERIOD_MS * 1_000_000, no_media=True,
+    )  # fmt: skip
+    return ScoredRun(pipeline, level, f"{drive.world}-{drive.seed}", run_job(job).scores)
+
+
+def mounting(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) -> Iterator[ScoredRun]:
+    """Yield the runs with growing errors of mounting."""
+    for drive in drives:
+        for degrees, meters in MOUNTING:
+            file = folder / f"{drive.world}-{drive.seed}-{degrees}.toml"
+            file.write_text(wrong_rig(drive, degrees, meters))
+            wish = LogWish(drive.log(folder, 0), NO_CONFIG, [file])
+            for pipeline in pipelines:
+                yield run(drive, pipeline, f"{degrees:g} deg, {100 * meters:g} cm", wish, (), folder)
+
+
+def late(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) -> Iterator[ScoredRun]:
+    """Yield the runs with growing errors of time."""
+    for drive in drives:
+        for late_ms in LATE_MS:
+            wish, offset = LogWish(drive.log(folder, late_ms), NO_CONFIG), [f"camera={-late_ms}"] if late_ms else []
+            for pipeline in pipelines:
+                yield run(drive, pipeline, f"{late_ms} ms", wish, offset, folder)
+
+
+def table(title: str, runs: Sequence[ScoredRun], levels: Sequence[float]) -> None:
+    """Print F1 by level, and where early and late fusion cross."""
+    names, pipelines = (
+        list(dict.fromkeys(r.condition for r in runs)),
+        list(dict.fromkeys(r.configuration for r in runs)),
+    )
+    sys.stdout.write(f"\n| {title} | space | {' | '.join(names)} |\n|---|---|{'---:|' * len(names)}\n")
+    found: dict[tuple[str, str], list[float | None]] = {}
+    for space in ("image", "3D"):
+        for pipeline in pipelines:
+            own = [[r for r in runs if (r.configuration, r.condition) == (pipeline, name)] for name in names]
+            values = [pooled(members, "f1", space).value for members in own]
+            if any(value is not None for value in values):
+                found[pipeline, space] = values
+                shown = " | ".join("-" if value is None else f"{100 * value:.1f}" for value in values)
+                sys.stdout.write(f"| {pipeline} | {space} | {shown} |\n")
+    for early, late_, space in PAIRS:
+        if (early, space) in found and (late_, space) in found:
+            sys.stdout.write(f"\n{crossing(early, late_, space, found[early, space], found[late_, space], levels)}\n")
+
+
+def crossing(
+    early: str, late_: str, space: str, of_early: Sequence[float | None], of_late: Sequence[float | None],
+    levels: Sequence[float],
+) -> str:  # fmt: skip
+    """Say at which levels the better one changes, by straight lines between those measured."""
+    lead = [float("nan") if a is None or b is None else b - a for a, b in zip(of_early, of_late, strict=True)]
+    places = [
+        levels[i] + (levels[i + 1] - levels[i]) * lead[i] / (lead[i] - lead[i + 1])
+        for i in range(len(lead) - 1)
+        if lead[i] * lead[i + 1] < 0
+    ]
+    where = ", ".join(f"{place:.2g}" for place in places)
+    begins = f"{late_ if lead[0] > 0 else early} is ahead without errors"
+    return f"{early} and {late_}, {space}: {begins}; " + (f"they cross at {where}" if where else "they never cross")
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[101, 102])
+    parser.add_argument("--pipelines", nargs="+", default=["early2d", "late2d", "early3d", "late3d", "lidar3d"])
+    parser.add_argument("--out", type=Path, help="folder for logs and runs that stay; else they are removed")
+    args = parser.parse_args()
+    drives = [Drive(world, seed, args.seconds) for seed in args.seeds for world in WORLDS]
+    with tempfile.TemporaryDirectory() as made:
+        folder = args.out or Path(made)
+        folder.mkdir(parents=True, exist_ok=True)
+        table("F1 %, wrong mounting", list(mounting(drives, args.pipelines, folder)), [d for d, _ in MOUNTING])
+        table("F1 %, camera late", list(late(drives, args.pipelines, folder)), [float(ms) for ms in LATE_MS])
+
+
+if __name__ == "__main__":
+    main()

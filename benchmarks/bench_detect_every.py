@@ -1,0 +1,78 @@
+"""F1, MOTA and milliseconds where detection runs in every frame, or in one of 2, 3 or 5.
+
+    python benchmarks/bench_detect_every.py [LOG ...] [--pipelines NAME,NAME] [--every N,N] [--set NAME=VALUE ...]
+
+Prints a table in Markdown. Without logs, drives of development seeds in clear weather are simulated: 3 s each, urban
+and highway. F1 is taken on all frames: in those between, the predicted tracks stand for detections. Milliseconds are
+means over frames, since the median frame is one in which nothing is detected; the first frame of a log doesn't count.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from made_frames import write_drive
+
+from fbench.metrics.combine import combined, measure_run
+from fbench.replay.cli.job import Job, run_job
+from fbench.replay.config.source import LogWish, log_source
+from fbench.replay.scores import Score, ScoreOptions
+from fbench.replay.store import Run
+
+PIPELINES = "camera2d,lidar3d,radar3d,late3d"
+SEEDS = (101, 102)
+
+
+def drives(folder: Path) -> Iterator[Path]:
+    for world in ("urban", "highway"):
+        for seed in SEEDS:
+            yield write_drive(folder / f"{world}-{seed}.mcap", world, 3.0, seed)
+
+
+def replayed(logs: Sequence[Path], pipeline: str, settings: Sequence[str], folder: Path) -> list[Run]:
+    jobs = (
+        Job(log_source(LogWish(log)), pipeline, list(settings), out=folder / log.stem, overwrite=True, no_media=True)
+        for log in logs
+    )
+    return [run_job(job) for job in jobs]
+
+
+def mean_ms(runs: Sequence[Run]) -> float:
+    """Mean of the whole frame, without each log's first."""
+    times = [ns for run in runs for ns in run.timings["total"][1:]]
+    return sum(times) / len(times) / 1e6
+
+
+def percent(rows: Sequence[Score], metric: str) -> str:
+    """The first row of a metric is about all vehicles, in the pipeline's own space."""
+    value = next((row.value for row in rows if row.metric == metric), None)
+    return "–" if value is None else f"{100 * value:.2f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", type=Path, nargs="*")
+    parser.add_argument("--pipelines", default=PIPELINES)
+    parser.add_argument("--every", default="1,2,3,5")
+    parser.add_argument("--set", dest="settings", action="append", default=[])
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        logs = args.logs or list(drives(Path(folder)))
+        print(
+            "| pipeline | detection in one frame of | predicted detections % | F1 % | MOTA % | MOTA % (thesis) | ms |"
+        )
+        print("|---|---:|---:|---:|---:|---:|---:|")
+        for pipeline in args.pipelines.split(","):
+            for every in map(int, args.every.split(",")):
+                runs = replayed(logs, pipeline, [*args.settings, f"detect_every={every}"], Path(folder) / "runs")
+                rows = combined(measure_run(run, ScoreOptions()) for run in runs)
+                counts = next(row.counts for row in rows if row.metric == "f1")
+                share = counts.get("predicted", 0) / max(1, counts["tp"] + counts["fp"])
+                numbers = (percent(rows, name) for name in ("f1", "mota", "mota_no_fp"))
+                cells = (pipeline, every, f"{100 * share:.0f}", *numbers, f"{mean_ms(runs):.1f}")
+                print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,111 @@
+"""Running the sensor branches of one frame side by side, with the results that they have one after the other."""
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any, Generic, TypeVar, overload
+
+from fbench.pipelines.stages import StageClock
+from fbench.replay.threads import num_threads
+
+A = TypeVar("A")
+B = TypeVar("B")
+C = TypeVar("C")
+D = TypeVar("D")
+
+
+class Branches:
+    """Threads for the branches of a frame; what decodes, detects and clusters runs without Python's lock.
+
+    A branch takes the clock that times its stages, and gives its result. What it writes to (state of its stages, lists
+    of faults) must be its own. The calling thread works too, so that there are no others where one is all there is.
+    The others are started when first needed, and end with this object.
+
+    Args:
+        threads: How many may work at once; `None`: `num_threads()`.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self._num_others = (num_threads() if threads is None else threads) - 1
+        self._pool: ThreadPoolExecutor | None = None
+
+    @overload
+    def run(self, clock: StageClock, a: Callable[[StageClock], A], b: Callable[[StageClock], B], /) -> tuple[A, B]: ...
+
+    @overload
+    def run(
+        self,
+        clock: StageClock,
+        a: Callable[[StageClock], A],
+        b: Callable[[StageClock], B],
+        c: Callable[[StageClock], C],
+        /,
+    ) -> tuple[A, B, C]: ...
+
+    @overload
+    def run(
+        self,
+        clock: StageClock,
+        a: Callable[[StageClock], A],
+        b: Callable[[StageClock], B],
+        c: Callable[[StageClock], C],
+        d: Callable[[StageClock], D],
+        /,
+    ) -> tuple[A, B, C, D]: ...
+
+    def run(self, clock: StageClock, *branches: Callable[[StageClock], Any]) -> tuple[Any, ...]:
+        """Run all branches, and return their results in the order given; name first what takes longest.
+
+        All of them run, also when one fails; none is left running. `clock` gets the times of all stages in the order
+        of branches; their sum may be more than the time that passed.
+
+        Raises:
+            Exception: that of the first branch, in the order given, that failed.
+        """
+        runs = [_Run(branch) for branch in branches]
+        self._work(deque(runs))
+        for run in runs:
+            if run.error is not None:
+                raise run.error
+            clock.include(run.clock)
+        return tuple(run.result for run in runs)
+
+    def _work(self, waiting: "deque[_Run[Any]]") -> None:
+        others = min(self._num_others, len(waiting) - 1)
+        helpers = [self._threads().submit(_work_off, waiting) for _ in range(others)]
+        try:
+            _work_off(waiting)
+        finally:  # also when interrupted
+            waiting.clear()
+            wait([helper for helper in helpers if not helper.cancel()])
+
+    def _threads(self) -> ThreadPoolExecutor:
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._num_others, "fbench-branch")
+        return self._pool
+
+
+class _Run(Generic[A]):
+    """One branch of one frame."""
+
+    def __init__(self, branch: Callable[[StageClock], A]) -> None:
+        self._branch = branch
+        self.clock = StageClock()
+        self.result: A | None = None
+        self.error: BaseException | None = None
+
+    def __call__(self) -> None:
+        try:
+            self.result = self._branch(self.clock)
+        except (Exception, SystemExit) as error:  # noqa: BLE001  # raised again by `Branches.run`
+            self.error = error
+
+
+def _work_off(waiting: "deque[_Run[Any]]") -> None:
+    """Run what waits, until nothing does; other threads may do the same."""
+    while True:
+        try:
+            run = waiting.popleft()
+        except IndexError:  # asking first could be too late when it is answered
+            return
+        run()

@@ -1,0 +1,143 @@
+"""Which points belong to what a camera sees: boxes of images, lifted into the cloud."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.checks import require_ranges
+from fbench.pipelines.early.cloud import Cloud
+from fbench.pipelines.fusion.lift import SIZES, Sighting, sightings
+from fbench.pipelines.fusion.params import AssociationParams
+from fbench.pipelines.points.ground import Plane
+from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.data import Rig, Source
+from fbench.replay.geometry.camera import in_image, project_body
+
+
+@dataclass(frozen=True)
+class SemanticsParams:
+    """How points take the labels of camera boxes."""
+
+    inset: float = 0.03
+    """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
+    margin_px: float = 5.0
+    """Points may lie this far above and below a box [px]."""
+    radar_rad: float = 0.01
+    """Error of a radar's azimuths [rad]: its echoes may lie so far beside a box."""
+    gate: float = 2.5
+    """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
+    depth_margin_m: float = 0.7
+    """An object reaches this much farther from its near side [m] than its typical size says."""
+    echo_share: float = 0.3
+    """A standing radar echo counts as so much of a LiDAR point when the depth of an object is looked for."""
+    least: float = 1.5
+    """So many points, weighted by how likely their depth is, are needed to see an object."""
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "inset": (0.0, 0.5), "margin_px": (0.0, 10_000.0), "radar_rad": (0.0, 1.0), "gate": (0.1, 100.0),
+            "depth_margin_m": (0.0, 100.0), "echo_share": (0.0, 1000.0), "least": (0.0, 1e6),
+        }  # fmt: skip
+        require_ranges("fusion.semantics", self, ranges)
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What cameras say about the points of a cloud."""
+
+    sightings: tuple[Sighting, ...]
+    """Objects that cameras see."""
+    instance: Int64
+    """(N,) which of them a point belongs to, -1: none."""
+    height_px: Float64
+    """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
+    what the camera sees."""
+
+
+def label_points(
+    rig: Rig, cameras: Mapping[str, CameraDetections], cloud: Cloud, plane: Plane | None, params: SemanticsParams
+) -> Labels:
+    """Give points the camera boxes that they project into, where their depth fits.
+
+    In each camera nearer objects take their points first. An object takes the points of one stretch of distances, as
+    deep as it may be: that with most points, weighted by how well they fit the distance that the box's size and the
+    ground suggest. What stands before and behind it keeps out. Of two cameras the better score counts.
+    """
+    instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
+    best, known = np.zeros(len(cloud)), list[Sighting]()
+    for name in sorted(cameras):
+        uv, _ = project_body(rig, name, cloud.xyz)
+        found = sightings(rig, name, cameras[name], plane, AssociationParams())
+        view = _View(cloud, uv, rig, name)
+        for sighting in sorted(found, key=lambda s: (s.near_m, *s.xyxy_px.tolist())):
+            rows = view.take(sighting, params)
+            rows = rows[sighting.score > best[rows]]
+            instance[rows], best[rows] = len(known), sighting.score
+            known.append(sighting)
+        height = np.maximum(height, np.where(view.hidden(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
+    return Labels(tuple(known), instance, height)
+
+
+def _car_heights(rig: Rig, camera: str, cloud: Cloud, uv: Float64) -> Float64:
+    """Height (N,) [px] of cars at points with pixels (N, 2), 0 out of view."""
+    model = rig.cameras[camera]
+    ray = cloud.xyz - rig.body_T_sensor(camera)[:3, 3]
+    distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
+    return np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"][2] / distance, 0.0)
+
+
+class _View:
+    """The points before one camera, of which objects take theirs one after the other."""
+
+    def __init__(self, cloud: Cloud, uv: Float64, rig: Rig, camera: str) -> None:
+        eye = rig.body_T_sensor(camera)[:3, 3]
+        self._rows: Int64 = np.flatnonzero(np.isfinite(uv).all(axis=1))
+        self._uv = uv[self._rows]
+        xyz = cloud.xyz[self._rows]
+        self._distance = np.hypot(xyz[:, 0] - eye[0], xyz[:, 1] - eye[1])
+        self._is_echo = cloud.source[self._rows] == int(Source.R)
+        self._moving = cloud.is_moving[self._rows]
+        self._free = np.ones(len(self._rows), np.bool_)
+        self._hidden = np.zeros(len(self._rows), np.bool_)
+        self._focal_px = float(rig.cameras[camera].K[0, 0])
+
+    def take(self, sighting: Sighting, params: SemanticsParams) -> Int64:
+        """Rows of the cloud that belong to a sighting; none where too little is there."""
+        inside = self._inside(sighting, params)
+        self._hidden |= inside & (self._distance > sighting.near_m)
+        rows: Int64 = np.flatnonzero(self._free & inside)
+        distance = self._distance[rows]
+        deviation = np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std
+        rows = rows[np.abs(deviation) < params.gate]
+        rows = rows[np.argsort(self._distance[rows], kind="stable")]
+        if not len(rows):
+            return rows
+        distance = self._distance[rows]
+        likelihood = np.exp(-0.5 * (np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std) ** 2)
+        worth = np.where(self._is_echo[rows] & ~self._moving[rows], params.echo_share, 1.0) * likelihood
+        total = np.concatenate([[0.0], np.cumsum(worth)])
+        stop = np.searchsorted(distance, distance + 2 * sighting.depth_m + params.depth_margin_m)
+        support = total[stop] - total[:-1]
+        begin = int(np.argmax(support))
+        if support[begin] < params.least:
+            return rows[:0]
+        taken: Int64 = self._rows[rows[begin : stop[begin]]]
+        self._free[rows[begin : stop[begin]]] = False
+        return taken
+
+    def hidden(self, num: int) -> Bool:
+        """Which of the cloud's `num` points lie behind objects so far."""
+        result = np.zeros(num, np.bool_)
+        result[self._rows] = self._hidden
+        return result
+
+    def _inside(self, sighting: Sighting, params: SemanticsParams) -> Bool:
+        """Which points lie in a box; radar is too poor at heights to ask for them."""
+        left, top, right, bottom = sighting.xyxy_px
+        u, v = self._uv[:, 0], self._uv[:, 1]
+        aside = np.where(self._is_echo, params.radar_rad * self._focal_px, -params.inset * (right - left))
+        wide = (u > left - aside) & (u < right + aside)
+        high = (v > top - params.margin_px) & (v < bottom + params.margin_px)
+        return np.asarray(wide & (high | self._is_echo), np.bool_)

@@ -1,0 +1,185 @@
+"""How likely objects are, by the sensors that see them and those that should and don't."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.fusion.agreement import Agreement
+from fbench.pipelines.fusion.groups import Group
+from fbench.pipelines.fusion.params import FusionParams
+from fbench.pipelines.fusion.place import Scene
+from fbench.pipelines.fusion.views import Targets, hidden, in_camera, in_sectors
+from fbench.replay.arrays import Bool, Float64
+from fbench.replay.data import Rig
+
+_SURE = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """What one sensor says about N objects."""
+
+    name: str
+    kind: str
+    seen: Bool
+    """(N,) whether it sees them."""
+    odds: Float64
+    """(N,) what it adds to their log-odds where it does, if nothing else is known."""
+    confirmed_odds: Float64
+    """(N,) the same where a camera sees them, too."""
+    could: Float64
+    """(N,) probability that a sensor that works sees them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that fusion knows of the groups of one frame."""
+
+    rig: Rig
+    cameras: tuple[str, ...]
+    """Those that worked."""
+    scene: Scene
+    groups: list[Group]
+    targets: Targets
+    standing: Float64
+    """(N,) number of stationary echoes at the place of each object."""
+    radar_eye_m: Float64
+    """(2,) [m]."""
+    obstacles: Float64
+    """(M, 3) LiDAR points that hide what is behind them [m], see `blocking`."""
+
+
+def probabilities(evidence: Evidence, agreement: Agreement, params: FusionParams) -> Float64:
+    """Probability (N,) of each object; `agreement` learns from this frame first.
+
+    It learns from the objects that are probable even though a sensor that should doesn't see them, so that a sensor
+    with false alarms doesn't make the others look blind.
+    """
+    witnesses = _witnesses(evidence, params)
+    probable = _judged(evidence, witnesses, agreement, params)
+    sure = np.clip(2 * probable - 1, 0.0, 1.0)
+    for w in witnesses:
+        agreement.observe(w.name, _reach(evidence), sure * w.could, w.seen)
+    return _judged(evidence, witnesses, agreement, params)
+
+
+def lidar_weight(scene: Scene, params: FusionParams) -> float:
+    """How far the scores of LiDAR clusters are believed."""
+    return params.lidar_weight if scene.lidar.are_judged_by_model else params.ruled_weight
+
+
+def _judged(evidence: Evidence, witnesses: list[Witness], agreement: Agreement, params: FusionParams) -> Float64:
+    reach, shown = _reach(evidence), np.array([bool(group.sightings) for group in evidence.groups])
+    odds = _logit(params.prior) + np.where(shown, _standing(evidence, params), 0.0)
+    of_cameras = []
+    for w in witnesses:
+        share = np.minimum(agreement.share(w.name, w.kind, reach) * w.could, params.max_detection)
+        seen = np.where(shown, w.confirmed_odds, w.odds) + np.log(np.maximum(w.could, params.unlikely))
+        added = np.where(w.seen, seen, np.log1p(-share))
+        if w.kind == "camera":
+            of_cameras.append((w.seen, added))
+        else:
+            odds += added
+    return np.asarray(1 / (1 + np.exp(-odds - _of_cameras(of_cameras, len(reach)))), np.float64)
+
+
+def _of_cameras(said: list[tuple[Bool, Float64]], num: int) -> Float64:
+    """What cameras add (N,): they see much the same picture, so that the surest that sees an object counts, and where
+    none does the surest that should.
+    """
+    if not said:
+        return np.zeros(num)
+    seen, added = np.array([s for s, _ in said]), np.array([a for _, a in said])
+    best = np.where(seen, added, -np.inf).max(axis=0)
+    return np.asarray(np.where(seen.any(axis=0), best, added.min(axis=0)), np.float64)
+
+
+def _witnesses(evidence: Evidence, params: FusionParams) -> list[Witness]:
+    result = [_camera(evidence, name, params) for name in evidence.cameras]
+    lidar, radar = evidence.scene.lidar, evidence.scene.radar
+    if len(lidar.xyz) + len(lidar.loose) + len(lidar.boxes):
+        result.append(_lidar(evidence, params))
+    if len(radar.xyz) + len(radar.loose) + len(radar.boxes):
+        result.append(_radar(evidence, params))
+    return result
+
+
+def _camera(evidence: Evidence, name: str, params: FusionParams) -> Witness:
+    scene, groups = evidence.scene, evidence.groups
+    own = [next((i for i in g.sightings if scene.sightings[i].camera == name), -1) for g in groups]
+    score = np.array([scene.sightings[i].score if i >= 0 else 0.0 for i in own])
+    boxes = [s for s in scene.sightings if s.camera == name]
+    eye = evidence.rig.body_T_sensor(name)[:2, 3]
+    covered = hidden(evidence.targets, eye, evidence.obstacles, boxes)
+    could = in_camera(evidence.rig, name, evidence.targets, params.camera_height_px) * (1 - covered)
+    odds = _added(params.camera_weight * score, params)
+    seen = np.array(own) >= 0
+    return Witness(name, "camera", seen, odds, odds, np.where(seen, 1.0, could))
+
+
+def _lidar(evidence: Evidence, params: FusionParams) -> Witness:
+    scene = evidence.scene
+    at = np.array([g.lidar for g in evidence.groups], np.int64)
+    seen = at >= 0
+    # A cluster that is cut says nothing about its parts' shape.
+    whole = np.array([not g.is_cut for g in evidence.groups])
+    score = np.zeros(len(at))
+    score[seen] = scene.lidar.score[at[seen]]
+    score = lidar_weight(scene, params) * np.where(whole, score, 0.0)
+    points = np.zeros(len(at))
+    points[seen] = scene.lidar.num_points[at[seen]]
+    confirmed = params.confirmed_lidar * (1 - np.exp(-points / params.full_points))
+    covered = hidden(evidence.targets, scene.lidar_eye_m, evidence.obstacles, [])
+    everything = np.concatenate([scene.lidar.xyz, scene.lidar.loose])
+    could = in_sectors(evidence.targets, scene.lidar_eye_m, everything) & _is_near(evidence, params)
+    dense = 1 / (1 + (_reach(evidence) / params.lidar_half_m) ** 4)
+    return Witness(
+        "lidar", "lidar", seen, _added(score, params), _added(np.maximum(score, confirmed), params),
+        np.where(seen, 1.0, could * dense * (1 - covered)),
+    )  # fmt: skip
+
+
+def _radar(evidence: Evidence, params: FusionParams) -> Witness:
+    radar = evidence.scene.radar
+    at = np.array([g.radar for g in evidence.groups], np.int64)
+    seen = at >= 0
+    velocity = radar.boxes.velocity_mps
+    moves = np.zeros(len(radar.boxes), np.bool_) if velocity is None else np.isfinite(velocity).any(axis=1)
+    weight = np.where(moves, params.radar_weight, params.standing_weight)
+    sure = np.where(moves, params.confirmed_radar, params.standing_weight)
+    score, confirmed = np.zeros(len(at)), np.zeros(len(at))
+    score[seen] = (weight * radar.score)[at[seen]]
+    confirmed[seen] = (sure * (1 - np.exp(-radar.num_points / params.full_points)))[at[seen]]
+    eye = evidence.radar_eye_m
+    covered = hidden(evidence.targets, eye, evidence.obstacles, [])
+    everything = np.concatenate([radar.xyz, radar.loose])
+    could = in_sectors(evidence.targets, eye, everything) & _is_near(evidence, params)
+    return Witness(
+        "radar", "radar", seen, _added(score, params), _added(np.maximum(score, confirmed), params),
+        could * (1 - covered),
+    )  # fmt: skip
+
+
+def _standing(evidence: Evidence, params: FusionParams) -> Float64:
+    believed = params.standing_weight * (1 - np.exp(-evidence.standing / params.full_points))
+    return np.where(evidence.standing > 0, np.maximum(_added(believed, params), 0.0), 0.0)
+
+
+def _is_near(evidence: Evidence, params: FusionParams) -> Bool:
+    return np.asarray(_reach(evidence) < params.max_range_m, np.bool_)
+
+
+def _reach(evidence: Evidence) -> Float64:
+    center = evidence.targets.center_m
+    return np.asarray(np.hypot(center[:, 0], center[:, 1]), np.float64)
+
+
+def _added(probability: Float64, params: FusionParams) -> Float64:
+    """Log-odds that a sensor adds that by itself would make it this probable."""
+    p = np.clip(probability, 1 - _SURE, _SURE)
+    return np.asarray(np.log(p / (1 - p)) - _logit(params.prior), np.float64)
+
+
+def _logit(probability: float) -> float:
+    p = min(max(probability, 1e-6), 1 - 1e-6)
+    return float(np.log(p / (1 - p)))

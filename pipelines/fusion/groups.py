@@ -1,0 +1,122 @@
+"""Which measurements of all sensors are of one object."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.fusion import pairs
+from fbench.pipelines.fusion.clusters import Clusters, Overlap, overlap
+from fbench.pipelines.fusion.fusion_kernels import agglomerate
+from fbench.pipelines.fusion.lift import Sighting
+from fbench.pipelines.fusion.params import AssociationParams
+from fbench.replay.arrays import Float64, Int64
+from fbench.replay.data import Rig
+
+_LOOKS_WHOLE = 0.3
+
+
+@dataclass(frozen=True)
+class Group:
+    """What the sensors see of one object; at most one measurement of each camera, of LiDAR and of radar."""
+
+    sightings: tuple[int, ...]
+    """Rows of the sightings, in order."""
+    lidar: int = -1
+    """Row of the LiDAR cluster, -1: none."""
+    is_cut: bool = False
+    """Whether only what the camera's box holds of that cluster belongs to the object."""
+    radar: int = -1
+    """Row of the radar cluster, -1: none."""
+
+
+def groups(
+    rig: Rig, seen: list[Sighting], lidar: Clusters, radar: Clusters, eye_m: Float64, params: AssociationParams
+) -> list[Group]:
+    """Put all measurements into groups at once: see `agglomerate`. What no other sensor sees is a group of its own.
+
+    Sightings are in an order that doesn't depend on how they were listed, as clusters are.
+    """
+    num, whole = len(seen), len(seen) + len(lidar.boxes)
+    ratio, inside = _camera_ratios(rig, seen, lidar, radar, params)
+    is_cut = (inside < params.least_inside) & (lidar.score < _LOOKS_WHOLE) & (ratio[:, : len(lidar.boxes)] > 0)
+    cuts = np.argwhere(is_cut)
+    size = whole + len(radar.boxes) + len(cuts)
+    matrix = np.zeros((size, size))
+    with_lidar = np.where(is_cut, pairs.NEVER, ratio[:, : len(lidar.boxes)])
+    matrix[:num, num:whole] = with_lidar
+    matrix[:num, whole : size - len(cuts)] = ratio[:, len(lidar.boxes) :]
+    matrix[num:whole, whole : size - len(cuts)] = pairs.between_clusters(lidar, radar, eye_m, params)
+    for i, a in enumerate(seen):
+        for j, b in enumerate(seen[:i]):
+            matrix[j, i] = pairs.between_cameras(b, a, params)
+    _add_cuts(matrix, ratio, cuts, size - len(cuts), num, whole)
+    for begin, end in ((num, whole), (whole, size - len(cuts))):
+        matrix[begin:end, begin:end] = pairs.NEVER
+    upper = np.triu(matrix, 1)
+    return _as_groups(agglomerate(upper + upper.T), num, whole, size - len(cuts), cuts)
+
+
+def _add_cuts(matrix: Float64, ratio: Float64, cuts: Int64, begin: int, num: int, whole: int) -> None:
+    """Let each cut cluster belong to the sighting that cuts it, and to nothing else that LiDAR sees."""
+    matrix[:num, begin:] = pairs.NEVER
+    matrix[num:whole, begin:] = pairs.NEVER
+    matrix[begin:, begin:] = pairs.NEVER
+    for at, (s, k) in enumerate(cuts):
+        matrix[s, begin + at] = ratio[s, k]
+
+
+def _camera_ratios(
+    rig: Rig, seen: list[Sighting], lidar: Clusters, radar: Clusters, params: AssociationParams
+) -> tuple[Float64, Float64]:
+    """Ratios (S, K + M) of sightings and all clusters, and the share (S, K) of each LiDAR cluster that is inside."""
+    ratio = np.full((len(seen), len(lidar.boxes) + len(radar.boxes)), pairs.NEVER)
+    share = np.zeros((len(seen), len(lidar.boxes)))
+    for camera in sorted({s.camera for s in seen}):
+        rows = [i for i, s in enumerate(seen) if s.camera == camera]
+        own = [seen[i] for i in rows]
+        boxes = np.array([s.xyxy_px for s in own])
+        points = _in_boxes(rig, camera, lidar, boxes)
+        echoes = _beside_boxes(rig, camera, radar, boxes, params.bearing_margin_px)
+        share[rows] = points.num_inside / np.maximum(lidar.num_points, 1)
+        ratio[rows, : len(lidar.boxes)] = pairs.with_clusters(
+            own, points, lidar.num_points, params.lidar_std_m, 0.0, params.lidar_area_m2, params
+        ) + pairs.by_shape(lidar)
+        ratio[rows, len(lidar.boxes) :] = pairs.with_clusters(
+            own,
+            echoes,
+            radar.num_points,
+            params.radar_std_m,
+            params.radar_bearing_std_rad,
+            params.radar_area_m2,
+            params,
+        )
+    return ratio, share
+
+
+def _in_boxes(rig: Rig, camera: str, lidar: Clusters, xyxy: Float64) -> Overlap:
+    inset = 0.05 * (xyxy[:, 2] - xyxy[:, 0])
+    edges = [xyxy[:, 0] + inset, xyxy[:, 1] - 5, xyxy[:, 2] - inset, xyxy[:, 3] + 5]
+    return overlap(rig, camera, lidar, np.column_stack(edges))
+
+
+def _beside_boxes(rig: Rig, camera: str, radar: Clusters, xyxy: Float64, margin_px: float) -> Overlap:
+    """Radar heights are too poor to be used."""
+    margin = np.maximum(margin_px, 0.1 * (xyxy[:, 2] - xyxy[:, 0]))
+    endless = np.full(len(xyxy), np.inf)
+    return overlap(rig, camera, radar, np.column_stack([xyxy[:, 0] - margin, -endless, xyxy[:, 2] + margin, endless]))
+
+
+def _as_groups(number: Int64, num: int, whole: int, cut: int, cuts: Int64) -> list[Group]:
+    """Groups in the order of their first measurements; a part of a cluster that no sighting took is none."""
+    members: dict[int, list[int]] = {}
+    for row, one in enumerate(number.tolist()):
+        members.setdefault(one, []).append(row)
+    result = []
+    for rows in members.values():
+        sightings = tuple(row for row in rows if row < num)
+        lidar = [row - num for row in rows if num <= row < whole]
+        echoes = [row - whole for row in rows if whole <= row < cut]
+        parts = [int(cuts[row - cut, 1]) for row in rows if row >= cut]
+        if sightings or lidar or echoes:
+            result.append(Group(sightings, (lidar or parts or [-1])[0], bool(parts), (echoes or [-1])[0]))
+    return result

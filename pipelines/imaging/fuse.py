@@ -1,0 +1,182 @@
+"""Fusion in one image: what several kinds of sensors see of an object becomes one box."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.imaging.evidence import Evidence, evidence, rate_at
+from fbench.pipelines.imaging.fusion_params import ImageFusionParams
+from fbench.pipelines.imaging.merge import agreement, inside, merged
+from fbench.pipelines.imaging.rays import Rays, seen_through
+from fbench.pipelines.imaging.sightings import Sightings
+from fbench.pipelines.imaging.spots import Points
+from fbench.replay.arrays import Float64, Int64
+from fbench.replay.boxes import Boxes2D
+from fbench.replay.data import Rig, Source
+from fbench.replay.geometry.camera import rays
+from fbench.replay.geometry.transforms import transform
+
+_PART, _AGREE = 0.6, 0.2
+"""What lies by this share in an object's box, and agrees so far in depth, is a part of it."""
+_BEHIND_M = 4.0
+"""Rays that end so far [m] behind the near side of an object went through it."""
+_BEFORE_M = 2.0
+_LEAST_RAYS = 4
+_HALF_LENGTH_M = 2.0
+"""From the near side of an object to its middle [m], where only that is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageView:
+    """What all sensors see in one image."""
+
+    rig: Rig
+    camera: str
+    seen: Sightings
+    looked: bool
+    """Whether the camera itself worked."""
+    points: Mapping[Source, Points] = field(default_factory=dict)
+    """Points of LiDAR and radar over the ground, where fusion is early."""
+    rays: Mapping[Source, Rays] = field(default_factory=dict)
+    """All their points."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Object:
+    xyxy_px: Float64
+    label: str
+    score: float
+    distance_m: float
+    rate_mps: float
+    sources: int
+
+
+def fuse(view: ImageView, params: ImageFusionParams, camera_trust: float = 0.9) -> Boxes2D:
+    """Merge what was seen into labelled boxes by falling score, with the sensors that contributed.
+
+    An object has its outline and class from the camera, its distance from LiDAR, else radar, and its range rate from
+    radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_trust`: share of
+    objects that the camera sees at present. All objects are there, whatever their score.
+    """
+    groups = _without_parts(view.seen, merged(view.seen, params.min_similarity))
+    free = {kind: _free(view, kind, groups) for kind in view.points}
+    unseen = 1 - (1 - params.unseen_by_camera) * camera_trust**2 if view.looked else 1.0
+    objects = [_object(view, rows, free, unseen, params) for rows in groups]
+    kept = [found for found in objects if found.score > 0]
+    return _boxes(view.camera, sorted(kept, key=lambda o: (-o.score, *o.xyxy_px.tolist())))
+
+
+def _without_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
+    """Leave out groups that are a part of what a camera and another sensor show together."""
+    by_camera = seen.source == int(Source.C)
+    boxes = np.array([rows[0] for rows in groups if by_camera[rows[0]] and len(rows) > 1], np.int64)
+    depths = np.array([rows[1] for rows in groups if by_camera[rows[0]] and len(rows) > 1], np.int64)
+    share, agree = inside(seen.xyxy_px, seen.xyxy_px[boxes]), agreement(seen)[:, depths]
+    is_part = np.asarray(((share > _PART) & (agree > _AGREE)).any(axis=1), np.bool_)
+    return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
+
+
+def _free(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
+    """Points that no object has: those of no cluster, or of one that is a group by itself, but not of large things."""
+    alone = [rows[0] for rows in groups if len(rows) == 1 and view.seen.source[rows[0]] == int(kind)]
+    points = view.points[kind]
+    return points.rows((points.cluster < 0) | np.isin(points.cluster, view.seen.spot[np.array(alone, np.int64)]))
+
+
+def _object(
+    view: ImageView, rows: Int64, free: Mapping[Source, Points], unseen_by_camera: float, params: ImageFusionParams
+) -> _Object:
+    seen = view.seen
+    of = {Source(int(seen.source[row])): int(row) for row in rows}
+    shown = of.get(Source.C, of.get(Source.L, int(rows[0])))
+    found = _evidence(view, of, free)
+    measured = [kind for kind in (Source.L, Source.R) if kind in of]
+    depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
+    if np.isnan(depth):
+        depth = seen.depth_m[shown]
+    box = _outline(seen, of, params.measured_share)
+    distance = seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth)
+    return _Object(
+        xyxy_px=box,
+        label=str(seen.label[shown]),
+        score=_score(view, of, found, box, depth, params) * (1.0 if Source.C in of else unseen_by_camera),
+        distance_m=distance,
+        rate_mps=_rate(view, of, found, box, depth),
+        sources=sum(int(kind) for kind in {*of, *found}),
+    )
+
+
+def _evidence(view: ImageView, of: Mapping[Source, int], free: Mapping[Source, Points]) -> dict[Source, Evidence]:
+    """What free points say of a camera's box that isn't an object for their sensor."""
+    if Source.C not in of:
+        return {}
+    absent = [kind for kind in (Source.L, Source.R) if kind not in of and kind in free]
+    found = {kind: evidence(view.seen, of[Source.C], free[kind]) for kind in absent}
+    return {kind: one for kind, one in found.items() if one is not None}
+
+
+def _outline(seen: Sightings, of: Mapping[Source, int], measured_share: float) -> Float64:
+    """Outline (4,) [px] by the camera, drawn towards that of the points; without a camera by LiDAR, else radar."""
+    boxes = [seen.xyxy_px[of[kind]] for kind in (Source.L, Source.R) if kind in of and seen.upright[of[kind]]]
+    own: Float64 = seen.xyxy_px[of.get(Source.C, of.get(Source.L, of.get(Source.R, 0)))]
+    return own + measured_share * (boxes[0] - own) if boxes and Source.C in of else own
+
+
+def _rate(
+    view: ImageView, of: Mapping[Source, int], found: Mapping[Source, Evidence], box: Float64, depth: float
+) -> float:
+    if Source.R in of:
+        return float(view.seen.rate_mps[of[Source.R]])
+    if Source.R in found:
+        return found[Source.R].rate_mps
+    return rate_at(view.points[Source.R], box, depth) if Source.R in view.points else float("nan")
+
+
+def _score(
+    view: ImageView, of: Mapping[Source, int], found: Mapping[Source, Evidence], box: Float64, depth: float,
+    params: ImageFusionParams,
+) -> float:  # fmt: skip
+    weight = {Source.C: params.camera_weight, Source.L: params.lidar_weight, Source.R: params.radar_weight}
+    doubt = 1.0
+    for kind, row in of.items():
+        doubt *= 1 - weight[kind] * float(view.seen.score[row])
+    for kind, one in found.items():
+        doubt *= 1 - params.points_weight * weight[kind] * one.strength
+    score = 1 - doubt
+    for kind in (Source.L, Source.R):
+        if kind not in of and kind not in found and _goes_through(view, kind, box, depth, params.through):
+            score *= params.unseen_by_rays
+    return score
+
+
+def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, share: float) -> bool:
+    """Tell whether most rays of a sensor in a box go on behind the object, so that it isn't there."""
+    if kind not in view.rays or np.isnan(depth_m):
+        return False
+    depths = view.rays[kind].depths(box)
+    return len(depths) >= _LEAST_RAYS and seen_through(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
+
+
+def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:
+    """Distance of an object's middle from the body's origin [m], given the depth of its near side."""
+    if np.isnan(depth_m):
+        return float("nan")
+    middle = np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]])
+    ray = rays(view.rig.cameras[view.camera], middle)
+    if not ray[0, 2] > 0:
+        return float("nan")
+    place = transform(view.rig.body_T_sensor(view.camera), ray / ray[0, 2] * (depth_m + _HALF_LENGTH_M))
+    return float(np.sqrt((place**2).sum()))
+
+
+def _boxes(camera: str, objects: list[_Object]) -> Boxes2D:
+    return Boxes2D(
+        camera=np.full(len(objects), camera),
+        xyxy_px=np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4),
+        label=np.array([o.label for o in objects], np.str_),
+        score=np.array([o.score for o in objects], np.float64),
+        distance_m=np.array([o.distance_m for o in objects], np.float64),
+        range_rate_mps=np.array([o.rate_mps for o in objects], np.float64),
+        sources=np.array([o.sources for o in objects], np.uint8),
+    )

@@ -1,0 +1,1 @@
+"""The thesis's configurations as variants of `plain2d` and `plain3d`, one TOML file each."""

@@ -1,0 +1,150 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.imaging.fuse import ImageView, fuse
+from fbench.pipelines.imaging.fusion_params import ImageFusionParams
+from fbench.pipelines.imaging.merge import merged
+from fbench.pipelines.imaging.params import LidarImageParams
+from fbench.pipelines.imaging.rays import Rays
+from fbench.pipelines.imaging.sightings import Sightings, by_camera, by_points
+from fbench.pipelines.imaging.spots import SpotParams, spots
+from fbench.pipelines.imaging.trust import CameraTrust
+from fbench.replay.data import Source
+
+from .places import CAMERA, RIG, back, cloud, wall
+
+DEFAULT = LidarImageParams()
+PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)
+CAR = [379.0, 288.0, 420.0, 319.5]
+"""What a camera shows of a car whose back is 20 m ahead."""
+
+
+def camera(*boxes, score=0.8, label="car"):
+    num = len(boxes)
+    return by_camera(CameraDetections(np.reshape(boxes, (num, 4)), np.full(num, score), np.full(num, label)), CAMERA)
+
+
+def view(looked=None, lidar=None, radar=None, early=True) -> ImageView:
+    """What a camera (its sightings), LiDAR and radar (clouds) see; early: with the points themselves."""
+    parts, points, rays = [] if looked is None else [looked], {}, {}
+    for kind, one in ((Source.L, lidar), (Source.R, radar)):
+        if one is not None:
+            points[kind], found = spots(RIG, "cam", one, PARAMS)
+            parts.append(by_points(found, kind))
+            rays[kind] = Rays.of(RIG, "cam", one.xyz)
+    return ImageView(RIG, "cam", Sightings.joined(parts), looked is not None, points if early else {}, rays)
+
+
+def found(*args, min_score=0.3, **sensors):
+    boxes = fuse(view(*args, **sensors), ImageFusionParams())
+    return boxes[boxes.score >= min_score]
+
+
+LIDAR, RADAR = cloud(back(20), wall()), cloud(back(20.1, width_m=1.5), rate_mps=4.0)
+
+
+def test_one_object_of_three_sensors():
+    car = found(camera(CAR), lidar=LIDAR, radar=RADAR)
+    assert car.xyxy_px[0] == pytest.approx(CAR, abs=0.6)  # drawn a little towards the points
+    assert (car.label.tolist(), car.sources.tolist()) == (["car"], [7])
+    assert car.distance_m[0] == pytest.approx(22.1, abs=0.2)
+    assert car.range_rate_mps.tolist() == [-6.0]
+    assert car.score[0] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("sensors", "bits"),
+    [({"lidar": LIDAR}, 2), ({"radar": RADAR}, 4), ({"lidar": LIDAR, "radar": RADAR}, 6)],
+    ids=["lidar", "radar", "both"],
+)
+def test_what_no_camera_sees_is_kept(sensors, bits):
+    car = found(**sensors)
+    assert (car.label.tolist(), car.sources.tolist()) == (["car"], [bits])
+    assert car.distance_m[0] == pytest.approx(22.1, abs=0.3)
+
+
+def test_a_camera_alone_guesses_the_distance_by_size():
+    car = found(camera(CAR))
+    assert car.sources.tolist() == [1]
+    assert car.distance_m[0] == pytest.approx(400 * 1.55 / 31.5 + 2, abs=0.3)
+    assert np.isnan(car.range_rate_mps[0])
+
+
+def test_distance_by_points_that_are_no_object_leaves_out_the_background():
+    few = back(20)[::40]
+    car = found(camera(CAR), lidar=cloud(few, wall(40)))
+    assert len(few) == 3
+    assert car.sources.tolist() == [3]
+    assert car.distance_m[0] == pytest.approx(22, abs=0.1)
+
+
+def test_an_object_through_which_rays_go_is_believed_less():
+    seen = found(camera(CAR), lidar=cloud(wall()))
+    assert seen.score[0] == pytest.approx(0.5 * found(camera(CAR)).score[0])
+    hidden = found(camera(CAR), lidar=cloud(back(8, width_m=6.0, top_m=4.0)))
+    assert hidden.score[hidden.sources == 1].tolist() == found(camera(CAR)).score.tolist()
+
+
+def test_two_objects_at_different_depths_stay_two():
+    boxes = found(camera(CAR), lidar=cloud(back(45, top_m=2.0, width_m=3.0)))
+    assert sorted(boxes.sources.tolist()) == [1, 2]
+
+
+def test_the_best_pair_is_joined_first_whichever_sensors_it_is_of():
+    one = camera(CAR, [385.0, 288, 440, 319.5])
+    pairs = merged(Sightings.joined([one, camera(CAR)]), 0.2)
+    assert [len(rows) for rows in pairs] == [1, 1, 1]  # boxes of one sensor are never joined
+    lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS)[1], Source.L)
+    both = Sightings.joined([one, lidar.rows(lidar.score > 0.3)])
+    joined = next(rows for rows in merged(both, 0.2) if len(rows) == 2)
+    assert both.xyxy_px[joined[0]].tolist() == CAR
+
+
+def test_parts_of_what_a_camera_shows_whole_are_left_out():
+    halves = cloud(back(20, -0.6, width_m=0.5), back(20, 0.6, width_m=0.5), rate_mps=2.0)
+    assert found(camera(CAR), lidar=LIDAR, radar=halves).sources.tolist() == [7]
+
+
+def test_the_order_of_boxes_changes_nothing():
+    two = [CAR, [100.0, 290, 150, 330]], [[100.0, 290, 150, 330], CAR]
+    a, b = (found(camera(*boxes), lidar=LIDAR) for boxes in two)
+    assert a.xyxy_px.tolist() == b.xyxy_px.tolist()
+    assert a.score.tolist() == b.score.tolist()
+
+
+def test_nothing_seen_has_the_same_fields():
+    assert set(found().arrays()) == set(found(camera(CAR)).arrays())
+    assert len(found(lidar=cloud())) == 0
+
+
+def test_late_fusion_has_no_points_in_boxes():
+    seen = view(camera(CAR), lidar=cloud(back(20)[::40], wall(40)), early=False)
+    assert fuse(seen, ImageFusionParams()).sources.tolist() == [1]
+
+
+def test_what_a_camera_that_sees_well_doesnt_see_is_believed_less():
+    nothing = camera()
+    seen = view(nothing, lidar=LIDAR, radar=RADAR)
+    day, night = (float(fuse(seen, ImageFusionParams(), trust).score[0]) for trust in (1.0, 0.5))
+    blind = float(fuse(view(lidar=LIDAR, radar=RADAR), ImageFusionParams(), 1.0).score[0])
+    assert day == pytest.approx(0.5 * blind)
+    assert night == pytest.approx((1 - 0.5 / 4) * blind)
+
+
+def test_trust_in_cameras_follows_what_lidar_and_radar_see_together():
+    trust = CameraTrust()
+    assert trust.share == pytest.approx(0.9)
+    sources = found(camera(CAR), lidar=LIDAR, radar=RADAR)
+    unseen = replace(sources, sources=np.array([6], np.uint8))
+    trust.learn(replace(sources, sources=np.array([2], np.uint8)))  # seen by one sensor: tells nothing
+    assert trust.share == pytest.approx(0.9)
+    trust.learn(sources)
+    assert trust.share == pytest.approx((18 * 0.97**2 + 1) / (20 * 0.97**2 + 1))
+    for _ in range(200):
+        trust.learn(unseen)
+    assert trust.share < 0.05
+    trust.reset()
+    assert trust.share == pytest.approx(0.9)

@@ -1,0 +1,76 @@
+"""What becomes of clusters, by the model and by rules."""
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.points.lidar import LidarParams, LidarView, detect, judging, obstacles
+from fbench.replay.data import LogInfo, PointCloud
+from fbench.replay.log_keys import SIMULATED
+
+from ..frames import cloud, fields, frame, rig
+from ..scenes import road
+
+SIMULATION = LogInfo("drive", "id", {SIMULATED: "city"})
+
+
+def box(x_m, y_m, size_lwh, z_m=-1.6, step_m=0.15):
+    """Points on the two sides and the back of an upright box whose back is at `x_m`, seen from the right behind."""
+    length, width, height = size_lwh
+    z = np.arange(0.3, height, step_m) + z_m
+    back = [(x_m, y_m + y, h) for y in np.arange(-width / 2, width / 2 + 1e-9, step_m) for h in z]
+    side = [(x_m + x, y_m - width / 2 * np.sign(y_m), h) for x in np.arange(0, length + 1e-9, step_m) for h in z]
+    return np.array(back + side)
+
+
+def view(*parts, judge="model") -> LidarView:
+    points = np.concatenate([road(), *parts])
+    params = LidarParams(judge=judge)
+    return detect(obstacles(points[np.lexsort(points.T[::-1])], params), np.zeros(2), params)
+
+
+@pytest.mark.parametrize(
+    ("size", "labels"),
+    [((4.3, 1.8, 1.5), {"car"}), ((8.0, 2.5, 3.4), {"truck"}), ((0.5, 0.5, 1.75), {"pedestrian"})],
+)
+def test_the_model_tells_classes_apart(size, labels):
+    found = view(box(14.0, 4.0, size)).boxes
+    best = int(np.argmax(found.score))
+    assert found.score[best] > 0.5
+    assert found.label[best] in labels
+    assert found.center_m[best, :2] == pytest.approx([14.0 + size[0] / 2, 4.0], abs=0.4)
+    assert found.size_lwh_m[best, :2] == pytest.approx(size[:2], abs=0.5)
+
+
+def test_a_part_of_a_vehicle_is_no_second_one():
+    """A bumper apart from the rest: what is likelier stays, the other is hardly believed."""
+    car, bumper = box(14.0, 4.0, (4.3, 1.8, 1.5)), box(13.2, 4.0, (0.1, 1.7, 0.9))
+    both, alone = view(car, bumper).boxes, view(bumper).boxes
+    assert len(both) == 2
+    assert both.score.max() > 0.5
+    assert both.score.min() < 0.5 * alone.score[0]
+
+
+def test_rules_give_no_labels():
+    found = view(box(14.0, 4.0, (4.3, 1.8, 1.5)), judge="rules").boxes
+    assert found.label is None
+    assert found.score.tolist() == [1.0]
+
+
+def test_the_model_judges_simulated_logs_and_those_that_ask_for_it():
+    assert judging(LidarParams(), SIMULATION).judge == "model"
+    assert judging(LidarParams(), LogInfo("drive", "id")).judge == "rules"
+    assert judging(LidarParams(judge="rules"), SIMULATION).judge == "rules"
+    assert judging(LidarParams(judge="model"), LogInfo("drive", "id")).judge == "model"
+
+
+def test_frames_without_boxes_have_the_same_fields_when_the_model_judges():
+    pipeline = Lidar3D(Lidar3DParams(min_score=0.1))
+    pipeline.start(rig("lidar"), SIMULATION)
+    full = pipeline.step(frame(0, cloud()))
+    assert len(full.detections) > 0
+    missing = pipeline.step(frame(1))
+    empty = pipeline.step(frame(2, PointCloud("lidar", 0, 0, np.zeros((0, 3), np.float32))))
+    for output in (missing, empty):
+        assert fields(output.detections) == fields(full.detections)
+        assert fields(output.tracks) == fields(full.tracks)

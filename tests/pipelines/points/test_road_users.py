@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from fbench.pipelines.points.features import FEATURES
+from fbench.pipelines.points.road_users import RoadUserModel, fitted_model, interpolated
+
+
+def test_weights_between_knots():
+    weights = interpolated(np.array([-1.0, 0.0, 0.5, 1.0, 2.5, 4.0, 9.0]), np.array([0.0, 1.0, 4.0]))
+    expected = [[1, 0, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5], [0, 0, 1], [0, 0, 1]]
+    np.testing.assert_allclose(weights, expected)
+
+
+def test_probabilities_of_a_small_model():
+    """Two classes; the first feature alone matters: log-odds of 0 and log 2 at 0, of log 3 and log 2 at 1."""
+    knots = tuple(np.array([0.0, 1.0]) for _ in FEATURES)
+    none = np.zeros((2, 2))
+    log_odds = (np.array([[0.0, np.log(3)], [0.0, 0.0]]), *(none for _ in FEATURES[1:]))
+    model = RoadUserModel(np.array(["car", "truck"]), knots, log_odds, np.array([0.0, np.log(2)]))
+    features = np.zeros((2, len(FEATURES)))
+    features[1, 0] = 5.0
+    np.testing.assert_allclose(model.probabilities(features), [[1 / 4, 2 / 4], [3 / 6, 2 / 6]])
+
+
+def test_the_fitted_model_gives_probabilities_whatever_the_features():
+    random = np.random.default_rng(0)
+    model = fitted_model()
+    for scale in (0.0, 1.0, 1e3, 1e30):
+        found = model.probabilities(random.normal(0, scale, (200, len(FEATURES))))
+        assert found.shape == (200, len(model.labels))
+        assert (found >= 0).all()
+        assert found.sum(axis=1).max() <= 1 + 1e-12
+    assert model.probabilities(np.zeros((0, len(FEATURES)))).shape == (0, len(model.labels))
+
+
+def car(**changes):
+    seen = {"length_m": 1.8, "width_m": 0.4, "top_m": 1.4, "reach_m": 1.7, "bottom_m": 0.25, "log2_points": 6.0,
+            "filling_m": 0.05, "upper_share": 0.4, "over_share": 0.0, "near_share": 0.0}  # fmt: skip
+    return np.array([[{**seen, **changes}[name] for name in FEATURES]])
+
+
+def test_the_fitted_model_knows_a_car():
+    model = fitted_model()
+    probability = model.probabilities(car())[0]
+    assert probability.sum() > 0.8
+    assert model.labels[probability.argmax()] == "car"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"length_m": 14.0, "width_m": 0.2},
+        {"top_m": 5.0, "reach_m": 5.2, "over_share": 0.6},
+        {"top_m": 3.0, "reach_m": 3.1, "width_m": 2.0, "filling_m": 0.6},
+    ],
+    ids=["a long wall", "a facade", "a tree"],
+)
+def test_other_things_are_less_likely(changes):
+    model = fitted_model()
+    assert model.probabilities(car(**changes)).sum() < 0.5 < model.probabilities(car()).sum()

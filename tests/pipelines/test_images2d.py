@@ -1,0 +1,167 @@
+"""lidar2d, radar2d, early2d and late2d on the frames of a small drive, and on rigs and messages that lack something."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.camera.detector import CameraParams
+from fbench.pipelines.early2d import Early2D, Early2DParams
+from fbench.pipelines.late2d import Late2D, Late2DParams
+from fbench.pipelines.lidar2d import Lidar2D, Lidar2DParams
+from fbench.pipelines.radar2d import Radar2D, Radar2DParams
+from fbench.replay.boxes import Boxes2D
+from fbench.replay.data import CameraModel, LogInfo, PointCloud, RadarScan, Rig
+from fbench.replay.errors import ConfigError, LogError
+
+from .frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
+
+LOG = LogInfo("drive", "id")
+ALL = "cam", "lidar", "radar"
+FUSIONS: dict[str, Callable[[Path], Early2D | Late2D]] = {
+    "early2d": lambda weights: Early2D(Early2DParams(camera=CameraParams(weights=weights))),
+    "late2d": lambda weights: Late2D(Late2DParams(camera=CameraParams(weights=weights))),
+}
+
+
+@pytest.fixture(params=FUSIONS)
+def fusion(request: pytest.FixtureRequest, one_car: Path) -> Early2D | Late2D:
+    pipeline = FUSIONS[request.param](one_car)
+    pipeline.start(rig(*ALL), LOG)
+    return pipeline
+
+
+def cars(boxes: object) -> Boxes2D:
+    assert isinstance(boxes, Boxes2D)
+    assert boxes.label is not None
+    return boxes[boxes.label == "car"]
+
+
+def test_a_lidar_sees_the_car_in_the_image():
+    pipeline = Lidar2D()
+    pipeline.start(rig("cam", "lidar"), LOG)
+    output = pipeline.step(frame(0, cloud()))
+    # Its back is 20 m ahead, 1.8 m wide, with points up to 1.2 m over ground, 1.6 m below the camera.
+    assert output.detections.xyxy_px[0] == pytest.approx([3.3, 25.6, 55.8, 59.5], abs=1.0)
+    assert output.detections.distance_m[0] == pytest.approx(22.1, abs=0.1)
+    assert output.detections.sources.tolist() == [2]
+    assert output.detections.label is None
+    assert list(output.stage_ns) == ["calibrate", "preprocess", "detect.lidar", "track"]
+
+
+def test_a_sparse_radar_sees_the_car_and_that_it_approaches_the_own_one():
+    pipeline = Radar2D(Radar2DParams(min_score=0.3))
+    pipeline.start(rig("cam", "radar"), LOG)
+    output = pipeline.step(frame(0, scan()))
+    assert output.detections.range_rate_mps.tolist() == pytest.approx([3.0 - 8.0], abs=0.1)  # own 8 m/s, car 3 m/s
+    assert output.detections.distance_m[0] == pytest.approx(21.5, abs=0.6)
+    assert output.detections.sources.tolist() == [4]
+
+
+def test_three_sensors_see_one_car(fusion: Early2D | Late2D):
+    output = fusion.step(frame(0, image(), cloud(), scan()))
+    car = cars(output.detections)
+    assert car.xyxy_px[0] == pytest.approx([9.5, 19.5, 49.5, 59.5], abs=2)  # the camera's, drawn to the points
+    assert car.sources.tolist() == [7]
+    assert car.distance_m[0] == pytest.approx(22.1, abs=0.3)
+    assert car.range_rate_mps[0] == pytest.approx(-5.0, abs=0.1)
+    stages = ["decode", "preprocess", "detect.camera", "calibrate", "detect.lidar", "detect.radar", "fuse", "track"]
+    assert list(output.stage_ns) == stages
+
+
+@pytest.mark.parametrize("present", [c for num in range(4) for c in combinations(ALL, num)], ids="-".join)
+def test_any_subset_of_messages(fusion: Early2D | Late2D, present: tuple[str, ...]):
+    full = fusion.step(frame(0, image(), cloud(), scan()))
+    fusion.reset("again")
+    messages = {"cam": image(), "lidar": cloud(), "radar": scan()}
+    output = fusion.step(frame(0, *(messages[name] for name in present)))
+    assert output.detections.arrays().keys() == full.detections.arrays().keys()
+    assert output.tracks.arrays().keys() == full.tracks.arrays().keys()
+    assert output.faults == ()
+    if "cam" in present:
+        bits = {"cam": 1, "lidar": 2, "radar": 4}
+        assert cars(output.detections).sources.tolist() == [sum(bits[name] for name in present)]
+
+
+def test_a_corrupt_image_is_a_fault_and_the_rest_goes_on(fusion: Early2D | Late2D):
+    output = fusion.step(frame(0, image(JPEG[:50]), cloud(), scan()))
+    assert [fault.code for fault in output.faults] == ["DEC002"]
+
+
+@pytest.mark.parametrize("pipeline", [Early2D(), Late2D()], ids=["early2d", "late2d"])
+def test_without_weights_lidar_and_radar_go_on(pipeline: Early2D | Late2D):
+    pipeline.start(rig(*ALL), LOG)
+    output = pipeline.step(frame(0, image(), cloud(), scan()))
+    assert output.missing == {"cam": "no weights"}
+    assert cars(output.detections).sources.tolist() == [6]
+
+
+def test_the_order_of_points_changes_nothing(fusion: Early2D | Late2D):
+    expected = fusion.step(frame(0, image(), cloud(), scan())).detections.arrays()
+    for seed in range(3):
+        fusion.reset("again")
+        order = np.random.default_rng(seed)
+        found = fusion.step(frame(0, image(), cloud(order), scan(order))).detections.arrays()
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values)
+
+
+@pytest.mark.parametrize("num", [0, 1, 30])
+def test_next_to_no_points(fusion: Early2D | Late2D, num: int):
+    points = np.full((num, 3), 10.0, np.float32)
+    same = PointCloud("lidar", 0, 0, points), RadarScan("radar", 0, 0, points, np.zeros(num, np.float32))
+    output = fusion.step(frame(0, image(), *same))
+    assert np.isfinite(output.detections.xyxy_px).all()
+
+
+def test_between_detections_tracks_stand_for_them(one_car: Path):
+    pipeline = Early2D(Early2DParams(camera=CameraParams(weights=one_car), detect_every=2))
+    pipeline.start(rig(*ALL), LOG)
+    pipeline.step(frame(0, image(), cloud(), scan()))
+    between = pipeline.step(frame(1, image(), cloud(), scan()))
+    assert list(between.stage_ns) == ["track"]
+    assert between.detections.predicted.all()
+    # Predicted by its range rate of -5 m/s over 0.1 s.
+    assert cars(between.detections).distance_m[0] == pytest.approx(22.1 - 0.5, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "names", "match"),
+    [
+        (Lidar2D(), ("cam", "radar"), "lidar2d needs a LiDAR; the log has: camera cam, radar radar"),
+        (Radar2D(), ("cam", "lidar"), "radar2d needs a radar; the log has"),
+        (Early2D(), ("cam",), "early2d needs a LiDAR or a radar"),
+        (Late2D(), ("cam",), "late2d needs a LiDAR or a radar"),
+        (Lidar2D(), ("lidar",), "lidar2d works in images, and the rig has no camera"),
+        (Radar2D(), ("radar",), "radar2d works in images, and the rig has no camera"),
+        (Early2D(), ("lidar", "radar"), "early2d works in images, and the rig has no camera"),
+        (Late2D(), ("lidar",), "late2d works in images, and the rig has no camera"),
+    ],
+)
+def test_rigs_that_lack_a_sensor(pipeline: Lidar2D | Radar2D | Early2D | Late2D, names: tuple[str, ...], match: str):
+    with pytest.raises(LogError, match=f"log 'drive': {match}") as caught:
+        pipeline.start(rig(*names), LOG)
+    assert caught.value.code == "CFG001"
+
+
+def test_cameras_that_cant_be_projected_into_are_left_out():
+    blind = Rig({**{name: MOUNTS[name] for name in ALL}, "bare": MOUNTS["cam"]}, {"cam": CAMERA})
+    pipeline = Lidar2D()
+    pipeline.start(blind, LOG)
+    assert set(pipeline.step(frame(0, cloud())).detections.camera.tolist()) == {"cam"}
+    with pytest.raises(LogError, match="lidar2d can't project into camera 'cam': the log has no intrinsics of it"):
+        pipeline.start(Rig({name: MOUNTS[name] for name in ALL}, {}), LOG)
+    odd = CameraModel(CAMERA.K, CAMERA.size_wh, "unheard_of", np.ones(3))
+    with pytest.raises(LogError, match="lidar2d can't project into camera 'cam'"):
+        pipeline.start(Rig({name: MOUNTS[name] for name in ALL}, {"cam": odd}), LOG)
+
+
+def test_wrong_parameters():
+    for params in (Lidar2DParams, Radar2DParams, Early2DParams, Late2DParams):
+        with pytest.raises(ConfigError, match="detect_every"):
+            params(detect_every=0)
+    with pytest.raises(ConfigError, match="min_score"):
+        replace(Lidar2DParams(), min_score=2.0)

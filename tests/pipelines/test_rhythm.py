@@ -1,0 +1,39 @@
+import pytest
+
+from fbench.pipelines.rhythm import Rhythm, predicted
+from fbench.pipelines.stages import StageClock
+from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import Fault
+from fbench.replay.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("every", "due"), [(1, [True] * 5), (2, [True, False] * 2 + [True]), (3, [True, False, False, True, False])]
+)
+def test_the_first_frame_of_a_segment_is_due_and_every_so_many_th_after_it(every: int, due: list[bool]):
+    rhythm = Rhythm(every)
+    assert [rhythm.due() for _ in range(5)] == due
+    rhythm.reset()
+    assert rhythm.due()
+
+
+@pytest.mark.parametrize("every", [0, -3])
+def test_less_than_every_frame_is_refused(every: int):
+    with pytest.raises(ConfigError, match=f"detect_every: expected at least 1, got {every}"):
+        Rhythm(every)
+
+
+def test_predicted_tracks_stand_for_detections():
+    clock, fault = StageClock(), Fault("PRD003", "here")
+    with clock.stage("read"):
+        pass
+    boxes = Boxes3D.empty()
+    output = predicted(lambda: boxes, {"cam": "no weights"}, clock=clock, faults=(fault,))
+    assert output.detections is boxes
+    assert output.tracks is boxes
+    assert (list(output.stage_ns), output.missing, output.faults) == (
+        ["read", "track"],
+        {"cam": "no weights"},
+        (fault,),
+    )
+    assert list(predicted(lambda: boxes).stage_ns) == ["track"]

@@ -1,0 +1,40 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from fbench.replay.config.source import LogWish
+from fbench.replay.suites.cell import Answer, Cell
+from fbench.replay.suites.workers import Worker
+from fbench.replay.threads import VARIABLE, num_threads
+
+
+@pytest.mark.parametrize(("text", "num"), [("1", 1), (" 4 ", 4), ("0", 1), ("64", 64)])
+def test_the_environment_says_how_many(text: str, num: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv(VARIABLE, text)
+    assert num_threads() == num
+
+
+@pytest.mark.parametrize("text", [None, "", "many", "-2", "1.5"])
+def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    if text is not None:
+        monkeypatch.setenv(VARIABLE, text)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 3, 5})
+    assert num_threads() == 3
+
+
+def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "asked.py").write_text(
+        "from fbench.replay.suites.cell import Answer\n"
+        "from fbench.replay.threads import num_threads\n"
+        "input()\n"
+        "print(Answer(str(num_threads())).to_json(), flush=True)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv(VARIABLE, "7")
+    worker = Worker("asked")
+    try:
+        assert worker.replay(Cell(LogWish(tmp_path / "log.mcap"), "lidar3d", tmp_path / "run")) == Answer("1")
+    finally:
+        worker.close()
