@@ -127,11 +127,13 @@ def column_array(column: pa.ChunkedArray) -> Array:
     chunk = column.combine_chunks()
     if isinstance(chunk, pa.ChunkedArray):
         chunk = pa.concat_arrays(chunk.chunks) if chunk.num_chunks else pa.array([], column.type)
+    if pa.types.is_dictionary(chunk.type):
+        chunk = chunk.dictionary_decode()
     if pa.types.is_fixed_size_list(column.type):
         if chunk.null_count:
             return np.array([[np.nan] * column.type.list_size if row is None else row for row in chunk.to_pylist()])
         return np.asarray(chunk.flatten().to_numpy(zero_copy_only=False)).reshape(-1, column.type.list_size)
-    if pa.types.is_string(column.type):
+    if pa.types.is_string(chunk.type):
         return text_array(["" if text is None else text for text in chunk.to_pylist()])
     dtype = np.dtype(column.type.to_pandas_dtype())
     return np.asarray(chunk.fill_null(_FILL[dtype.kind]).to_numpy(zero_copy_only=False), dtype)

@@ -187,6 +187,15 @@ def test_tables_of_runs_are_accepted(tmp_path):
     assert first.boxes3d.label is None
 
 
+def test_labels_of_a_run_are_read(tmp_path):
+    boxes = replace(Boxes3D.empty(), center_m=np.zeros((2, 3)), size_lwh_m=np.ones((2, 3)), yaw_rad=np.zeros(2))
+    writer = BoxWriter(tmp_path / "tracks.parquet", Boxes3D)
+    writer.add(0, replace(boxes, label=np.array(["car", "truck"])))
+    writer.close()
+    (truth,) = read(tmp_path / "tracks.parquet")
+    assert truth.boxes3d.label.tolist() == ["car", "truck"]
+
+
 @pytest.mark.parametrize(
     ("text", "match"),
     [
