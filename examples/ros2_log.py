@@ -4,7 +4,7 @@ Nothing in it speaks of fbench: other topics and names, a transform tree, camera
 radars instead of one, and if wanted the tracks of a run as the output of a perception stack.
 
     python examples/ros2_log.py runs/demo/city.mcap drive.mcap
-    python examples/ros2_log.py runs/demo/city.mcap drive.mcap --results runs/demo/urban-clear-209/lidar3d --delay-ms 80
+    python examples/ros2_log.py runs/demo/city.mcap drive.mcap --results runs/demo/urban-clear-202/lidar3d --delay-ms 80
 """
 
 import argparse

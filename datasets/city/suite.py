@@ -18,8 +18,10 @@ never change.
 """
 
 
-DEMO_SEEDS: Mapping[WorldName, int] = {"urban": 209, "highway": 205}
-"""Of the short version: its first seconds show many road users, and nothing was trained or tuned on these."""
+DEMO_SEEDS: Mapping[WorldName, int] = {"urban": 202, "highway": 202}
+"""Of the short version: those of 201 to 212 whose first seconds show the most vehicles. Nothing was trained or tuned on
+any of them.
+"""
 
 
 @dataclass(frozen=True)
