@@ -33,6 +33,8 @@ MOUNTING = ((0.0, 0.0), (0.25, 0.02), (0.5, 0.05), (1.0, 0.10), (2.0, 0.20), (3.
 """Angles [deg] and distances [m]."""
 LATE_MS = (0, 20, 50, 100, 200)
 PERIOD_MS = 100
+PATIENCE_MS = 1000.0
+"""Frames wait so long for an image: one that is older than its stamp also arrives later than that says."""
 WRONG = ("camera", "radar")
 PAIRS = (("early2d", "late2d", "image"), ("early3d", "late3d", "3D"), ("early3d", "late3d", "image"))
 
@@ -81,7 +83,7 @@ def run(drive: Drive, pipeline: str, level: str, wish: LogWish, offset: Sequence
     source = log_source(wish)
     out = folder / f"{drive.world}-{drive.seed}-{level}-{pipeline}"
     job = Job(
-        source, pipeline, out=out, overwrite=True, sync=source.sync("lidar", None, None, None),
+        source, pipeline, out=out, overwrite=True, sync=source.sync("lidar", PATIENCE_MS, None, None),
         stamps=source.stamps(None, offset), max_between_ns=2 * PERIOD_MS * 1_000_000, no_media=True,
     )  # fmt: skip
     return ScoredRun(pipeline, level, f"{drive.world}-{drive.seed}", run_job(job).scores)
