@@ -128,7 +128,7 @@ class FusionParams:
     """LiDAR and radar aren't expected to see farther objects [m]."""
     max_detection: float = 0.95
     """No sensor sees more than this share of what it could [0 to 1]."""
-    min_score: float = 0.5
+    min_score: float = 0.4
     """Objects with a lower probability are dropped."""
 
     def __post_init__(self) -> None:

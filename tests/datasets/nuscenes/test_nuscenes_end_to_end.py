@@ -10,8 +10,8 @@ from fbench.replay.store import Run
 
 pytestmark = pytest.mark.slow
 CAMERAS = ["CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"]
-LEAST_F1 = {"camera2d": 0.6, "early3d": 0.25, "late3d": 0.5, "lidar3d": 0.2}
-"""Vehicles of one keyframe: 0.667, 0.38, 0.600 and 0.235 when this was written."""
+LEAST_F1 = {"camera2d": 0.6, "early3d": 0.25, "late3d": 0.7, "lidar3d": 0.2}
+"""Vehicles of one keyframe: 0.667, 0.38, 0.727 and 0.235 when this was written."""
 
 
 def fbench(*args) -> int:
