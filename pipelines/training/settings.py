@@ -13,7 +13,7 @@ class TrainingSettings:
     """Parameters of a training."""
 
     seed: int = 1
-    steps: int = 5500
+    steps: int = 8000
     """Batches; every `whole_every`-th is one of whole images."""
     crops: int = 12
     """Crops in a batch."""

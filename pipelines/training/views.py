@@ -100,12 +100,11 @@ def _in_other_light(rgb: Pixels, draw: np.random.Generator) -> Pixels:
     gain, gamma = draw.uniform(0.75, 1.3), draw.uniform(0.8, 1.25)
     tint, colour = draw.uniform(0.93, 1.07, 3), draw.uniform(0.6, 1.4)
     table = np.clip((np.arange(256) / 255.0) ** gamma * gain * 255.0, 0, 255)
-    values = table[rgb].astype(np.float32)
-    grey = values.mean(axis=2, keepdims=True)
-    values = (grey + (values - grey) * np.float32(colour)) * tint.astype(np.float32)
+    towards_grey = colour * np.eye(3) + (1 - colour) / 3
+    values = cv2.transform(cv2.LUT(rgb, table.astype(np.float32)), tint[:, None] * towards_grey)
     if draw.random() < 0.3:
-        values += draw.normal(0, draw.uniform(1, 6), values.shape).astype(np.float32)
-    return np.clip(values, 0, 255).astype(np.uint8)
+        values += np.float32(draw.uniform(1, 6)) * draw.standard_normal(values.shape, np.float32)
+    return np.clip(values, 0, 255, out=values).astype(np.uint8)
 
 
 def _area(xyxy: Float64) -> Float64:

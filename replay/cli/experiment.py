@@ -171,10 +171,9 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
 
 def _learnt(drives: Sequence[Drive]) -> Iterator[tuple[str, str]]:
     """Figures of a detector on what it learnt from are better than others, and must say so."""
-    from fbench.datasets.city.suite import SEEDS
-    from fbench.datasets.city.training import HELD_OUT
+    from fbench.datasets.city.training import TRAINING_SEEDS
 
-    learnt = sorted({drive.spec.seed for drive in drives} & {seed for seed in SEEDS["dev"] if seed != HELD_OUT})
+    learnt = sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS))
     if learnt:
         yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learnt))
 
@@ -184,17 +183,15 @@ def _worlds(drives: Sequence[Drive]) -> list[str]:
 
 
 def _detectors(runs: Sequence[Run]) -> str:
-    with_camera = [run for run in runs if _WEIGHTS in run.manifest.parameters]
-    return "; ".join(dict.fromkeys(_detector(run) for run in with_camera)) or "none"
+    return "; ".join(dict.fromkeys(name for run in runs if (name := _detector(run)) is not None)) or "none"
 
 
-def _detector(run: Run) -> str:
-    """Which weights a run's camera had."""
-    weights = run.manifest.parameters[_WEIGHTS]
+def _detector(run: Run) -> str | None:
+    """Which weights a run's camera had; `None` where it has no use for a camera."""
+    weights = run.manifest.parameters.get(_WEIGHTS)
     if isinstance(weights, dict):
         return f"{weights.get('file')} (sha256 {str(weights.get('sha256'))[:12]})"
-    blind = any("no weights" in frame.missing.values() for frame in run.frames)
-    return "none (no weights)" if blind else "fbench's own"
+    return "none (no weights)" if any("no weights" in frame.missing.values() for frame in run.frames) else None
 
 
 def _frames(runs: Sequence[tuple[Drive, str, Run]]) -> str:

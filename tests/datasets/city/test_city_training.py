@@ -1,19 +1,37 @@
+from collections import Counter
+
 from fbench.datasets.city.conditions import CONDITIONS
-from fbench.datasets.city.suite import SEEDS
-from fbench.datasets.city.training import HELD_OUT, training_logs
+from fbench.datasets.city.suite import DEMO_SEEDS, SEEDS
+from fbench.datasets.city.training import TRAINING_SEEDS, training_logs
 
 
-def test_training_sees_all_weathers_of_both_worlds_and_no_test_seed():
-    specs = dict(training_logs())
-    assert len(specs) == 2 * 10 * 7
-    assert {spec.condition.name for spec in specs.values()} == set(CONDITIONS)
-    assert {spec.seed for spec in specs.values()} == set(SEEDS["dev"]) - {HELD_OUT}
-    assert not {spec.seed for spec in specs.values()} & set(SEEDS["test"])
-    assert len({spec.log_id for spec in specs.values()}) == len(specs)
+def test_training_sees_no_seed_that_figures_or_thresholds_come_from():
+    specs = [spec for _, spec in training_logs()]
+    assert {spec.seed for spec in specs} == set(TRAINING_SEEDS)
+    assert not set(TRAINING_SEEDS) & {*SEEDS["dev"], *SEEDS["test"], *DEMO_SEEDS.values()}
+
+
+def test_each_drive_has_a_world_of_its_own():
+    specs = [spec for _, spec in training_logs()]
+    assert Counter(spec.world for spec in specs) == {"urban": 70, "highway": 70}
+    assert len({(spec.world, spec.seed) for spec in specs}) == len({spec.log_id for spec in specs}) == len(specs)
+
+
+def test_training_sees_all_weathers_in_both_densities_of_traffic():
+    specs = [spec for _, spec in training_logs()]
+    weathers = {name: one.weather for name, one in CONDITIONS.items() if not one.is_dense}
+    for world in ("urban", "highway"):
+        seen = Counter((s.condition.weather, s.condition.is_dense) for s in specs if s.world == world)
+        twice = {name: 2 if name == "night" else 1 for name in weathers}
+        expected = {(weathers[name], dense): (3 if dense else 4) * num
+                    for name, num in twice.items() for dense in (False, True)}  # fmt: skip
+        assert seen == expected
 
 
 def test_logs_are_named_by_what_they_show():
     specs = dict(training_logs())
-    assert specs["urban-fog-103"].world == "urban"
-    assert specs["urban-fog-103"].condition == CONDITIONS["fog"]
-    assert set(specs["urban-fog-103"].rig.names) == {"front", "rear", "left", "right"}
+    assert (specs["urban-fog-302"].world, specs["urban-fog-302"].seed) == ("urban", 302)
+    assert specs["urban-fog-302"].condition == CONDITIONS["fog"]
+    assert specs["highway-traffic-311"].condition == CONDITIONS["traffic"]
+    assert specs["highway-traffic+fog-312"].condition.weather == CONDITIONS["fog"].weather
+    assert set(specs["urban-fog-302"].rig.names) == {"front", "rear", "left", "right"}
