@@ -5,7 +5,7 @@ from dataclasses import replace
 from itertools import product
 
 from fbench.metrics.latency import stage_latency
-from fbench.metrics.published import PUBLISHED
+from fbench.metrics.published import NOTES, ORDER, PUBLISHED
 from fbench.metrics.robustness import CLEAR, ScoredRun, Space, change, pooled, spaces_of
 from fbench.replay.result_table import Column, Figure, Line, ResultTable
 
@@ -20,15 +20,15 @@ _TOTAL = "total"
 def configurations(runs: Sequence[ScoredRun]) -> list[str]:
     """Return the configurations of runs in the thesis's order, those that it doesn't have last."""
     names = sorted({run.configuration for run in runs})
-    order = list(PUBLISHED)
-    return sorted(names, key=lambda name: (order.index(name) if name in order else len(order), name))
+    return sorted(names, key=lambda name: (ORDER.index(name) if name in ORDER else len(ORDER), name))
 
 
 def accuracy_table(runs: Sequence[ScoredRun]) -> ResultTable:
     """Return table 9.4: F1 and MOTA in clear weather, a line for each configuration and space."""
     clear = [run for run in runs if run.condition == CLEAR]
     lines = tuple(_accuracy_line(own, space) for own, space in _groups(clear))
-    return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, lines, _NOTES)
+    notes = (*_NOTES, *_published_notes(lines))
+    return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, lines, notes)
 
 
 def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
@@ -40,7 +40,8 @@ def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Re
     )
     return ResultTable(
         "robustness", "Change of F1 against clear weather (table 9.5), %",
-        tuple(Column(name, "change") for name in names), lines, ("Relative: -50 is half of the F1 in clear weather.",),
+        tuple(Column(name, "change") for name in names), lines,
+        ("Relative: -50 is half of the F1 in clear weather.", *_published_notes(lines)),
     )  # fmt: skip
 
 
@@ -80,7 +81,7 @@ def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
 
 def _accuracy_line(runs: Sequence[ScoredRun], space: Space) -> Line:
     name = runs[0].configuration
-    published = PUBLISHED.get(name)
+    published = PUBLISHED.get((name, space))
     f1, mota, without = (pooled(runs, metric, space) for metric in ("f1", "mota", "mota_no_fp"))
     if published is not None:
         f1, without = replace(f1, published=published.f1), replace(without, published=published.mota_no_fp)
@@ -89,9 +90,13 @@ def _accuracy_line(runs: Sequence[ScoredRun], space: Space) -> Line:
 
 
 def _change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
-    published = PUBLISHED.get(runs[0].configuration)
+    published = PUBLISHED.get((runs[0].configuration, space))
     found = change(runs, condition, space)
     return found if published is None else replace(found, published=published.change.get(condition))
+
+
+def _published_notes(lines: Sequence[Line]) -> tuple[str, ...]:
+    return NOTES if any(figure.published is not None for line in lines for figure in line.figures) else ()
 
 
 def _joined(runs: Sequence[Mapping[str, Sequence[int]]]) -> dict[str, list[int]]:

@@ -8,9 +8,9 @@ import numpy as np
 from fbench.pipelines.camera.cameras_stage import CameraStage
 from fbench.pipelines.camera.detector import CameraDetections, CameraParams
 from fbench.pipelines.checks import require_between
-from fbench.pipelines.rhythm import Rhythm, predicted
 from fbench.pipelines.stages import StageClock
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
+from fbench.pipelines.tracked import Detected, Tracked2D
+from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.pipelines.weights.named import resolve_settings
 from fbench.replay.boxes import Boxes2D, concatenate
 from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig, Source
@@ -41,7 +41,7 @@ class Camera2D:
 
     def __init__(self, params: Camera2DParams) -> None:
         self._params, self._cameras = params, CameraStage(params.camera)
-        self._tracker, self._rhythm = Tracker2D(params.tracking), Rhythm(params.detect_every)
+        self._tracked = Tracked2D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all cameras of the rig; those without weights count as missing.
@@ -66,19 +66,17 @@ class Camera2D:
 
     def reset(self, reason: str) -> None:
         """Forget all tracks."""
-        self._tracker.reset()
-        self._rhythm.reset()
+        self._tracked.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect in every camera's image and track; a camera without a usable image gives no detections."""
-        if not self._rhythm.due():
-            return predicted(lambda: self._tracker.predict(frame.stamp_ns), self._cameras.missing)
-        clock, faults = StageClock(), list[Fault]()
+        return self._tracked.step(frame, self._detected, self._cameras.missing)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        faults = list[Fault]()
         seen = self._cameras.view(frame, clock, faults)
-        detections = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
-        with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns)
-        return Output(detections, tracks, clock.stage_ns, tuple(faults), self._cameras.missing)
+        boxes = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
+        return Detected(boxes, tuple(faults))
 
 
 def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:

@@ -6,13 +6,26 @@ from pathlib import Path
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a text file under a temporary name beside it, then rename it."""
+    """Write a text file, in UTF-8 whatever the locale says, under a temporary name beside it, then rename it."""
     partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
     try:
-        partial.write_text(text)
+        partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def is_file(path: Path) -> bool:
+    """Tell whether a path leads to a regular file; unlike pathlib, also of names that no file can have."""
+    return os.path.isfile(path)
+
+
+def expanded(text: str) -> Path:
+    """Return the path that a user wrote, with `~` and `~USER` replaced where there is such a home folder."""
+    try:
+        return Path(text).expanduser()
+    except RuntimeError:
+        return Path(text)
 
 
 def swap(new: Path, path: Path) -> None:

@@ -5,7 +5,11 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-_PACKAGES = ("fbench", "numpy", "scipy", "numba", "opencv-python-headless", "onnxruntime", "pyarrow", "mcap")
+_PACKAGES = (
+    "fbench", "numpy", "scipy", "scikit-learn", "numba", "llvmlite", "opencv-python-headless", "onnxruntime", "embreex",
+    "pyarrow", "mcap", "protobuf", "rosbags",
+)  # fmt: skip
+"""Those that compute, compile what computes, cast the rays of simulated logs, or read values out of logs."""
 
 
 def package_versions() -> dict[str, str]:
@@ -26,7 +30,7 @@ def describe_host() -> dict[str, object]:
 
 def _cpu() -> str:
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return platform.processor() or platform.machine()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -193,7 +193,7 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
 def save_manifest(path: Path, manifest: Manifest) -> None:
     """Write the manifest as JSON, without credentials; one that is redacted without names of files."""
     kept = Manifest.model_validate(clean_mapping((_unnamed(manifest) if manifest.redacted else manifest).model_dump()))
-    path.write_text(kept.model_dump_json(indent=1) + "\n")
+    path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def _unnamed(manifest: Manifest) -> Manifest:
@@ -209,7 +209,7 @@ def load_manifest(path: Path) -> Manifest:
         RunError: where there is none, or it is of another version.
     """
     try:
-        return Manifest.model_validate_json(path.read_text())
+        return Manifest.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise RunError(f"{path.parent}: not a run folder (no {path.name})") from None
     except (ValidationError, UnicodeDecodeError, OSError) as error:

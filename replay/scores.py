@@ -26,12 +26,18 @@ class ScoreOptions:
     """2D boxes match from this intersection over union on."""
     regions: tuple[str, ...] = ()
     """Region of interest: only objects in the log's regions of these kinds, such as `road`; all where empty."""
+    seen: int = 0
+    """Region of interest: only objects that some sensor of the log sees, as its truth tells: with so many points of a
+    LiDAR or radar, or in an image; 0: all.
+    """
 
     def __post_init__(self) -> None:
         if not (self.range_m > 0 and 0 < self.distance_m < math.inf):
             raise ConfigError(f"score options: range {self.range_m} m, distance {self.distance_m} m: expected above 0")
         if not 0 < self.iou <= 1:
             raise ConfigError(f"score options: iou {self.iou}: expected above 0 and up to 1")
+        if self.seen < 0:
+            raise ConfigError(f"score options: seen with {self.seen} points: expected 0 or more")
         if "" in self.regions:
             raise ConfigError("score options: a kind of region has no name; write them as road,sidewalk")
 
@@ -116,7 +122,7 @@ def load_scores(path: Path) -> list[Score]:
         RunError: where the file is missing or isn't a list of scores.
     """
     try:
-        rows = json.loads(path.read_text())
+        rows = json.loads(path.read_text(encoding="utf-8"))
         return [Score(**{("class_" if k == "class" else k): v for k, v in row.items()}) for row in rows]
     except FileNotFoundError:
         raise RunError(f"{path}: no scores, run `fbench score {path.parent}`") from None

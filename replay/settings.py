@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.files import expanded, is_file
 from fbench.replay.names import did_you_mean
 
 P = TypeVar("P")
@@ -112,7 +113,7 @@ def _convert(kind: Any, text: str) -> object:
             raise ValueError(text)
         return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
     if kind is Path:
-        return Path(text).expanduser()
+        return expanded(text)
     if kind in (int, float, str):
         value: object = kind(text)
         if isinstance(value, float) and math.isnan(value):
@@ -156,18 +157,22 @@ def described_file(path: Path) -> dict[str, object]:
     return {"file": path.name, "sha256": sha256}
 
 
-def is_file_parameter(params: object, path: str) -> bool:
-    """Tell whether a parameter, whose dotted name may begin with that of a sensor, is a file."""
+def names_file(params: object, path: str, text: str) -> bool:
+    """Tell whether what a parameter is set to, whose dotted name may begin with that of a sensor, is a file."""
     name = path.rpartition(".")[2]
-    return any(name == known and Path in (hint, *typing.get_args(hint)) for known, hint in _hints(type(params)))
+    return any(name == known and _is_file(hint, text) for known, hint in _hints(type(params)))
+
+
+def _is_file(hint: Any, text: str) -> bool:
+    # Other types take some texts as words of their own, such as `none`.
+    return Path in (hint, *typing.get_args(hint)) and isinstance(_parsed("", hint, text), Path)
 
 
 def _described_by_sensor(params: Any) -> dict[str, object]:
     described: dict[str, object] = {}
     for setting in getattr(params, BY_SENSOR):
         path, _, text = setting.partition("=")
-        is_file = is_file_parameter(params, path) and text != "none"
-        described[path] = _described(Path(text).expanduser()) if is_file else text
+        described[path] = _described(expanded(text)) if names_file(params, path, text) else text
     return described
 
 
@@ -180,7 +185,7 @@ def _hints(cls: type) -> list[tuple[str, Any]]:
 
 
 def _described(value: object) -> object:
-    if isinstance(value, Path) and not value.is_file():
+    if isinstance(value, Path) and not is_file(value):
         raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
         return described_file(value)

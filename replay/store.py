@@ -120,7 +120,7 @@ class RunWriter:
 
     def write_json(self, name: str, content: object) -> None:
         """Write a JSON file into the folder."""
-        (self.partial / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+        (self.partial / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
     def write_media(self, frames: Sequence[MediaFrame]) -> None:
         """Keep images and points of chosen frames."""
@@ -349,6 +349,6 @@ class Run:
         """Content of a JSON file of the folder: `faults.json`, `latency.json`, `host.json`."""
         path = self.folder / name
         try:
-            return json.loads(path.read_text())
+            return json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: can't be read ({error})") from error

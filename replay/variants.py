@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from fbench.replay.errors import ConfigError
+from fbench.replay.files import expanded, is_file
 from fbench.replay.names import did_you_mean
-from fbench.replay.settings import apply_settings, is_file_parameter
+from fbench.replay.settings import apply_settings, names_file
 from fbench.replay.variant_file import SUFFIX, Variant, parsed_variant, read_variant
 
 _BUILT_IN = re.compile(r"[\w.-]+/[\w.-]+")
@@ -65,11 +66,11 @@ def variant_settings(variant: Variant, params: Any) -> list[str]:
 
 def _placed(variant: Variant, params: Any, name: str, value: str) -> str:
     """A value; that of a relative path as seen from here. What has neither folder nor suffix may be a name."""
-    if variant.folder is None or value == "none" or not is_file_parameter(params, name):
+    if variant.folder is None or not names_file(params, name, value):
         return value
-    path = Path(value).expanduser()
+    path = expanded(value)
     beside = variant.folder / path
-    is_path = bool(path.suffix) or path.parent != Path() or beside.is_file()
+    is_path = bool(path.suffix) or path.parent != Path() or is_file(beside)
     return str(beside.absolute()) if is_path else value
 
 

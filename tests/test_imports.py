@@ -53,6 +53,28 @@ def test_imports_form_a_star(folder):
         assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
 
 
+def opens_text(node: ast.Call) -> bool:
+    """Tell whether a call reads or writes text in whatever encoding the locale has."""
+    name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+    given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+    texts = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
+    modes = [text for text in (*texts, given.get("mode", "").strip("'")) if text and set(text) <= set("rwxab+")]
+    opens = (
+        name in ("read_text", "write_text")
+        or (name in ("Popen", "run", "check_output") and given.get("text") == "True")
+        or (name in ("open", "fdopen") and any("b" not in mode for mode in modes))
+    )
+    return opens and "encoding" not in given
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_text_is_utf8_whatever_the_locale_says(folder):
+    for path in sources(folder):
+        calls = [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
+        found = [node for node in calls if opens_text(node)]
+        assert not found, f"{path.relative_to(ROOT)}: {[f'line {n.lineno}: {ast.unparse(n)}' for n in found]}"
+
+
 def test_relative_imports_are_not_used():
     for folder in FOLDERS:
         for path in sources(folder):

@@ -17,13 +17,15 @@ NO_WEIGHTS = "no weights"
 class CameraStage:
     """Loads the weights that parameters name, once for all logs.
 
+    With a `share` below 1 boxes down to that share of a camera's `min_score` are found, for other sensors to confirm.
+
     Raises:
         ConfigError: where the file with the weights is missing.
         ModelError: where the weights can't be used.
     """
 
-    def __init__(self, params: CameraParams) -> None:
-        self._params, self._detectors = params, CameraDetectors(params)
+    def __init__(self, params: CameraParams, share: float = 1.0) -> None:
+        self._params, self._detectors, self._share = params, CameraDetectors(params), share
         self.used: tuple[str, ...] = ()
         """Names of the cameras that have weights, in order."""
         self.missing: Mapping[str, str] = {}
@@ -64,7 +66,7 @@ class CameraStage:
             image, detector = frame.messages.get(name), self._detectors.of(name)
             if detector is None or not isinstance(image, Image):
                 continue
-            seen = look(detector, image, clock, faults)
+            seen = look(detector, image, clock, faults, self._share)
             if seen is not None:
                 found[name] = seen
         return found

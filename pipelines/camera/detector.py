@@ -10,7 +10,7 @@ from fbench.pipelines.camera.merging import Window, merge, to_image, windows
 from fbench.pipelines.camera.model import Batch, Model
 from fbench.pipelines.camera.thresholds import thresholds
 from fbench.pipelines.checks import require_between
-from fbench.pipelines.weights.named import resolve
+from fbench.pipelines.weights.named import AUTO, Weights, resolve
 from fbench.replay.arrays import Float64, Text, freeze_fields
 from fbench.replay.errors import ConfigError, ModelError
 from fbench.replay.images import Pixels
@@ -23,8 +23,10 @@ _THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
 class CameraParams:
     """Parameters of the camera detector."""
 
-    weights: Path | None = None
-    """An ONNX file, or a name of `fbench weights list`."""
+    weights: Weights = AUTO
+    """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
+    with `none` the camera isn't used.
+    """
     min_score: float | None = None
     """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
     these names, else 0.6, 0.5 and 0.9.
@@ -66,6 +68,8 @@ class CameraDetections:
     """(N,) 0 to 1."""
     label: Text
     """(N,) of `LABELS`."""
+    min_score: float = 0.0
+    """Boxes from this score on are reported by a camera alone; those below are for others to confirm."""
 
     def __post_init__(self) -> None:
         freeze_fields(self, xyxy_px=("f8", ("N", 4)), score=("f8", ("N",)), label=("U", ("N",)))
@@ -92,7 +96,7 @@ class CameraDetector:
     """
 
     def __init__(self, params: CameraParams) -> None:
-        if params.weights is None:
+        if not isinstance(params.weights, Path):
             raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
         self._params = params
         self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
@@ -110,15 +114,16 @@ class CameraDetector:
         images = [pixels[top:bottom, left:right] for left, top, right, bottom in parts]
         return Prepared(size, parts, self._model.batches(images))
 
-    def infer(self, prepared: Prepared) -> CameraDetections:
-        """Run the model and merge what it found.
+    def infer(self, prepared: Prepared, share: float = 1.0) -> CameraDetections:
+        """Run the model and merge what it found, down to this share of the score from which on boxes are reported.
 
         Raises:
             ModelError: where the model fails, or its outputs aren't as its header says.
         """
-        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, self._thresholds.min_score)]
+        least = share * self._thresholds.min_score
+        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, least)]
         parts = [
             to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
         ]
         merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
-        return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label)
+        return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)

@@ -1,6 +1,7 @@
 """The detectors of all cameras of a rig."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from fbench.pipelines.camera.builtin import builtin_identity, with_builtin
 from fbench.pipelines.camera.detector import CameraDetector, CameraParams
@@ -26,7 +27,7 @@ class CameraDetectors:
     def assign(self, own: Mapping[str, CameraParams], log_info: LogInfo) -> None:
         """Give each camera of a log the detector of its own parameters; see the class for what is raised.
 
-        On simulated logs those without weights get the built-in ones.
+        On simulated logs `auto` is the built-in one.
         """
         own = with_builtin(own, log_info)
         found = {name: self._detector(params) for name, params in own.items()}
@@ -38,7 +39,7 @@ class CameraDetectors:
         return self._of.get(camera)
 
     def _detector(self, params: CameraParams) -> CameraDetector | None:
-        if params.weights is None:
+        if not isinstance(params.weights, Path):
             return None
         if params not in self._loaded:
             self._loaded[params] = CameraDetector(params)

@@ -6,8 +6,12 @@ from fbench.replay.data import Fault, Image
 from fbench.replay.images import decode
 
 
-def look(detector: CameraDetector, image: Image, clock: StageClock, faults: list[Fault]) -> CameraDetections | None:
+def look(
+    detector: CameraDetector, image: Image, clock: StageClock, faults: list[Fault], share: float = 1.0
+) -> CameraDetections | None:
     """Detect road users in one image; where it is corrupt, append a fault and return `None`.
+
+    With a `share` below 1 also those that other sensors may confirm: down to that share of the camera's `min_score`.
 
     Timed as `decode`, `preprocess` and `detect.camera`.
 
@@ -22,4 +26,4 @@ def look(detector: CameraDetector, image: Image, clock: StageClock, faults: list
     with clock.stage("preprocess"):
         prepared = detector.prepare(pixels)
     with clock.stage("detect.camera"):
-        return detector.infer(prepared)
+        return detector.infer(prepared, share)

@@ -31,10 +31,7 @@ def load(path: Path, threads: int) -> Any:
         ConfigError: where the file is missing.
         ModelError: where it isn't an ONNX model, refers to other files, or can't be run.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: weights can't be read ({error.strerror or error})") from error
+    data = _content(path)
     if refers_to_files(data):
         raise ModelError("the model keeps weights in other files, export it as one file")
     try:
@@ -44,6 +41,17 @@ def load(path: Path, threads: int) -> Any:
         )
     except ORT_ERRORS as error:
         raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+            raise ConfigError(f"{path}: weights can't be read (not a regular file)")
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: weights can't be read ({error.strerror or error})") from error
+    except ValueError as error:  # a name that no file can have
+        raise ConfigError(f"{path}: weights can't be read ({error})") from error
 
 
 def header(session: Any) -> ModelHeader:

@@ -55,8 +55,11 @@ def place(pixels: Pixels, placement: Placement, input_wh: tuple[int, int]) -> Pi
 
 def planes(images: list[Pixels], *, rgb: bool, unit: bool) -> np.ndarray:
     """Stack images (H, W, 3) BGR to (B, 3, H, W) float32, as RGB if asked, scaled to 0..1 if asked."""
-    stacked = np.stack(images)[..., ::-1] if rgb else np.stack(images)
-    values = stacked.transpose(0, 3, 1, 2).astype(np.float32, order="C")
-    if unit:
-        values *= np.float32(1 / 255)
+    height, width = images[0].shape[:2]
+    values = np.empty((len(images), 3, height, width), np.float32)
+    factor = np.float32(1 / 255 if unit else 1)
+    for image, own in zip(images, values, strict=True):
+        channels = cv2.split(image)
+        for channel, plane in zip(channels[::-1] if rgb else channels, own, strict=True):
+            np.multiply(channel, factor, out=plane)
     return values

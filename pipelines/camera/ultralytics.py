@@ -40,10 +40,16 @@ class Ultralytics:
         """Move the boxes back to each image."""
         results = []
         for raw, size in zip(outputs[0], sizes_wh, strict=True):
-            rows = np.asarray(raw.T if self.head == "classes" else raw, np.float64)
-            boxes = self._boxes(rows, min_score)
+            boxes = self._boxes(self._rows(raw, min_score), min_score)
             results.append(letterbox(size, self.input_wh, centred=True).back(boxes))
         return results
+
+    def _rows(self, raw: Array, min_score: float) -> Float64:
+        """Rows as `Head` says, a box each; where that is quickly told, only of those that score enough, mostly few."""
+        if self.head != "classes":
+            return np.asarray(raw, np.float64)
+        likely = np.asarray(raw[4:].max(axis=0), np.float64) >= min_score
+        return np.asarray(raw[:, likely].T, np.float64)
 
     def _boxes(self, rows: Float64, min_score: float) -> Candidates:
         rows = rows[usable(rows)]

@@ -1,17 +1,23 @@
 """Names of weights where a path is expected."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from fbench.pipelines.weights.cache import state, weights_folder
 from fbench.pipelines.weights.catalogue import CATALOGUE, Entry, entry_named
 from fbench.replay.errors import ConfigError, ModelError
+from fbench.replay.files import expanded, is_file
 
+Weights: TypeAlias = Literal["auto"] | Path | None
+"""A file, or a name of the catalogue; `auto` are the built-in ones on simulated logs, and none on others."""
+AUTO: Literal["auto"] = "auto"
 _PARAMETER = ".weights"
 
 
-def resolve(weights: Path | None, catalogue: Sequence[Entry] = CATALOGUE) -> Path | None:
-    """Return the file of a name of the catalogue; paths, and `None`, stay as they are.
+def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights:
+    """Return the file of a name of the catalogue; paths, `auto` and `None` stay as they are.
 
     A name is what has neither folder nor suffix, unless a file is called so.
 
@@ -19,8 +25,10 @@ def resolve(weights: Path | None, catalogue: Sequence[Entry] = CATALOGUE) -> Pat
         ConfigError: for an unknown name, and where the file wasn't fetched.
         ModelError: where the file isn't the published one.
     """
-    if weights is None or weights.suffix or weights.parent != Path() or weights.is_file():
+    if not isinstance(weights, Path) or weights.suffix or weights.parent != Path() or is_file(weights):
         return weights
+    if os.path.isdir(weights) and all(entry.name != weights.name for entry in catalogue):
+        raise ConfigError(f"weights '{weights}': a folder; name an ONNX file")
     entry = entry_named(weights.name, catalogue)
     path = weights_folder() / entry.file_name
     found = state(entry, path)
@@ -38,6 +46,6 @@ def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATAL
 
 def _resolved(setting: str, catalogue: Sequence[Entry]) -> str:
     path, _, text = setting.partition("=")
-    if not path.endswith(_PARAMETER) or text == "none":
+    if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
         return setting
-    return f"{path}={resolve(Path(text).expanduser(), catalogue)}"
+    return f"{path}={resolve(expanded(text), catalogue)}"

@@ -5,9 +5,9 @@ Each line of stdin is a cell, each line of stdout the answer to it; it ends with
 
 import signal
 import sys
-from contextlib import redirect_stdout
 from types import FrameType
 
+from fbench.replay.cli.answers import answers
 from fbench.replay.cli.job import Job, run_job
 from fbench.replay.config.source import log_source
 from fbench.replay.errors import FbenchError, one_line
@@ -26,11 +26,10 @@ def main() -> int:
 
     cv2.setNumThreads(1)
     signal.signal(signal.SIGTERM, _end)
-    out = sys.stdout
     try:
-        with redirect_stdout(sys.stderr):  # a plug-in may print
-            for line in sys.stdin:
-                print(_answer(Cell.from_json(line)).to_json(), file=out, flush=True)
+        with answers() as out:
+            for line in sys.stdin.buffer:
+                print(_answer(Cell.from_json(line.decode())).to_json(), file=out, flush=True)
     except (_EndedError, KeyboardInterrupt):
         return 128 + signal.SIGTERM
     return 0

@@ -9,9 +9,10 @@ import locale
 import shutil
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fbench.replay.cli.answers import answers
 from fbench.replay.cli.scoring import score_folder
 from fbench.replay.clock import make_clock
 from fbench.replay.config.source import LogSource, log_source
@@ -30,13 +31,12 @@ from fbench.replay.verify.watch import WatchedPipeline, WatchedReader
 
 def main() -> int:
     """Do what stdin says."""
-    out = sys.stdout
-    try:
-        with redirect_stdout(sys.stderr):  # a plug-in may print
-            run(Task.from_json(sys.stdin.read()))
-    except FbenchError as error:
-        out.write(f"{error}\n")
-        return error.exit_code
+    with answers() as out:
+        try:
+            run(Task.from_json(sys.stdin.buffer.read().decode()))
+        except FbenchError as error:
+            out.write(f"{error}\n")
+            return error.exit_code
     return EXIT_OK
 
 
@@ -70,7 +70,7 @@ def run(task: Task) -> None:
 
 
 def _complete(folder: Path, watched: WatchedPipeline) -> None:
-    (folder / WATCH).write_text(json.dumps(watched.rows))
+    (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
     score_folder(folder, ScoreOptions())
 
 

@@ -77,16 +77,23 @@ class _Suite:
     interrupted: Event
 
     def result(self, cell: Cell, planned: _Planned) -> CellResult:
-        """Replay a cell, unless it is there."""
+        """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
+        try:
+            return self._replayed(cell, planned)
+        except FbenchError as error:
+            return CellResult(cell, "failed", str(error))
+        except OSError as error:
+            return CellResult(cell, "failed", f"{cell.folder}: can't be made ({error.strerror or error})")
+        except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
+            return CellResult(cell, "failed", one_line(error))
+
+    def _replayed(self, cell: Cell, planned: _Planned) -> CellResult:
         if planned.error is not None:
             return CellResult(cell, "failed", planned.error)
         key = None if planned.content is None else key_of(planned.content)
         if key is not None and is_sealed_run(cell.folder, key):
             return CellResult(cell, "there")
-        try:
-            _clear(cell.folder)
-        except OSError as error:
-            return CellResult(cell, "failed", f"{cell.folder}: can't be written ({error.strerror})")
+        _clear(cell.folder)
         with self.workers.lent() as worker:
             if self.interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")

@@ -51,7 +51,7 @@ def _beside(log: Path) -> Path:
 
 def _read(path: Path) -> dict[str, object]:
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):  # absent or damaged: then nothing is known
         return {}
     return content if isinstance(content, dict) else {}

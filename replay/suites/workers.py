@@ -24,10 +24,12 @@ class Worker:
         self._module = module
         self._process: subprocess.Popen[str] | None = None
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
+        self._said_before = 0
 
     def replay(self, cell: Cell) -> Answer:
         """Have a cell replayed."""
         process = self._running()
+        self._said_before = self._num_said()
         try:
             print(cell.to_json(), file=process.stdin, flush=True)
             line = process.stdout.readline() if process.stdout else ""
@@ -37,7 +39,7 @@ class Worker:
             return self._failed(self._why_dead(process))
         try:
             return Answer.from_json(line)
-        except ValueError:  # a library wrote past Python's stdout; which answer is whose can't be told any more
+        except ValueError:  # no answer of ours; which answer is whose can't be told any more
             self.end()
             return self._failed(f"its process wrote {line[:80]!r} where an answer was expected")
 
@@ -74,17 +76,23 @@ class Worker:
             # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
             self._process = subprocess.Popen(  # noqa: S603  # a module of ours
                 [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._stderr, text=True, env={**os.environ, **_ONE_THREAD}, start_new_session=True,
+                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True,
             )  # fmt: skip
         return self._process
 
     def _why_dead(self, process: subprocess.Popen[str]) -> str:
+        """How it ended, and the last that it said of the cell at hand."""
         code = process.wait()
-        end = self._stderr.seek(0, os.SEEK_END)
-        self._stderr.seek(max(0, end - _LAST_BYTES))
-        lines = [line for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
+        begin = max(self._said_before, self._num_said() - _LAST_BYTES)
+        said = os.pread(self._stderr.fileno(), _LAST_BYTES, begin).decode(errors="replace")
+        lines = [line for line in said.splitlines() if line.strip()]
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"its process ended with {how}{f': {lines[-1]}' if lines else ''}"
+
+    def _num_said(self) -> int:
+        """Bytes on stderr, of all cells so far."""
+        return os.fstat(self._stderr.fileno()).st_size
 
 
 class Workers:

@@ -109,7 +109,7 @@ class _Children:
         task = variant.task(self._task, self.folder(variant))
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "fbench.replay.cli.verify_child"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", errors="replace",
             env={**os.environ, **variant.variables()}, cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
         self._running.append(process)

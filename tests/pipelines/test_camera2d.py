@@ -102,10 +102,18 @@ def test_without_weights() -> None:
         Camera2D(Camera2DParams()).start(rig("front"), LOG)
 
 
+SIMULATED = LogInfo("city", "id", {"simulated": "2"})
+
+
 def test_simulated_logs_need_no_weights() -> None:
     pipeline = Camera2D(Camera2DParams())
-    pipeline.start(rig("front"), LogInfo("city", "id", {"simulated": "2"}))
+    pipeline.start(rig("front"), SIMULATED)
     assert dict(pipeline.identity()).keys() == {"camera.weights"}
+
+
+def test_simulated_logs_without_the_camera() -> None:
+    with pytest.raises(ConfigError, match="camera2d needs a detector for this log"):
+        Camera2D(Camera2DParams(camera=CameraParams(weights=None))).start(rig("front"), SIMULATED)
 
 
 def test_a_rig_without_cameras(one_car: Path) -> None:

@@ -19,9 +19,9 @@ REAL = LogInfo("drive", "drive-1", {})
 
 def test_it_is_the_default_on_simulated_logs_only(tmp_path):
     named = CameraParams(weights=tmp_path / "mine.onnx")
-    own = {"front": CameraParams(), "rear": named}
+    own = {"front": CameraParams(), "left": CameraParams(weights=None), "rear": named}
     assert with_builtin(own, REAL) == own
-    assert with_builtin(own, SIMULATED) == {"front": CameraParams(weights=CITY_WEIGHTS), "rear": named}
+    assert with_builtin(own, SIMULATED) == {**own, "front": CameraParams(weights=CITY_WEIGHTS)}
 
 
 def test_the_manifest_tells_which_it_was():
@@ -30,6 +30,10 @@ def test_the_manifest_tells_which_it_was():
     sha256 = hashlib.sha256(CITY_WEIGHTS.read_bytes()).hexdigest()
     assert said == {"camera.weights": {"file": "city.onnx", "sha256": sha256}}
     assert builtin_identity(with_builtin({"front": CameraParams()}, REAL), CameraParams()) == {}
+    some = with_builtin({"front": CameraParams(), "rear": CameraParams(weights=None)}, SIMULATED)
+    assert builtin_identity(some, CameraParams()).keys() == {"camera.weights"}
+    assert builtin_identity(some, CameraParams(weights=None)).keys() == {"front.weights"}
+    assert builtin_identity({"front": CameraParams(CITY_WEIGHTS)}, CameraParams(CITY_WEIGHTS)) == {}
 
 
 def test_it_is_small():

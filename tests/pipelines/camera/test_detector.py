@@ -1,3 +1,4 @@
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -70,6 +71,22 @@ def test_truncated(one_car: Path, tmp_path: Path) -> None:
     path.write_bytes(one_car.read_bytes()[:-40])
     with pytest.raises(ModelError, match=r"cut\.onnx: not an ONNX"):
         CameraDetector(CameraParams(weights=path))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("x" * 300 + ".onnx", "File name too long"),
+        ("\0and-a-name.onnx", "null"),
+        ("folder.onnx", "not a regular file"),
+        ("fifo.onnx", "not a regular file"),
+    ],
+)
+def test_files_that_cannot_be_read(tmp_path: Path, name: str, reason: str) -> None:
+    (tmp_path / "folder.onnx").mkdir()
+    os.mkfifo(tmp_path / "fifo.onnx")
+    with pytest.raises(ConfigError, match=rf"{name[-10:]}: weights can't be read \(.*{reason}"):
+        CameraDetector(CameraParams(weights=tmp_path / name))
 
 
 def test_weights_in_other_files_are_refused(constant_model: Model) -> None:

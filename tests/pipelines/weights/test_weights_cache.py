@@ -132,6 +132,26 @@ def test_paths_stay_as_they_are(cached: Path, tmp_path: Path):
     assert resolve(Path("tiny"), [ENTRY]) == Path("tiny")
 
 
+def test_auto_and_none_are_no_names(cached: Path):
+    assert resolve("auto", [ENTRY]) == "auto"
+    assert resolve_settings(("left.weights=auto", "right.weights=none"), [ENTRY]) == (
+        "left.weights=auto", "right.weights=none",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "x" * 5000, "no\0name"])
+def test_names_that_no_file_can_have(cached: Path, name: str):
+    with pytest.raises(ConfigError, match=f"unknown weights '{name[:2]}"):
+        resolve(Path(name), [ENTRY])
+
+
+def test_a_folder_that_is_called_as_no_weights_are(cached: Path, tmp_path: Path):
+    (tmp_path / "models").mkdir()
+    for name in ("models", "."):
+        with pytest.raises(ConfigError, match=rf"weights '{name}': a folder; name an ONNX file"):
+            resolve(Path(name), [ENTRY])
+
+
 def test_unknown_names(cached: Path):
     with pytest.raises(ConfigError, match=r"unknown weights 'tinny'; did you mean 'tiny'\?"):
         resolve(Path("tinny"), [ENTRY])

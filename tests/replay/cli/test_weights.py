@@ -2,6 +2,7 @@
 
 import json
 import socket
+from pathlib import Path
 
 import pytest
 from tests.weights_server import CONTENT, fails, sends, serving
@@ -150,6 +151,33 @@ def test_names_where_a_path_is_expected(fbench, log):
     assert result.err.endswith(": fbench weights get deimv2-femto\n")
     result = fbench("replay", log, "-p", "late3d", "--set", "camera.weights=deimv2-fento")
     assert (result.code, result.err) == (2, "fbench: unknown weights 'deimv2-fento'; did you mean 'deimv2-femto'?\n")
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "sensor"), [("camera2d", "camera"), ("late3d", "cam"), ("thesis/late3d", "camera")]
+)
+@pytest.mark.parametrize(
+    ("weights", "reason"),
+    [
+        ("x" * 300, "unknown weights 'xxx"),
+        ("x" * 300 + ".onnx", "xxx.onnx: "),
+        ("no\0name.onnx", "name.onnx: "),
+        ("models", "weights 'models': a folder; name an ONNX file"),
+        ("models/", "weights 'models': a folder"),
+        ("./models/more", "models/more: "),
+        ("", "weights '.': a folder"),
+        ("~nobody-of-this-name/a.onnx", "~nobody-of-this-name/a.onnx: "),
+    ],
+)
+def test_paths_that_can_be_no_weights(fbench, log, pipeline, sensor, weights, reason):
+    Path("models/more").mkdir(parents=True)
+    result = fbench("replay", log, "-p", pipeline, "--set", f"{sensor}.weights={weights}", "-o", "run")
+    assert (result.code, result.out, result.err.count("\n")) == (2, "", 1)
+    assert result.err.startswith("fbench: ")
+    assert reason in result.err
+    for raw in ("Error", "Errno", "can't be made"):
+        assert raw not in result.err
+    assert not Path("run").exists()
 
 
 def test_a_run_with_a_name_tells_the_file(fbench, log, shared, tmp_path):

@@ -1,5 +1,6 @@
 """Cells through processes that replay, told apart by what they are made of."""
 
+import errno
 import json
 import os
 import signal
@@ -19,6 +20,7 @@ from fbench.replay.store import Run
 from fbench.replay.suites.cell import Cell
 from fbench.replay.suites.content import Contents
 from fbench.replay.suites.run import run_suite
+from fbench.replay.suites.seal import seal_run
 
 from ..cli.conftest import messages, rig, truths, write_log
 
@@ -47,6 +49,20 @@ class Talks(Mine):
     def step(self, frame):
         import os
         os.write(1, b"hello\\n")
+        os.system("echo hello")
+        print("hello", flush=True)
+        return super().step(frame)
+
+class WarnsAndDies(Dies):
+    def step(self, frame):
+        import os
+        os.write(2, b"low on tape\\n")
+        super().step(frame)
+
+class Warns(Mine):
+    def step(self, frame):
+        import os
+        os.write(2, b"low on tape\\n")
         return super().step(frame)
 
 @dataclass(frozen=True)
@@ -147,7 +163,6 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
     cells = [
         cell(log, "mine.py:Broken"),
         cell(log, "mine.py:Dies"),
-        cell(log, "mine.py:Talks"),
         cell(log, "mine.py:Choosy"),
         cell(log, "lidar4d"),
         cell(log, "radar3d", settings=["radar.no=1"], folder=Path("x")),
@@ -157,9 +172,9 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
         cell(log, "mine.py:Mine"),
     ]
     results = run_suite(cells, 1)
-    assert states(results) == ["failed"] * 9 + ["replayed"]
-    expected = ["won't start", "signal 9", r"wrote 'hello\n' where an answer", "KeyError", "unknown pipeline",
-                "unknown parameter", "isn't a run folder", "bad.mcap", "absent.mcap"]  # fmt: skip
+    assert states(results) == ["failed"] * 8 + ["replayed"]
+    expected = ["won't start", "signal 9", "KeyError", "unknown pipeline", "unknown parameter",
+                "isn't a run folder", "bad.mcap", "absent.mcap"]  # fmt: skip
     for result, reason in zip(results, expected, strict=False):
         assert reason in result.reason
         assert "\n" not in result.reason
@@ -175,6 +190,36 @@ def test_a_log_without_the_sensor_is_unfit_and_programs_run_each_time(log):
     unfit, failed = run_suite([cell(only_lidar, "radar3d"), program], 1)
     assert (unfit.state, failed.state) == ("unfit", "failed")
     assert "radar3d needs a radar" in unfit.reason
+
+
+@pytest.mark.slow
+def test_what_libraries_print_gets_into_no_answer(log):
+    results = run_suite([cell(log, "mine.py:Talks"), cell(log, "mine.py:Mine")], 1)
+    assert [(result.state, result.reason) for result in results] == [("replayed", None)] * 2
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_quotes_nothing_that_another_cell_said(log):
+    warned, died = run_suite([cell(log, "mine.py:Warns"), cell(log, "mine.py:Dies")], 1)
+    assert (warned.state, died.state) == ("replayed", "failed")
+    assert died.reason == "its process ended with signal 9"
+    (last,) = run_suite([cell(log, "mine.py:WarnsAndDies")], 1)
+    assert last.reason == "its process ended with signal 9: low on tape"
+
+
+def test_a_run_that_cannot_be_sealed_fails_alone(log, monkeypatch):
+    def seal(folder, key, content):
+        if folder.name == "full":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        seal_run(folder, key, content)
+
+    cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in ("full", "other")]
+    with monkeypatch.context() as patch:
+        patch.setattr("fbench.replay.suites.run.seal_run", seal)
+        full, other = run_suite(cells, 1)
+    assert (full.state, full.reason) == ("failed", "runs/full: can't be made (No space left on device)")
+    assert other.state == "replayed"
+    assert states(run_suite(cells[:1], 1)) == ["replayed"]
 
 
 @pytest.mark.slow
