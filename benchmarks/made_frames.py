@@ -1,5 +1,6 @@
 """Frames of logs, for benchmarks that run pipelines in this process."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from fbench.datasets.city.recording import CityRecording
@@ -26,9 +27,9 @@ def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
     return stream.rig, reader.info, list(stream.frames(reader))
 
 
-def write_drive(out: Path, world: str, seconds: float, seed: int) -> Path:
-    """Simulate a drive on a clear day with camera, LiDAR and radar of the thesis's rig, unless it is there."""
+def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
+    """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
     if not out.exists():
-        spec = CityWish(world, seconds=seconds, seed=seed, sensors=SENSORS).spec()
+        spec = CityWish(world, seconds=seconds, seed=seed, sensors=sensors).spec()
         write_recording(CityRecording(spec, out.stem), Target(out), lambda name, done, total: None)
     return out

@@ -2,54 +2,30 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
-from fbench.pipelines.branches import Branches
 from fbench.pipelines.camera.cameras_stage import CameraStage
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.checks import require_between
-from fbench.pipelines.imaging.cameras import projectable
+from fbench.pipelines.common_params import AllSensorsParams
+from fbench.pipelines.fused_images import FusedImages
 from fbench.pipelines.imaging.fusion_params import ImageFusionParams, late_fusion
 from fbench.pipelines.imaging.projected import lidar_projected, radar_projected
-from fbench.pipelines.imaging.together import ImageFusion
-from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.lidar_stage import LidarStage
 from fbench.pipelines.points.merged import require
-from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
-from fbench.pipelines.rhythm import Rhythm, predicted
-from fbench.pipelines.stages import StageClock
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.pipelines.weights.named import resolve_settings
-from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
+from fbench.pipelines.tracked import Tracked2D
+from fbench.pipelines.tracking.tracker2d import Tracker2DParams
+from fbench.replay.data import Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
-class Late2DParams:
+class Late2DParams(AllSensorsParams):
     """Parameters of `late2d`."""
 
-    camera: CameraParams = field(default_factory=CameraParams)
-    """Detection by camera; without weights those of fbench work on simulated logs; on others it counts as
-    missing.
-    """
-    lidar: LidarParams = field(default_factory=LidarParams)
-    """Detection by LiDAR."""
-    radar: RadarParams = field(default_factory=RadarParams)
-    """Detection by radar."""
     fusion: ImageFusionParams = field(default_factory=late_fusion)
     """How the sensors' boxes become one."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
-    detect_every: int = 1
-    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
-    by_sensor: tuple[str, ...] = ()
-    """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
-    in everything, LiDARs in min_range_m and max_range_m, radars in max_range_m, min_magnitude_db and doppler.
-    """
-
-    def __post_init__(self) -> None:
-        require_between("detect_every", self.detect_every, 1)
-        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
 class Late2D:
@@ -60,9 +36,8 @@ class Late2D:
     """
 
     def __init__(self, params: Late2DParams = Late2DParams()) -> None:
-        self._params, self._branches = params, Branches()
-        self._cameras = CameraStage(params.camera)
-        self._tracker, self._rhythm = Tracker2D(params.tracking), Rhythm(params.detect_every)
+        self._params, tracked = params, Tracked2D(params.tracking, params.detect_every)
+        self._fused = FusedImages(CameraStage(params.camera, params.fusion.camera_share), params.fusion, tracked)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig.
@@ -73,40 +48,22 @@ class Late2D:
         """
         require("late2d", ("lidar", "radar"), rig, log_info)
         params, settings = self._params, SensorSettings(self._params, rig)
-        names = projectable("late2d", rig, log_info)
-        self._cameras.start(rig, log_info, settings)
-        self._cameras.require_projections()
-        self._rig, self._names = rig, names
-        self._fusion = ImageFusion(rig, names, params.fusion)
-        self._lidar = LidarStage(rig, log_info, params.lidar, settings)
-        self._radar = RadarStage(rig, log_info, params.radar, settings)
+        cameras = self._fused.start("late2d", rig, log_info, settings)
+        self._points = LidarStage(rig, log_info, params.lidar, settings)
+        self._lidar = partial(lidar_projected, rig, cameras, self._points)
+        echoes = RadarStage(rig, log_info, params.radar, settings)
+        self._radar = partial(radar_projected, rig, cameras, echoes, params.radar)
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
+        return self._fused.identity
 
     def reset(self, reason: str) -> None:
-        """Forget all tracks, and how the ground lies."""
-        self._tracker.reset()
-        self._rhythm.reset()
-        self._fusion.reset()
-        self._lidar.reset()
+        """Forget all tracks, how the ground lies, and how well the cameras see."""
+        self._fused.reset()
+        self._points.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
-        if not self._rhythm.due():
-            return predicted(lambda: self._tracker.predict(frame.stamp_ns), self._cameras.missing)
-        clock, faults = StageClock(), list[Fault]()
-        rig, names = self._rig, self._names
-        seen = self._branches.run(
-            clock,
-            lambda clock: self._cameras.view(frame, clock, faults),
-            lambda clock: lidar_projected(rig, names, self._lidar, frame, clock),
-            lambda clock: radar_projected(rig, names, self._radar, self._params.radar, frame, clock),
-        )
-        with clock.stage("fuse"):
-            detections = self._fusion.merge(*seen)
-        with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns)
-        return Output(detections, tracks, clock.stage_ns, tuple(faults), self._cameras.missing)
+        return self._fused.step(frame, self._lidar, self._radar)

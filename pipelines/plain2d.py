@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.camera.cameras_stage import CameraStage
-from fbench.pipelines.camera.detector import CameraDetections, CameraParams
+from fbench.pipelines.camera.detector import CameraDetections
 from fbench.pipelines.plain.clusters import Cloud, boxes, image_clusters, space_clusters
 from fbench.pipelines.plain.extents import Extents, no_extents
 from fbench.pipelines.plain.labels import UNKNOWN, camera_extents, projected
@@ -15,32 +14,29 @@ from fbench.pipelines.plain.params import (
     MORE_POINTS,
     RADAR,
     RADAR_IMAGE,
-    PlainFusionParams,
     PlainImageSensorParams,
     PlainSensor,
     Strategy,
-    require_uses,
 )
-from fbench.pipelines.plain.sensors import KINDS, Crops, PointSensors
+from fbench.pipelines.plain.pipeline_params import PlainParams
+from fbench.pipelines.plain.seen import PlainSensors
+from fbench.pipelines.plain.sensors import KINDS
 from fbench.pipelines.points.merged import require
-from fbench.pipelines.rhythm import Rhythm, predicted
 from fbench.pipelines.stages import StageClock
-from fbench.pipelines.stereo.params import StereoParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.pipelines.weights.named import resolve_settings
+from fbench.pipelines.tracked import Detected, Tracked2D
+from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.replay.boxes import Boxes2D, concatenate
-from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
+from fbench.replay.data import Frame, LogInfo, Output, Rig
 from fbench.replay.errors import ConfigError
 from fbench.replay.geometry.camera import in_image, project_body, require_projection
-from fbench.replay.sensor_settings import SensorSettings
 
 
-def _radar() -> PlainImageSensorParams:
+def _radar_params() -> PlainImageSensorParams:
     return PlainImageSensorParams(cluster=RADAR, size=MORE_POINTS, image=RADAR_IMAGE)
 
 
 @dataclass(frozen=True)
-class Plain2DParams:
+class Plain2DParams(PlainParams):
     """Parameters of `plain2d`."""
 
     uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")
@@ -49,37 +45,22 @@ class Plain2DParams:
     """`early`: points are clustered in the image; `late`: in space, and their boxes are projected. Overlapping boxes
     are merged in the order camera, LiDAR, radar, stereo.
     """
-    camera: CameraParams = field(default_factory=CameraParams)
-    """Detection by camera."""
     lidar: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)
     """Points of LiDARs."""
-    radar: PlainImageSensorParams = field(default_factory=_radar)
+    radar: PlainImageSensorParams = field(default_factory=_radar_params)
     """Points of radars."""
     stereo: PlainImageSensorParams = field(default_factory=PlainImageSensorParams)
     """Points of stereo."""
-    depth: StereoParams = field(default_factory=StereoParams)
-    """How stereo gives depth."""
-    fusion: PlainFusionParams = field(default_factory=PlainFusionParams)
-    """How boxes of several sensors become one."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
-    detect_every: int = 1
-    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
-    by_sensor: tuple[str, ...] = ()
-    """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
-
-    def __post_init__(self) -> None:
-        require_uses(self.uses, self.detect_every)
-        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
 class Plain2D:
     """Boxes in the images of all cameras; labelled where cameras are used."""
 
     def __init__(self, params: Plain2DParams = Plain2DParams()) -> None:
-        self._params, self._with_camera = params, "camera" in params.uses
-        self._cameras = CameraStage(params.camera)
-        self._tracker, self._rhythm = Tracker2D(params.tracking), Rhythm(params.detect_every)
+        self._params, self._sensors = params, PlainSensors(params)
+        self._tracked = Tracked2D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all cameras of the rig, and the other sensors that are used.
@@ -93,43 +74,32 @@ class Plain2D:
         if not {"camera", "stereo"} & set(params.uses):
             require("plain2d", tuple(kind for kind in KINDS if kind in params.uses), rig, log_info)
         self._rig, self._images = rig, rig.sensors("camera")
-        settings = SensorSettings(params, rig)
-        for kind in KINDS:  # whose points have common parameters
-            settings.own(kind, getattr(params, kind), ())
-        if self._with_camera:
-            self._cameras.start(rig, log_info, settings)
-            if not with_points and not self._cameras.used:
-                raise ConfigError("no detector for this log's cameras: --set camera.weights=FILE, or a name of "
-                                  "fbench weights list")  # fmt: skip
+        self._sensors.start(rig, log_info)
+        if not with_points and not self._sensors.cameras.used:
+            raise ConfigError("no detector for this log's cameras: --set camera.weights=FILE, or a name of "
+                              "fbench weights list")  # fmt: skip
         for name in self._images if with_points else ():
             require_projection(rig, name)
-        crops = Crops(params.lidar.crop, params.radar.crop, params.stereo.crop)
-        self._sensors = PointSensors(rig, log_info, params.uses, crops, params.depth)
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
-        return self._cameras.identity
+        return self._sensors.cameras.identity
 
     def reset(self, reason: str) -> None:
         """Forget all tracks."""
-        self._tracker.reset()
-        self._rhythm.reset()
+        self._tracked.reset()
 
     def step(self, frame: Frame) -> Output:
         """Detect, merge and track; what a missing sensor would have given isn't there."""
-        missing = dict(self._cameras.missing)
-        if not self._rhythm.due():
-            return predicted(lambda: self._tracker.predict(frame.stamp_ns), missing)
-        clock, faults = StageClock(), list[Fault]()
-        cameras = self._cameras.view(frame, clock, faults)
-        clouds = self._sensors.clouds(frame, clock, faults, missing)
-        parts = self._early(clouds, clock) if self._params.strategy == "early" else self._late(clouds, clock)
+        return self._tracked.step(frame, self._detected, self._sensors.cameras.missing)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        seen = self._sensors.view(frame, clock)
+        parts = (self._early if self._params.strategy == "early" else self._late)(seen.clouds, clock)
         with clock.stage("fuse"):
-            detections = concatenate([self._merged(name, cameras.get(name), parts[name]) for name in self._images])
-        with clock.stage("track"):
-            tracks = self._tracker.step(detections, frame.stamp_ns)
-        return Output(detections, tracks, clock.stage_ns, tuple(faults), missing)
+            found = concatenate([self._merged(name, seen.cameras.get(name), parts[name]) for name in self._images])
+        return Detected(found, seen.faults, seen.missing)
 
     def _early(self, clouds: Mapping[PlainSensor, Cloud], clock: StageClock) -> dict[str, list[Extents]]:
         """Boxes of each kind of sensor, clustered in the image, by camera."""
@@ -161,7 +131,7 @@ class Plain2D:
         return Boxes2D(
             camera=np.full(len(found), camera),
             xyxy_px=np.column_stack([found.low, found.high]),
-            label=np.where(found.label == "", UNKNOWN, found.label) if self._with_camera else None,
+            label=np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None,
             score=found.score,
             distance_m=found.distance_m,
             range_rate_mps=found.range_rate_mps,

@@ -7,7 +7,8 @@ from fbench.pipelines.checks import require_between
 from fbench.pipelines.stages import StageClock
 from fbench.replay.data import Boxes, Fault, Output
 
-_NONE: Mapping[str, str] = MappingProxyType({})
+NOTHING: Mapping[str, str] = MappingProxyType({})
+"""No sensor is missing."""
 
 
 class Rhythm:
@@ -36,7 +37,7 @@ class Rhythm:
 
 def predicted(
     predict: Callable[[], Boxes],
-    missing: Mapping[str, str] = _NONE,
+    missing: Mapping[str, str] = NOTHING,
     *,
     clock: StageClock | None = None,
     faults: tuple[Fault, ...] = (),

@@ -111,13 +111,13 @@ def sensor_velocity(echoes: Echoes, params: DopplerParams) -> Float64:
     """
     forward = np.arange(-params.max_reverse_mps, params.max_forward_mps, 0.4)
     sideways = np.linspace(-params.max_sideways_mps, params.max_sideways_mps, 5)
-    forward = forward[np.argsort(np.abs(forward), kind="stable")]
+    slowest = np.argsort(np.abs(forward), kind="stable")
     sideways = sideways[np.argsort(np.abs(sideways), kind="stable")]
     band_mps = 2 * params.band_mps
     measured = echoes.direction, echoes.radial_velocity_mps
-    scores = agreement(*measured, forward, sideways, echoes.period_mps, band_mps)
+    scores = agreement(*measured, forward, sideways, echoes.period_mps, band_mps)[slowest]
     f, s = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    velocity = np.array([forward[f], sideways[s]])
+    velocity = np.array([forward[slowest[f]], sideways[s]])
     for times in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):
         velocity = velocity + _correction(echoes, velocity, times * params.band_mps)
     return velocity

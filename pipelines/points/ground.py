@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from fbench.pipelines.checks import require_ranges
+from fbench.pipelines.points.ground_kernel import fullest_bands, lowest_rows
 from fbench.replay.arrays import Float64
 
 
@@ -62,11 +63,7 @@ def lowest_points(xyz: Float64, params: GroundParams) -> Float64:
     if not len(near):
         return near
     cells = np.floor(near[:, :2] / params.cell_m).astype(np.int64)
-    number = cells[:, 0] * (1 << 32) + cells[:, 1]
-    order = np.lexsort((near[:, 2], number))
-    first = np.flatnonzero(np.diff(number[order], prepend=number[order[0]] - 1))
-    size = np.diff(np.append(first, len(near)))
-    lowest: Float64 = near[order[first + (params.outliers * size).astype(np.int64)]]
+    lowest: Float64 = near[lowest_rows(cells, near[:, 2], params.outliers)]
     return lowest
 
 
@@ -80,20 +77,18 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
         return None
     steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
     tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
-    fits = [_most_frequent_height(lowest, a, b) for a, b in tilts]
-    best = max(range(len(fits)), key=lambda i: fits[i][0])
-    plane = Plane(float(tilts[best][0]), float(tilts[best][1]), fits[best][1])
+    plane = _fullest(lowest, np.array(tilts))
     for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
         plane = _refined(plane, lowest, band_m)
     return plane
 
 
-def _most_frequent_height(lowest: Float64, slope_x: float, slope_y: float, band_m: float = 0.8) -> tuple[int, float]:
-    """Return how many points lie within the best band of heights, and its middle [m]."""
-    z = np.sort(lowest[:, 2] - slope_x * lowest[:, 0] - slope_y * lowest[:, 1])
-    count = np.searchsorted(z, z + band_m, side="right") - np.arange(len(z))
-    at = int(np.argmax(count))
-    return int(count[at]), float(z[at] + band_m / 2)
+def _fullest(lowest: Float64, slopes: Float64, band_m: float = 0.8) -> Plane:
+    """Return the first plane of those with slopes (T, 2) that holds most points in its best band of heights."""
+    z = np.sort(lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1], axis=1)
+    num, begin = fullest_bands(z, band_m)
+    best = int(np.argmax(num))
+    return Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
 
 
 def _refined(plane: Plane, lowest: Float64, band_m: float) -> Plane:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.points.deskew import Deskew
+from fbench.pipelines.points.ordering import lexicographic_order
 from fbench.replay.arrays import Bool, Float64
 from fbench.replay.data import Frame, Kind, LogInfo, PointCloud, Pose, RadarScan, Rig
 from fbench.replay.errors import LogError
@@ -73,7 +74,7 @@ def lidar_points(
         xyz, rows = xyz[others], near[others]
         parts.append(xyz if deskew is None else deskew.moved(xyz, cloud, rows, frame.stamp_ns))
     merged = np.concatenate(parts)
-    return merged[np.lexsort(merged.T[::-1])]
+    return merged[lexicographic_order(*merged.T)]
 
 
 def lidar_position(rig: Rig) -> Float64:
@@ -134,5 +135,5 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     magnitude = np.full(len(xyz), np.nan) if scan.rcs_dbsm is None else scan.rcs_dbsm
     velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
-    order = np.lexsort((*columns[::-1], *xyz.T[::-1]))
+    order = lexicographic_order(*xyz.T, *columns)
     return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order], period_mps, scan.sensor)

@@ -55,7 +55,7 @@ def interpolated(values: Float64, knots: Float64) -> Float64:
 @cache
 def fitted_model() -> RoadUserModel:
     """Return the model that fbench ships."""
-    content = json.loads(FITTED.read_text())
+    content = json.loads(FITTED.read_text(encoding="utf-8"))
     by_feature = content["features"]
     return RoadUserModel(
         np.array(content["labels"], np.str_),

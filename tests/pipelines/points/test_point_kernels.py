@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fbench.pipelines.points import dbscan as grids
 from fbench.pipelines.points.doppler_kernel import agreement
 from fbench.pipelines.points.grid_kernel import cell_bounds, cell_numbers, cells_of, lexicographic, row_starts
+from fbench.pipelines.points.ground_kernel import fullest_bands, lowest_rows
 from fbench.pipelines.points.inside import SortedPoints
 from fbench.pipelines.points.rectangle_kernel import fit_rectangles
 from fbench.pipelines.points.touching_kernel import may_touch
@@ -94,13 +95,41 @@ def test_agreement_of_velocities(seed, period):
     rng = np.random.default_rng(seed)
     num = int(rng.integers(0, 40))
     direction, velocity = rng.normal(size=(num, 3)), rng.normal(0, 15, num)
-    forward, sideways, band = rng.uniform(-5, 45, 6), rng.uniform(-2, 2, 3), float(rng.uniform(0.05, 2))
+    direction[rng.random(num) < 0.1, 0] = 0.0
+    forward, sideways, band = np.sort(rng.uniform(-5, 45, 6)), rng.uniform(-2, 2, 3), float(rng.uniform(0.05, 2))
     left = velocity + forward[:, None, None] * direction[:, 0] + sideways[:, None] * direction[:, 1]
     if period:
         left = np.remainder(left + period / 2, period) - period / 2
     expected = np.maximum(0.0, 1 - np.abs(left) / band).sum(axis=2)
     found = agreement(direction, velocity, forward, sideways, period, band)
     np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-7)
+
+
+# --- the ground
+
+
+@at_times
+@given(seeds, st.sampled_from([0.0, 0.05, 0.5]))
+def test_lowest_point_of_each_cell(seed, outliers):
+    rng = np.random.default_rng(seed)
+    num = int(rng.integers(1, 200))
+    cell, z = rng.integers(-4, 4, (num, 2)), np.round(rng.normal(0, 1, num), 1)
+    expected = []
+    for own in np.unique(cell, axis=0):
+        rows = np.flatnonzero((cell == own).all(axis=1))
+        expected.append(sorted(rows, key=lambda row: (z[row], row))[int(outliers * len(rows))])
+    assert lowest_rows(cell, z, outliers).tolist() == expected
+
+
+@at_times
+@given(seeds)
+def test_fullest_band(seed):
+    rng = np.random.default_rng(seed)
+    z = np.sort(np.round(rng.normal(0, 1, (3, int(rng.integers(1, 30)))), 1), axis=1)
+    num, begin = fullest_bands(z, 0.5)
+    for row in range(3):
+        expected = [int((z[row, at:] <= z[row, at] + 0.5).sum()) for at in range(z.shape[1])]
+        assert (num[row], begin[row]) == (max(expected), expected.index(max(expected)))
 
 
 # --- the grid of DBSCAN

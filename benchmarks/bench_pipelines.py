@@ -1,0 +1,211 @@
+"""The thesis's tables of run times with ours beside them, on a city log of its sensors' sizes and two cores.
+
+    python benchmarks/bench_pipelines.py [--seconds S] [--log LOG] [--stereo-log LOG]
+
+Prints Markdown. Without logs, an urban drive on a clear day is simulated: camera, LiDAR and radar for S seconds, and a
+stereo pair for a few. Times are those that the replays themselves write (`timings.parquet`), each stage's first run
+left out. The thesis measured on an RTX 4090. It counts preprocessing, synchronisation and calibration apart from what
+it calls fusion, so here, too, that is detection by all sensors and fusion without them.
+"""
+
+import argparse
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from made_frames import write_drive
+
+from fbench.metrics.latency import stage_latency
+from fbench.replay.cli.job import Job, run_job
+from fbench.replay.config.source import LogWish, log_source
+from fbench.replay.excerpt import Excerpt
+from fbench.replay.host import describe_host
+from fbench.replay.store import Run
+from fbench.replay.threads import VARIABLE
+
+PIPELINES = ("early2d", "early3d", "late2d", "late3d")
+SEED, STEREO_S, STEREO = 101, 2.0, ("stereo_left", "stereo_right")
+NUM_CORES = 2
+TOTAL = "total"
+ALL, FEW = Excerpt(), Excerpt(0, 3)
+SENSORS_SEE = ("detect.camera", "detect.lidar", "detect.radar", "detect.stereo")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the thesis's table, with a figure [ms] for each of `PIPELINES`."""
+
+    name: str
+    stages: tuple[str, ...]
+    """Ours that are the same."""
+    thesis: tuple[float, ...]
+    asked: tuple[float, ...] = ()
+    """At most so much is wanted."""
+
+    @property
+    def kinds(self) -> dict[str, int]:
+        """Its lines: what they are about, and which of the figures."""
+        return {name: i for i, name in enumerate(PIPELINES)} if self.stages else {"2D": 0, "3D": 1}
+
+
+ROWS = (
+    Row("preprocessing", ("decode", "preprocess"), (21.37,) * 4),
+    Row("synchronisation", (), (21.37,) * 4),
+    Row("calibration", ("calibrate",), (0.13,) * 4),
+    Row("fusion, with detection", (*SENSORS_SEE, "fuse"), (67.11, 96.27, 51.73, 91.40), (33, 48, 26, 45)),
+    Row("tracking", ("track",), (0.58, 1.82, 0.58, 1.82), (0.3, 0.9, 0.3, 0.9)),
+    Row("visualisation", (), (4.15, 32.51, 4.15, 32.51)),
+    Row("whole frame", (TOTAL,), (93.34, 152.1, 77.96, 147.23), (47, 76, 39, 74)),
+)
+FRAME_NOTES = """
+Wanted are halves of the thesis's figures; those of tracking are for 50 objects, see bench_tracking.py.
+Waiting for sensors is log time here, and reports draw later; the thesis counts drawing in its whole frames, and waiting
+as one with preprocessing. Branches of sensors overlap on two cores, so a stage's figure there is its share of the whole
+frame's time; one after another they add up to it.
+"""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One row of the thesis's table of components."""
+
+    name: str
+    pipeline: str
+    """Whose replay shows it."""
+    stages: tuple[str, ...]
+    what: str
+    """That those do."""
+    before: str
+    after: tuple[float, float]
+    """Its figures [ms] after it moved to the GPU: from, to."""
+
+
+COMPONENTS = (
+    Component("detector's inference", "camera2d", ("detect.camera",), "inference, decoding of boxes, suppression",
+              "23.4; several hundred on CPU", (7.32, 7.32)),
+    Component("DBSCAN", "lidar3d", ("detect.lidar",), "clustering, fitting of boxes, judging", "180-210", (13, 25)),
+    Component("radar preprocessing", "radar3d", ("calibrate", "preprocess"), "to Cartesian and body, ego motion",
+              "203.15", (20.42, 20.42)),
+    Component("stereo rectification and disparity", "stereo3d", ("preprocess", "detect.stereo"),
+              "rectification, disparity, quality, boxes", "129.38", (16.33, 16.33)),
+)  # fmt: skip
+
+
+@contextmanager
+def threads(num: int) -> Iterator[None]:
+    """Have pipelines that are made meanwhile use so many."""
+    os.environ[VARIABLE] = str(num)
+    yield
+    del os.environ[VARIABLE]
+
+
+def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, part: Excerpt = ALL) -> Run:
+    with threads(num_threads):
+        job = Job(
+            log_source(LogWish(log)), pipeline, out=folder / pipeline, overwrite=True, no_media=True, excerpt=part
+        )
+        return run_job(job)
+
+
+def times(run: Run) -> pd.DataFrame:
+    """Times [ns], a row for each frame but the first, a column for each stage."""
+    table = pd.read_parquet(run.folder / "timings.parquet")
+    return table.pivot_table(index="frame", columns="stage", values="ns", fill_value=0).iloc[1:]
+
+
+def added(stages: pd.DataFrame, names: Sequence[str]) -> list[int]:
+    """Times [ns] of some stages together, by frame."""
+    return [round(ns) for ns in stages[[name for name in names if name in stages]].sum(axis=1)]
+
+
+def shares(stages: pd.DataFrame) -> pd.DataFrame:
+    """Where stages ran side by side, cut their times so that they add up to the whole frame's."""
+    parts = stages.drop(columns=TOTAL)
+    scale = np.minimum(1.0, stages[TOTAL] / parts.sum(axis=1))
+    return parts.mul(scale, axis=0).assign(**{TOTAL: stages[TOTAL]})
+
+
+def figures(times_ns: Sequence[int]) -> tuple[float, float]:
+    """Median and p99 [ms]."""
+    found = stage_latency("", times_ns, num_first=0)
+    return found["p50_ms"], found["p99_ms"]
+
+
+def line(*cells: object) -> None:
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def detector(run: Run) -> str:
+    weights = run.manifest.parameters.get("camera.weights")
+    return str(weights["file"]) if isinstance(weights, Mapping) else str(weights)
+
+
+def frame_table(log: Path, folder: Path) -> None:
+    """Print the run times of whole frames."""
+    both: dict[str, tuple[pd.DataFrame, pd.DataFrame]] = {}
+    for pipeline in PIPELINES:
+        replayed(log, pipeline, NUM_CORES, folder, FEW)  # compiles, or reads the cache
+        run = replayed(log, pipeline, NUM_CORES, folder)
+        if not both:
+            print(f"\n## Run time a frame\n\nDetector: {detector(run)}. {len(times(run))} frames of {log.stem}.\n")
+        side_by_side = shares(times(run))
+        both[pipeline] = side_by_side, times(replayed(log, pipeline, 1, folder))
+    line(
+        "stage", "pipeline", "thesis, RTX 4090", "wanted", "ours, two cores", "p99", "p99 / median", "one after another"
+    )
+    line("---", "---", *["---:"] * 6)
+    for row in ROWS:
+        for kind, i in row.kinds.items():
+            ours = cells(row, *both[kind]) if row.stages else ("–",) * 4
+            line(row.name, kind, f"{row.thesis[i]:.2f}", f"{row.asked[i]:g}" if row.asked else "–", *ours)
+    print(FRAME_NOTES, end="")
+
+
+def cells(row: Row, fast: pd.DataFrame, plain: pd.DataFrame) -> tuple[str, ...]:
+    """Our median, p99 and their ratio side by side, and the median one after another."""
+    (median, p99), (alone, _) = figures(added(fast, row.stages)), figures(added(plain, row.stages))
+    return f"{median:.2f}", f"{p99:.2f}", f"{p99 / median:.2f}", f"{alone:.2f}"
+
+
+def component_table(log: Path, stereo_log: Path, folder: Path) -> None:
+    """Print the run times of components."""
+    print("\n## Components\n")
+    line("component", "thesis, before", "after", "half of that", "ours, two cores", "p99", "what ours does")
+    line("---", "---:", "---:", "---:", "---:", "---:", "---")
+    for part in COMPONENTS:
+        where = stereo_log if part.pipeline == "stereo3d" else log
+        replayed(where, part.pipeline, NUM_CORES, folder, FEW)
+        median, p99 = figures(added(times(replayed(where, part.pipeline, NUM_CORES, folder)), part.stages))
+        after, half = span(*part.after), span(*(ms / 2 for ms in part.after))
+        what = f"{part.what} ({part.pipeline})"
+        line(part.name, part.before, after, half, f"{median:.2f}", f"{p99:.2f}", what)
+
+
+def span(low: float, high: float) -> str:
+    return f"{low:.4g}" if low == high else f"{low:.4g}-{high:.4g}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=5.0, help="length of the drive")
+    parser.add_argument("--log", type=Path, help="another with camera, LiDAR and radar")
+    parser.add_argument("--stereo-log", type=Path, help="another with a stereo pair")
+    args = parser.parse_args()
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:NUM_CORES])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        log = args.log or write_drive(folder / f"urban-{SEED}.mcap", "urban", args.seconds, SEED)
+        pair = args.stereo_log or write_drive(folder / f"stereo-{SEED}.mcap", "urban", STEREO_S, SEED, STEREO)
+        host = describe_host()
+        print(f"# Run times, ms\n\n{host['cpu']}, {len(os.sched_getaffinity(0))} of its cores.")
+        frame_table(log, folder)
+        component_table(log, pair, folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""The course of a pipeline that merges in images: what cameras, LiDARs and radars see there becomes tracked boxes."""
+
+from collections.abc import Callable, Mapping
+
+from fbench.pipelines.camera.cameras_stage import CameraStage
+from fbench.pipelines.imaging.cameras import projectable
+from fbench.pipelines.imaging.fusion_params import ImageFusionParams
+from fbench.pipelines.imaging.sensors import InImages
+from fbench.pipelines.imaging.together import ImageFusion
+from fbench.pipelines.side_by_side import SideBySide
+from fbench.pipelines.stages import StageClock
+from fbench.pipelines.tracked import Detected, Tracked2D
+from fbench.replay.boxes import Boxes2D
+from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
+from fbench.replay.sensor_settings import SensorSettings
+
+SeeInImages = Callable[[Frame, StageClock], InImages]
+"""What sensors of one kind see in the images of one frame."""
+
+
+class FusedImages:
+    """Merges in each image what its camera sees and what LiDARs and radars see there; how these see is left open."""
+
+    def __init__(self, cameras: CameraStage, fusion: ImageFusionParams, tracked: Tracked2D) -> None:
+        self._sensors, self._params, self._tracked = SideBySide(cameras), fusion, tracked
+
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._sensors.identity
+
+    def start(self, pipeline: str, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> tuple[str, ...]:
+        """Take all cameras of the rig, and return the names of those that can be projected into.
+
+        Raises:
+            LogError: where there is none, or one that has weights isn't among them.
+        """
+        cameras = projectable(pipeline, rig, log_info)
+        self._sensors.start(rig, log_info, settings)
+        self._fusion = ImageFusion(rig, cameras, self._params)
+        return cameras
+
+    def reset(self) -> None:
+        """Forget all tracks, and how well the cameras see."""
+        self._tracked.reset()
+        self._fusion.reset()
+
+    def step(self, frame: Frame, lidar: SeeInImages, radar: SeeInImages) -> Output:
+        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
+
+        def merged(frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+            faults = list[Fault]()
+            seen = self._sensors.view(frame, clock, faults, lidar, radar)
+            with clock.stage("fuse"):
+                return Detected(self._fusion.merge(*seen), tuple(faults))
+
+        return self._tracked.step(frame, merged, self._sensors.missing)
