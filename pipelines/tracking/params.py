@@ -56,6 +56,8 @@ class Tracker3DParams(TrackerParams):
     """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
     gate_mps: float = 8.0
     """By how much the gate grows [m] for each second since a track was measured."""
+    new_gate_mps: float = 20.0
+    """The same for a track that was measured once and without a velocity, which may be any; at least `gate_mps`."""
     min_iou: float = 0.05
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
     measured_std_m: float = 0.3
@@ -74,7 +76,7 @@ class Tracker3DParams(TrackerParams):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check(("min_iou", "size_share", "yaw_share"), 0.0, 1.0)
-        self._check(("gate_mps", "rate_std_mps", "drift_std_mps"), 0)
+        self._check(("gate_mps", "new_gate_mps", "rate_std_mps", "drift_std_mps"), 0)
         self._check(("gate_m", "measured_std_m"), MIN_STD)
 
 

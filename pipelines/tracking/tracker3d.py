@@ -135,14 +135,21 @@ class Tracker3D:
     def _likeness(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         p, centre, found = self._params, tracks.states.place, detections["center_m"]
         if p.association == "distance":
-            unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
-            return nearness(distance_bev(centre, found), p.gate_m + p.gate_mps * unmeasured_s), 0.0
+            return nearness(distance_bev(centre, found), self._gate_m(tracks, stamp_ns)), 0.0
         if p.association == "mahalanobis":
             return like.mahalanobis_nearness(tracks.states, found, self._measured_std, p.max_mahalanobis), 0.0
         a, b = _upright(centre, tracks.last), _upright(found, detections)
         if p.association == "giou":
             return like.as_similarity(like.giou_3d(a, b)), (p.min_giou + 1.0) / 2.0
         return like.footprint_iou(a, b), p.min_iou
+
+    def _gate_m(self, tracks: Tracks, stamp_ns: int) -> Float64:
+        """Greatest distance of a detection from each track (T,) [m]."""
+        p = self._params
+        is_told = np.isfinite(tracks.last["velocity_mps"]).all(axis=1) if self._ego.known else np.False_
+        grow_mps = np.where((tracks.hits == 1) & ~is_told, max(p.gate_mps, p.new_gate_mps), p.gate_mps)
+        unmeasured_s = (stamp_ns - tracks.updated_ns).astype(np.float64) * 1e-9
+        return np.asarray(p.gate_m + grow_mps * unmeasured_s, np.float64)
 
     def _smoothed(self, tracks: Tracks, at: Int64, measured: Columns) -> Columns:
         """What the tracks `at` carry on: means where the parameters ask for them, else what was measured."""

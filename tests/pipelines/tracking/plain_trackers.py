@@ -154,7 +154,8 @@ class Plain3D(PlainTracker):
     def alike(self, track, one):
         p = self.params
         if p.association == "distance":
-            gate = p.gate_m + p.gate_mps * (self.stamp_ns - track.stamp_ns) * 1e-9
+            grow = max(p.gate_mps, p.new_gate_mps) if track.hits == 1 else p.gate_mps
+            gate = p.gate_m + grow * (self.stamp_ns - track.stamp_ns) * 1e-9
             return max(0.0, 1 - np.hypot(*(track.mean[:2] - one["z"][:2])) / gate)
         if p.association == "mahalanobis":
             return self.mahalanobis(track, one)

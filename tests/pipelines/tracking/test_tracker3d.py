@@ -72,6 +72,20 @@ def test_the_gate_rejects_far_detections(tracker: Tracker3D) -> None:
     assert (ids(shown), shown.predicted.tolist()) == ([1], [True])
 
 
+def test_what_was_measured_once_may_have_gone_anywhere(tracker: Tracker3D) -> None:
+    shown = [ids(tracker.step(cars((25.0 * s, 0.0)), int((s + 0.1) * 1000) * MS, None)) for s in (0.0, 0.3)]
+    assert shown == [[1], [1]]
+    narrow = Tracker3D(Tracker3DParams(new_gate_mps=0.0))
+    narrow.step(cars((0.0, 0.0)), 100 * MS, None)
+    assert ids(narrow.step(cars((7.5, 0.0)), 400 * MS, None)) == []
+
+
+def test_a_measured_velocity_keeps_the_gate_narrow(tracker: Tracker3D) -> None:
+    still = replace(cars((0.0, 0.0)), velocity_mps=np.zeros((1, 3)))
+    tracker.step(still, 100 * MS, np.eye(4))
+    assert ids(tracker.step(cars((7.5, 0.0)), 400 * MS, np.eye(4))) == []
+
+
 def test_neighbours_in_close_lanes_do_not_swap(tracker: Tracker3D) -> None:
     for i in range(10):
         shown = tracker.step(cars((2.0 * i, 0.0), (40 - 2.0 * i, 3.5)), (i + 1) * 100 * MS, None)
