@@ -130,11 +130,17 @@ class _Loop:
         """Start the pipeline.
 
         Raises:
+            LogError: where the log doesn't fit it, naming what a variant is a variant of.
             RunError: where it fails for a reason of its own.
         """
         _require_plain_names(self._rig)
-        with guarded(f"pipeline '{self._plan.name}' can't start"):
-            self._plan.pipeline.start(self._rig, self._info)
+        try:
+            with guarded(f"pipeline '{self._plan.name}' can't start"):
+                self._plan.pipeline.start(self._rig, self._info)
+        except LogError as error:
+            if self._plan.variant is None:
+                raise
+            raise LogError(f"{error}; {self._plan.name} is a variant of {self._plan.variant.base}") from error
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""

@@ -5,6 +5,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from fbench.replay.cli.fault_text import fault_lines
@@ -53,6 +54,7 @@ def _status(run: Run) -> list[str]:
     manifest = run.manifest
     segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
+    lines += _found(run)
     predictions = predictions_of(run)
     lines += [] if predictions is None else [f"predicted: {predictions}"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
@@ -72,6 +74,15 @@ def _status(run: Run) -> list[str]:
     report = run.folder / "report.html"
     lines.append(_pace(run.json("host.json")))
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
+
+
+def _found(run: Run) -> list[str]:
+    """How much came out, which scores don't say where there is no truth."""
+    if not all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
+        return []
+    detections, tracks = len(run.detections.boxes), run.tracks.boxes
+    ids = [] if tracks.track_id is None else np.unique(tracks.track_id)
+    return [f"found: {detections} {_plural('detection', detections)}, {len(ids)} {_plural('track', len(ids))}"]
 
 
 def _pace(host: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines
@@ -39,6 +40,24 @@ def test_a_run_of_a_variant(fbench, log, far):
     assert (base["variant"], base["frames"]["sensors"]) == (None, [])
     assert found["parameters"] == base["parameters"]
     assert found["digest"] == base["digest"]
+
+
+def test_a_log_that_does_not_fit_a_variant(fbench, log, far):
+    far.write_text(FAR.replace("lidar3d", "stereo3d"))
+    result = fbench("replay", log, "-p", far, "--sensors", "lidar")
+    assert result.code == 3
+    assert "stereo3d needs two cameras" in result.err
+    assert result.err.rstrip().endswith("far-cars is a variant of stereo3d")
+
+
+def test_a_summary_says_how_much_was_found(fbench, log, far):
+    result = fbench("replay", log, "-p", far, "-o", "run")
+    found = fbench("replay", log, "-p", far, "-o", "again", "--json").json()
+    assert found["manifest"]["num_frames"] == 6
+    boxes = pq.read_table("run/detections.parquet").num_rows
+    ids = set(pq.read_table("run/tracks.parquet")["track_id"].to_pylist())
+    assert f"found: {boxes} detections, {len(ids)} track" in result.out
+    assert boxes > 1
 
 
 def test_options_go_on_top(fbench, log, far):
