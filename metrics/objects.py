@@ -58,6 +58,8 @@ class Objects:
     """(N,) neither a hit nor a miss."""
     inside: Bool | None = None
     """(N,) in the region of interest; `None`: everywhere is."""
+    seen: Bool | None = None
+    """(N,) some sensor of the log sees it, or may; `None`: nobody tells."""
     predicted: Bool | None = None
     """(N,) made by a tracker alone, nothing measured it; `None`: none is."""
 
@@ -68,7 +70,7 @@ class Objects:
             center_m=three, size_lwh_m=three, yaw_rad=one, velocity_mps=three, distance_m=one, range_rate_mps=one,
             alpha_rad=one, occlusion=one, truncation=one, visibility=one, num_points=("i8", ("N",)), attribute=text,
             sources=("u1", ("N",)), ignore=("?", ("N",)), inside=("?", ("N",)),
-            predicted=("?", ("N",)),
+            seen=("?", ("N",)), predicted=("?", ("N",)),
         )  # fmt: skip
         if len(self.step) and (np.diff(self.step) < 0).any():
             raise DataError("Objects.step: expected ascending")

@@ -12,7 +12,9 @@ from fbench.replay.boxes import Boxes2D, Boxes3D
 from fbench.replay.data import Boxes
 
 
-def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None = None) -> Objects:
+def objects_of(
+    boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None = None, seen: Bool | None = None
+) -> Objects:
     """Return N boxes as objects, sorted by step and content, so that the order in which a pipeline gives them never
     decides a match.
 
@@ -21,6 +23,7 @@ def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None 
         step: (N,) where each belongs.
         inside: (N,) in the region of interest.
         xyxy_px: (N, 4) outlines of 3D boxes in the step's camera [px].
+        seen: (N,) of truth: some sensor sees it.
     """
     order = np.argsort(step, kind="stable")
     boxes, n = boxes[order], len(boxes)
@@ -37,6 +40,7 @@ def objects_of(boxes: Boxes, step: Int64, inside: Bool, xyxy_px: Float64 | None 
         sources=boxes.sources,
         ignore=boxes.ignore,
         inside=inside[order],
+        seen=None if seen is None else seen[order],
         predicted=boxes.predicted,
     )
     return in_order(_with_place(common, boxes, None if xyxy_px is None else xyxy_px[order]))

@@ -17,7 +17,7 @@ from fbench.metrics.standard.detection import (
 )
 from fbench.metrics.standard.entries import Entry, Heading
 from fbench.metrics.standard.groups import VEHICLE, Group
-from fbench.metrics.standard.slices import VISIBILITY_SLICES, by_range, by_source, by_visibility
+from fbench.metrics.standard.slices import VISIBILITY_SLICES, by_range, by_seen, by_source, by_visibility
 from fbench.replay.scores import Score, ScoreOptions, ratio
 from fbench.replay.store import Run
 from fbench.replay.tables import BoxTable
@@ -82,7 +82,8 @@ def _entry(view: View, group: Group) -> Entry[DetectionCounts]:
 
 def _slices(run: Run, view: View, options: ScoreOptions) -> list[Entry[DetectionCounts]]:
     sequence = view.sequence
-    parts = [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
+    parts = [] if options.seen else [*by_seen(sequence)]
+    parts += [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
     parts += region_parts(run, sequence)
     pairs = alike(sequence, VEHICLE, view.match)
     return [

@@ -6,6 +6,7 @@ from fbench.metrics.objects import Objects
 from fbench.metrics.profile import Match
 from fbench.metrics.runs.columns import objects_of
 from fbench.metrics.runs.places import on_ground
+from fbench.metrics.runs.seen import only_seen, require_told, seen_by_some
 from fbench.metrics.runs.shared import once
 from fbench.metrics.runs.view import Labelled, View
 from fbench.metrics.sequence import Sequence
@@ -24,7 +25,7 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
 
     Raises:
         MetricError: where the results are in images.
-        ConfigError: where the log has no such regions as the options ask for, or no poses.
+        ConfigError: where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
     """
     labelled = Labelled.of(run, "3d")
     truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labelled, options))
@@ -37,7 +38,9 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         num_invalid,
     )
     view = ", in view" if options.in_view and modelled_cameras(run.manifest.rig) else ""
-    matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{in_regions(options)}"
+    matching = (
+        f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{only_seen(options)}{in_regions(options)}"
+    )
     reason = None if labelled.frames else "no truth"
     return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
 
@@ -70,12 +73,22 @@ def in_regions(options: ScoreOptions) -> str:
 def _truth(labelled: Labelled, options: ScoreOptions) -> tuple[Objects, int]:
     frame, truth = labelled.rows(labelled.run.truth_table("3d"))
     good, _ = finite(truth)
-    return _objects(labelled, frame[good], truth[good], options), int((~good).sum())
+    frame, boxes = frame[good], _solid(truth[good])
+    seen = seen_by_some(labelled, frame, boxes, options)
+    require_told(labelled, seen, options)
+    return _objects(labelled, frame, boxes, options, seen), int((~good).sum())
 
 
-def _objects(labelled: Labelled, frame: Int64, boxes: Boxes, options: ScoreOptions) -> Objects:
+def _solid(boxes: Boxes) -> Boxes3D:
     if not isinstance(boxes, Boxes3D):
         raise MetricError("2D boxes can't be scored in 3D")
+    return boxes
+
+
+def _objects(
+    labelled: Labelled, frame: Int64, any_boxes: Boxes, options: ScoreOptions, seen: Bool | None = None
+) -> Objects:
+    boxes = _solid(any_boxes)
     centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
     inside = within(centers, options.range_m)
     for rig, rows in labelled.rigs(frame) if options.in_view else ():
@@ -84,4 +97,6 @@ def _objects(labelled: Labelled, frame: Int64, boxes: Boxes, options: ScoreOptio
             inside[rows] &= np.any([in_view(rig, name, centers[rows]) for name in cameras], axis=0)
     if options.regions:
         inside &= on_ground(labelled.run, options.regions, labelled.indices[frame], centers)
-    return objects_of(boxes, frame, inside)
+    if options.seen and seen is not None:
+        inside &= seen
+    return objects_of(boxes, frame, inside, seen=seen)

@@ -10,6 +10,7 @@ from fbench.metrics.profile import Match
 from fbench.metrics.runs.columns import nothing, objects_of
 from fbench.metrics.runs.ground import in_regions, in_view, within
 from fbench.metrics.runs.places import on_ground
+from fbench.metrics.runs.seen import only_seen, require_told, seen_by_some
 from fbench.metrics.runs.shared import once
 from fbench.metrics.runs.view import Labelled, View
 from fbench.metrics.sequence import Sequence
@@ -100,21 +101,28 @@ class _Space:
         derived = ", truth projected from 3D" if self.derived else ""
         near = f", within {self.options.range_m:g} m" if self.ranged else ""
         view = ", in view" if self.derived and self.options.in_view else ""
-        return f"iou {self.options.iou:g}{derived}{near}{view}{in_regions(self.options)}"
+        seen = only_seen(self.options) if self.derived else ""
+        return f"iou {self.options.iou:g}{derived}{near}{view}{seen}{in_regions(self.options)}"
 
     def truth(self, labelled: Labelled) -> tuple[Objects, int]:
         """Truth in each camera, and how many boxes of it aren't finite."""
         frame, truth = labelled.rows(labelled.run.truth_table(self.kind))
         good, _ = finite(truth)
-        return self.objects(labelled, frame[good], truth[good]), int((~good).sum())
+        frame, boxes = frame[good], truth[good]
+        seen = seen_by_some(labelled, frame, boxes, self.options) if isinstance(boxes, Boxes3D) else None
+        if self.derived:
+            require_told(labelled, seen, self.options)
+        return self.objects(labelled, frame, boxes, seen), int((~good).sum())
 
-    def objects(self, labelled: Labelled, frame: Int64, boxes: Boxes) -> Objects:
-        """Boxes of these frames (N,) in each camera."""
+    def objects(self, labelled: Labelled, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
+        """Boxes of these frames (N,) in each camera; of truth, which of them some sensor sees."""
         if isinstance(boxes, Boxes2D):
             return self._recorded(frame, boxes)
         parts = [self._projected(camera, labelled, frame, boxes) for camera in range(len(self.cameras))]
         step, rows, inside, xyxy = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return objects_of(boxes[rows], step, inside, xyxy)
+        if self.options.seen and seen is not None:
+            inside &= seen[rows]
+        return objects_of(boxes[rows], step, inside, xyxy, None if seen is None else seen[rows])
 
     def _recorded(self, frame: Int64, boxes: Boxes2D) -> Objects:
         held = np.isin(boxes.camera, self.cameras)

@@ -1,12 +1,13 @@
 """Scores of a run's tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from fbench.metrics.profile import Match
 from fbench.metrics.runs.view import View
 from fbench.metrics.runs.views import label_groups, views
 from fbench.metrics.standard.entries import Entry, Heading
 from fbench.metrics.standard.groups import VEHICLE, Group
+from fbench.metrics.standard.slices import by_seen
 from fbench.metrics.standard.tracking import TrackingCounts, require_unique_ids, tracking_counts
 from fbench.metrics.standard.tracking_rows import tracking_rows
 from fbench.replay.scores import Score, ScoreOptions
@@ -32,7 +33,7 @@ class Tracking:
     """
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
-        """Return rows for all vehicles as one class in each space, then for each label.
+        """Return rows for all vehicles as one class in each space, then for each label, then of what is seen.
 
         Raises:
             MetricError: where an id occurs twice in one frame.
@@ -41,8 +42,8 @@ class Tracking:
 
 
 def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None) -> tuple[Entry[TrackingCounts], ...]:
-    """Measure the tracks of a run: all vehicles in each space, then labels in its own space, or in that of `match`, see
-    `views`.
+    """Measure the tracks of a run: all vehicles in each space, then labels and what is seen in its own space, or in
+    that of `match`, see `views`.
 
     Raises:
         MetricError: where an id occurs twice in one frame.
@@ -52,7 +53,7 @@ def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None
     where = f"'{run.manifest.pipeline}' on log '{run.manifest.log.name}'"
     for view in spaces:
         require_unique_ids(view.sequence, where)
-    return whole_entries(spaces, run.tracks)
+    return (*whole_entries(spaces, run.tracks), *_slices(spaces[0], options))
 
 
 def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[TrackingCounts], ...]:
@@ -70,3 +71,11 @@ def rows_of(entry: Entry[TrackingCounts]) -> list[Score]:
 def _entry(view: View, group: Group) -> Entry[TrackingCounts]:
     counts = TrackingCounts() if view.reason else tracking_counts(view.sequence, group, view.match)
     return Entry(Heading(group.name, "all", view.matching, view.reason, view.num_scored), counts)
+
+
+def _slices(view: View, options: ScoreOptions) -> Iterator[Entry[TrackingCounts]]:
+    """Only what can be told of whole tracks: what is seen, but not distances, which change along a track."""
+    if view.reason is None and not options.seen:
+        for part in by_seen(view.sequence):
+            counts = tracking_counts(view.sequence, VEHICLE, view.match, part)
+            yield Entry(Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored), counts)

@@ -23,6 +23,6 @@ def _columns(objects: Objects) -> list[Array]:
     boxes = [box.T for box in (o.center_m, o.size_lwh_m) if box is not None]
     boxes += [] if o.yaw_rad is None else [o.yaw_rad[None]]
     boxes += [] if o.xyxy_px is None else [o.xyxy_px.T]
-    others = (o.distance_m, o.range_rate_mps, o.visibility, o.sources, o.ignore, o.inside)
+    others = (o.distance_m, o.range_rate_mps, o.visibility, o.sources, o.ignore, o.inside, o.seen)
     last = [] if o.predicted is None else [o.predicted]
     return [*(row for box in boxes for row in box), o.score, *(c for c in others if c is not None), o.label, *last]

@@ -1,4 +1,4 @@
-"""Parts of a sequence: by distance, by visibility, by the sensors that found something."""
+"""Parts of a sequence: what is seen, by distance, by visibility, by the sensors that found something."""
 
 import itertools
 from collections.abc import Iterator
@@ -35,6 +35,12 @@ class Part:
     """(M,)"""
     given: Bool | None = None
     """(M,) false for estimates that aren't there at all; `None`: all are."""
+
+
+def by_seen(sequence: Sequence) -> Iterator[Part]:
+    """Yield what some sensor of the log sees, where truth tells."""
+    if sequence.truth.seen is not None:
+        yield Part("seen", sequence.truth.seen, np.ones(len(sequence.estimates), bool))
 
 
 def by_range(sequence: Sequence, range_m: float) -> Iterator[Part]:

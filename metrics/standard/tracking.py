@@ -11,6 +11,7 @@ from fbench.metrics.standard.counted import Counted, alike, counted
 from fbench.metrics.standard.counts import BoxCounts
 from fbench.metrics.standard.groups import Group
 from fbench.metrics.standard.judge import Judgement, Outcome, judge_tracks
+from fbench.metrics.standard.slices import Part
 from fbench.metrics.standard.survival import SurvivalCounts, survival_counts
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.hota import HotaCounts, hota_counts
@@ -65,8 +66,8 @@ class Followed:
     """Partners, as rows of the problem."""
 
 
-def followed(sequence: Sequence, group: Group, match: Match) -> Followed:
-    """Match one class of one sequence.
+def followed(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> Followed:
+    """Match one class of one sequence, or of a part of it.
 
     What doesn't count (outside the region, or on truth that needn't be found) is found out first, step by step, and
     left out, so that all metrics see the same boxes. A box without id is a track of its own.
@@ -74,7 +75,7 @@ def followed(sequence: Sequence, group: Group, match: Match) -> Followed:
     Raises:
         MetricError: where boxes lack what the match compares.
     """
-    held = counted(alike(sequence, group, match))
+    held = counted(alike(sequence, group, match), part)
     found = _followed(held, judge_tracks(held))
     left = _left_outside(found)
     return _followed(held, _without(found.judgement, left)) if left.any() else found
@@ -98,13 +99,13 @@ def _without(judgement: Judgement, left: Bool) -> Judgement:
     return replace(judgement, outcome=outcome, truth_of_estimate=np.where(left, -1, judgement.truth_of_estimate))
 
 
-def tracking_counts(sequence: Sequence, group: Group, match: Match) -> TrackingCounts:
-    """Match and count one class of one sequence, see `followed`.
+def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
+    """Match and count one class of one sequence, or of a part of it, see `followed`.
 
     Raises:
         MetricError: where boxes lack what the match compares.
     """
-    found = followed(sequence, group, match)
+    found = followed(sequence, group, match, part)
     held, used, problem, pairs = found.counted, found.used, found.problem, found.pairs
     clear = replace(clear_counts(problem, clear_rules(match), pairs), switches=_switches(held, used, problem, pairs))
     likeness = replace(problem, similarity=_zero_to_one(problem.similarity, match))

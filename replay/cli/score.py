@@ -18,6 +18,7 @@ from fbench.replay.cli.score_options import (
     Region,
     Runs,
     Seed,
+    Seen,
     Seqmap,
     Sequences,
 )  # fmt: skip
@@ -40,6 +41,7 @@ def score(
     truth_frame: TruthFrame = "",
     range_m: RangeM = 50.0,
     in_view: InView = True,
+    seen: Seen = 0,
     region: Region = None,
     distance_m: DistanceM = 2.0,
     iou: Iou = 0.5,
@@ -73,7 +75,7 @@ def score(
     from fbench.replay.cli.score_again import OtherTruth, score_again
     from fbench.replay.cli.score_together import score_together
 
-    options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region))
+    options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region), seen)
     if explain is not None:
         from fbench.replay.cli.explain import explain_run
 

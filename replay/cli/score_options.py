@@ -52,6 +52,16 @@ Region = Annotated[
     str | None,
     typer.Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
 ]
+Seen = Annotated[
+    int,
+    typer.Option(
+        "--seen",
+        metavar="N",
+        min=0,
+        help="Score only objects that some sensor of the log sees, as its truth tells: with N points of a LiDAR or "
+        "radar, such as 1, or in an image.",
+    ),
+]
 Explain = Annotated[
     int | None, typer.Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
 ]

@@ -18,6 +18,7 @@ _OF_FILES = {
 _OF_PROFILES = {"match": "--match"}
 _OF_RUNS = {
     "range_m": "--range-m", "in_view": "--in-view", "distance_m": "--distance-m", "iou": "--iou", "region": "--region",
+    "seen": "--seen",
 }  # fmt: skip
 _OF_OTHER_TRUTH = {
     "config": "--config", "truth_frame": "--truth-frame", "interpolate_truth": "--interpolate-truth",
