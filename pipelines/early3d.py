@@ -50,7 +50,7 @@ class Early3D:
     """
 
     def __init__(self, params: Early3DParams = Early3DParams()) -> None:
-        self._params, self._sensors = params, SideBySide(CameraStage(params.camera))
+        self._params, self._sensors = params, SideBySide(CameraStage(params.camera, params.fusion.camera_share))
         self._tracked = Tracked3D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:

@@ -36,8 +36,8 @@ class Late3D:
     """
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
-        self._params = params
-        self._sensors, self._fusion = SideBySide(CameraStage(params.camera)), LateFusion(params.fusion)
+        self._params, self._fusion = params, LateFusion(params.fusion)
+        self._sensors = SideBySide(CameraStage(params.camera, params.fusion.camera_share))
         self._tracked = Tracked3D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:

@@ -8,13 +8,13 @@ import numpy as np
 from fbench.pipelines.early.cloud import Cloud
 from fbench.pipelines.early.groups import Counts, Groups
 from fbench.pipelines.fusion.lift import SIZES, Sighting
+from fbench.pipelines.fusion.outlines import outline_overlaps
 from fbench.pipelines.points.ground import Plane
 from fbench.pipelines.points.rectangle_kernel import fit_rectangles
 from fbench.pipelines.points.vehicle import VehicleSize, completed, half_turn
 from fbench.replay.arrays import Bool, Float64, Text
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig, Source
-from fbench.replay.geometry.camera import project_boxes
 from fbench.replay.geometry.transforms import wrap_angle
 
 _HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
@@ -172,15 +172,7 @@ def _overlaps(view: View, groups: Groups, table: Float64, z: Float64, height_m: 
         flat = table[rows].reshape(-1, 5)
         size = np.column_stack([flat[:, 2:4], np.repeat(height_m[rows], table.shape[1])])
         boxes = Boxes3D(np.column_stack([flat[:, :2], z[rows].ravel()]), size, flat[:, 4])
-        rectangles, _ = project_boxes(view.rig, str(name), boxes)
         seen = np.array([view.sightings[i].xyxy_px for i in groups.sighting[rows]]).repeat(table.shape[1], axis=0)
-        result[rows] = _iou(rectangles, seen).reshape(len(rows), -1)
+        overlap = outline_overlaps(view.rig, str(name), boxes, seen)
+        result[rows] = overlap.reshape(len(rows), -1)
     return result
-
-
-def _iou(a: Float64, b: Float64) -> Float64:
-    """IoU (N,) of rectangles (N, 4) left, top, right, bottom; 0 where one is NaN."""
-    sides = np.minimum(a[:, 2:], b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
-    common = np.maximum(sides, 0.0).prod(axis=1)
-    union = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - common
-    return np.asarray(np.nan_to_num(common / np.maximum(union, 1e-9)), np.float64)

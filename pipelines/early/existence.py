@@ -1,11 +1,15 @@
 """How sure it is that a group of points is a road user."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.checks import require_ranges
-from fbench.replay.arrays import Float64
+from fbench.pipelines.fusion.lift import AT_MIN_SCORE
+from fbench.replay.arrays import Bool, Float64
+
+_LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
 
 
 @dataclass(frozen=True)
@@ -15,13 +19,13 @@ class ExistenceParams:
     The shape of LiDAR points has odds of its own, by the LiDAR's model.
     """
 
-    camera: float = 1.0
-    """Of a camera's box with a score of 0.6, whose projected 3D box covers half of it."""
-    camera_score: float = 1.5
-    """Times how far the box's score is above 0.6."""
-    overlap: float = 1.5
+    camera: float = 1.3
+    """Of a box that has its detector's least score, and whose projected 3D box covers half of it."""
+    camera_score: float = 1.4
+    """Times how far the logarithm of the odds of the box's score is above that of the least score."""
+    overlap: float = 0.8
     """Times how far the IoU of the projected 3D box with the camera's is above 0.5."""
-    camera_shape: float = 0.9
+    camera_shape: float = 1.1
     """Times the logarithm of the odds by shape, where a camera's box holds the group."""
     camera_shapeless: float = -1.6
     """Of a group in a camera's box with too few points to have a shape."""
@@ -57,6 +61,8 @@ class Witnesses:
 
     camera_score: Float64
     """Of the camera's box, NaN without."""
+    is_sure: Bool
+    """Whether the camera alone would report it."""
     overlap: Float64
     """IoU of the projected 3D box with the camera's, NaN without."""
     height_px: Float64
@@ -76,7 +82,7 @@ def existence(seen: Witnesses, params: ExistenceParams) -> Float64:
     by_shape, has_shape = _odds(seen.by_shape, params.most_odds), np.isfinite(seen.by_shape)
     with_camera = (
         params.camera
-        + params.camera_score * (seen.camera_score - 0.6)
+        + params.camera_score * (_odds(seen.camera_score, params.most_odds) - _LEAST)
         + params.overlap * (seen.overlap - 0.5)
         + np.where(has_shape, params.camera_shape * by_shape, params.camera_shapeless)
         + params.camera_points * np.log1p(seen.dense + seen.moving)
@@ -86,7 +92,8 @@ def existence(seen: Witnesses, params: ExistenceParams) -> Float64:
         + params.unseen * (1 - np.exp(-seen.height_px / params.unseen_px))
         + params.moving * np.log1p(seen.moving)
     )
-    total = np.where(np.isfinite(seen.camera_score), with_camera, alone)
+    confirmed = np.where(seen.is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
+    total = np.where(np.isfinite(seen.camera_score), confirmed, alone)
     return np.asarray(1 / (1 + np.exp(-np.clip(total, -30.0, 30.0))), np.float64)
 
 

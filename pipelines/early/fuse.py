@@ -23,6 +23,9 @@ from fbench.replay.data import Source
 class EarlyParams:
     """How one cloud becomes objects."""
 
+    camera_share: float = 0.5
+    """Boxes down to this share of a camera's `min_score` [0 to 1] count where the shape of their points confirms
+    them."""
     echoes: EchoParams = field(default_factory=EchoParams)
     """Which standing radar echoes join the cloud."""
     semantics: SemanticsParams = field(default_factory=SemanticsParams)
@@ -43,6 +46,7 @@ class EarlyParams:
     def __post_init__(self) -> None:
         ranges = {
             "fit_points": (1.0, 1e6), "most_extent_m": (0.1, 1000.0), "merge_m": (0.0, 100.0), "min_score": (0.0, 1.0),
+            "camera_share": (0.0, 1.0),
         }  # fmt: skip
         require_ranges("fusion", self, ranges)
 
@@ -86,6 +90,7 @@ def candidates(scene: Scene, params: EarlyParams) -> Candidates:
     where = placed(view, groups, shape, label, scene.lidar.size)
     witnesses = Witnesses(
         camera_score=_camera_scores(groups, labels),
+        is_sure=np.array([s.is_sure for s in labels.sightings] + [False])[groups.sighting],
         overlap=where.overlap,
         height_px=groups.sums(labels.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1),
         by_shape=by_shape,

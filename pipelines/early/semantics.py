@@ -61,9 +61,10 @@ def label_points(
 ) -> Labels:
     """Give points the camera boxes that they project into, where their depth fits.
 
-    In each camera nearer objects take their points first. An object takes the points of one stretch of distances, as
-    deep as it may be: that with most points, weighted by how well they fit the distance that the box's size and the
-    ground suggest. What stands before and behind it keeps out. Of two cameras the better score counts.
+    In each camera nearer objects take their points first, those that the camera is sure of before all others. An object
+    takes the points of one stretch of distances, as deep as it may be: that with most points, weighted by how well they
+    fit the distance that the box's size and the ground suggest. What stands before and behind it keeps out. Of two
+    cameras the better score counts.
     """
     instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
     best, known = np.zeros(len(cloud)), list[Sighting]()
@@ -71,7 +72,7 @@ def label_points(
         uv, _ = project_body(rig, name, cloud.xyz)
         found = sightings(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
-        for sighting in sorted(found, key=lambda s: (s.near_m, *s.xyxy_px.tolist())):
+        for sighting in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
             rows = view.take(sighting, params)
             rows = rows[sighting.score > best[rows]]
             instance[rows], best[rows] = len(known), sighting.score
@@ -106,7 +107,8 @@ class _View:
     def take(self, sighting: Sighting, params: SemanticsParams) -> Int64:
         """Rows of the cloud that belong to a sighting; none where too little is there."""
         inside = self._inside(sighting, params)
-        self._hidden |= inside & (self._distance > sighting.near_m)
+        if sighting.is_sure:
+            self._hidden |= inside & (self._distance > sighting.near_m)
         rows: Int64 = np.flatnonzero(self._free & inside)
         distance = self._distance[rows]
         deviation = np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std

@@ -6,10 +6,12 @@ import numpy as np
 
 from fbench.pipelines.fusion.agreement import Agreement
 from fbench.pipelines.fusion.groups import Group
+from fbench.pipelines.fusion.outlines import outline_overlaps
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.fusion.place import Scene
-from fbench.pipelines.fusion.views import Targets, hidden, in_camera, in_sectors
+from fbench.pipelines.fusion.views import hidden, in_camera, in_sectors
 from fbench.replay.arrays import Bool, Float64
+from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig
 
 _SURE = 0.98
@@ -40,7 +42,8 @@ class Evidence:
     """Those that worked."""
     scene: Scene
     groups: list[Group]
-    targets: Targets
+    targets: Boxes3D
+    """(N) what may be there, in body coordinates."""
     standing: Float64
     """(N,) number of stationary echoes at the place of each object."""
     radar_eye_m: Float64
@@ -70,7 +73,8 @@ def lidar_weight(scene: Scene, params: FusionParams) -> float:
 
 def _judged(evidence: Evidence, witnesses: list[Witness], agreement: Agreement, params: FusionParams) -> Float64:
     reach, shown = _reach(evidence), np.array([bool(group.sightings) for group in evidence.groups])
-    odds = _logit(params.prior) + np.where(shown, _standing(evidence, params), 0.0)
+    unplaced = np.array([bool(g.sightings) and g.lidar < 0 for g in evidence.groups])
+    odds = _logit(params.prior) + np.where(unplaced, _standing(evidence, params), 0.0)
     of_cameras = []
     for w in witnesses:
         share = np.minimum(agreement.share(w.name, w.kind, reach) * w.could, params.max_detection)
@@ -108,13 +112,23 @@ def _camera(evidence: Evidence, name: str, params: FusionParams) -> Witness:
     scene, groups = evidence.scene, evidence.groups
     own = [next((i for i in g.sightings if scene.sightings[i].camera == name), -1) for g in groups]
     score = np.array([scene.sightings[i].score if i >= 0 else 0.0 for i in own])
-    boxes = [s for s in scene.sightings if s.camera == name]
+    boxes = [s for s in scene.sightings if s.camera == name and s.is_sure]
     eye = evidence.rig.body_T_sensor(name)[:2, 3]
     covered = hidden(evidence.targets, eye, evidence.obstacles, boxes)
-    could = in_camera(evidence.rig, name, evidence.targets, params.camera_height_px) * (1 - covered)
-    odds = _added(params.camera_weight * score, params)
-    seen = np.array(own) >= 0
-    return Witness(name, "camera", seen, odds, odds, np.where(seen, 1.0, could))
+    seen, open_share = np.array(own) >= 0, 1 - covered
+    could = in_camera(evidence.rig, name, evidence.targets, params.camera_height_px) * open_share
+    odds = _added(score, params) + params.overlap * _fits(evidence, name, own)
+    return Witness(name, "camera", seen, odds, odds, np.where(seen, open_share, could))
+
+
+def _fits(evidence: Evidence, name: str, own: list[int]) -> Float64:
+    """How much better than half (N,) the objects that LiDAR places cover the boxes `own` of a camera; 0 for others."""
+    rows = np.array([i for i, g in enumerate(evidence.groups) if own[i] >= 0 and g.lidar >= 0], np.int64)
+    result = np.zeros(len(own))
+    if len(rows):
+        boxes = np.array([evidence.scene.sightings[own[i]].xyxy_px for i in rows])
+        result[rows] = outline_overlaps(evidence.rig, name, evidence.targets[rows], boxes) - 0.5
+    return result
 
 
 def _lidar(evidence: Evidence, params: FusionParams) -> Witness:

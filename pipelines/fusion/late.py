@@ -13,9 +13,9 @@ from fbench.pipelines.fusion.found import Found, one_object, to_boxes
 from fbench.pipelines.fusion.groups import Group, groups
 from fbench.pipelines.fusion.lift import sightings
 from fbench.pipelines.fusion.params import FusionParams
-from fbench.pipelines.fusion.place import Placed, Scene, place
+from fbench.pipelines.fusion.place import Placed, Scene, boxes_of, place
 from fbench.pipelines.fusion.standing import standing_echoes, standing_near_m
-from fbench.pipelines.fusion.views import Targets, blocking
+from fbench.pipelines.fusion.views import blocking
 from fbench.pipelines.points.lidar import LidarView
 from fbench.pipelines.points.radar import RadarView
 from fbench.replay.arrays import Float64
@@ -62,7 +62,7 @@ class LateFusion:
         placed = [place(group, scene, params.association) for group in found]
         if not placed:
             return to_boxes([])
-        targets = Targets(np.array([p.center_m for p in placed]), np.array([p.size_lwh_m for p in placed]))
+        targets = boxes_of(placed)
         standing = standing_echoes(scene.radar, targets)
         obstacles = blocking(np.concatenate([scene.lidar.xyz, scene.lidar.loose]), scene.plane)
         cameras = tuple(sorted(seen.cameras))
@@ -95,7 +95,11 @@ def _scene(seen: Seen, params: FusionParams) -> Scene:
 
 
 def _may_exist(group: Group, scene: Scene, params: FusionParams) -> bool:
-    """Leave out most of what only LiDAR sees: a street is full of clusters that look like no road user."""
+    """Leave out what only cameras see that aren't sure of it, and most of what only LiDAR sees: a street is full of
+    clusters that look like no road user.
+    """
+    if group.lidar < 0 and group.radar < 0:
+        return any(scene.sightings[i].is_sure for i in group.sightings)
     alone = not group.sightings and group.radar < 0
     return not alone or lidar_weight(scene, params) * float(scene.lidar.score[group.lidar]) >= params.min_score / 2
 

@@ -19,6 +19,8 @@ SIZES = {
 """Typical length, width, height [m] and relative spread of heights, by label. Detectors call vans trucks and buses."""
 LOW_TRUCK_M = 2.5
 """A truck or bus that turns out lower than this [m] is a van."""
+AT_MIN_SCORE = 0.55
+"""How likely what a camera reports with its detector's least score is there, if nothing else is known."""
 _EDGE_PX = 3.0
 _SIDE_MARGIN = 1.3
 _SIDE_SHARE = 0.95
@@ -33,6 +35,9 @@ class Sighting:
     """(4,) left, top, right, bottom [px]."""
     label: str
     score: float
+    """How likely it is there by this camera alone, see `believed`."""
+    is_sure: bool
+    """Whether the camera alone would report it; else others must confirm it."""
     eye_m: Float64
     """(3,) position of the camera in body coordinates [m]."""
     bearing_rad: float
@@ -65,10 +70,32 @@ def sightings(
     rows = [i for i in np.flatnonzero(finite) if str(found.label[i]) in SIZES]
     views = [flat_view(rig, camera, found.xyxy_px[i]) for i in rows]
     return [
-        _sighting(rig, camera, found.xyxy_px[i], view, str(found.label[i]), float(found.score[i]), plane, params)
+        _sighting(
+            rig,
+            camera,
+            found.xyxy_px[i],
+            view,
+            str(found.label[i]),
+            believed(float(found.score[i]), found.min_score),
+            bool(found.score[i] >= found.min_score),
+            plane,
+            params,
+        )
         for i, view in zip(rows, views, strict=True)
         if view is not None
     ]
+
+
+def believed(score: float, min_score: float) -> float:
+    """Probability that a box with this score shows something, by what its detector's `min_score` stands for.
+
+    Scores of different detectors mean different things; what they recommend to report from on means about the same.
+    Their odds are scaled so that `min_score` gives `AT_MIN_SCORE`. Without one scores are taken as they are.
+    """
+    if not (0.0 < min_score < 1.0 and 0.0 < score < 1.0):
+        return score
+    odds = score / (1 - score) * (1 - min_score) / min_score * AT_MIN_SCORE / (1 - AT_MIN_SCORE)
+    return odds / (1 + odds)
 
 
 def _sighting(
@@ -78,6 +105,7 @@ def _sighting(
     view: FlatView,
     label: str,
     score: float,
+    is_sure: bool,
     plane: Plane | None,
     params: AssociationParams,
 ) -> Sighting:
@@ -110,6 +138,7 @@ def _sighting(
         xyxy_px=xyxy,
         label=label,
         score=score,
+        is_sure=is_sure,
         eye_m=eye,
         bearing_rad=float(np.arctan2(ray[1], ray[0])),
         half_rad=(right - left) / 2 / float(model.K[0, 0]),

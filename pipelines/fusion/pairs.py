@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbench.pipelines.fusion.clusters import Clusters, Overlap
-from fbench.pipelines.fusion.lift import Sighting
+from fbench.pipelines.fusion.lift import AT_MIN_SCORE, Sighting
 from fbench.pipelines.fusion.params import AssociationParams
 from fbench.replay.arrays import Float64
 from fbench.replay.data import VEHICLES
@@ -33,7 +33,8 @@ def with_clusters(
     off = np.log(np.maximum(inside.near_m, 0.1) / near) / std
     square = _heavy(off**2) + (inside.bearing_rad / aside) ** 2
     share = np.clip(inside.num_inside / np.maximum(num_points, 1), _LEAST_SHARE, 1.0)
-    ratio = np.log(area_m2 / (near**2 * 2 * np.pi * std * aside)) - square / 2 + np.log(share)
+    doubt = np.array([_doubt(s) for s in seen])[:, None]
+    ratio = np.log(area_m2 / (near**2 * 2 * np.pi * std * aside)) - square / 2 + np.log(share) - doubt
     return np.where(inside.num_inside >= _FEWEST, ratio, NEVER)
 
 
@@ -77,6 +78,15 @@ def between_cameras(a: Sighting, b: Sighting, params: AssociationParams) -> floa
 def alike(label: str, other: str) -> bool:
     """Tell whether two detectors may mean one object: vehicles are easily taken for each other."""
     return label == other or (label in VEHICLES and other in VEHICLES)
+
+
+def _doubt(s: Sighting) -> float:
+    """Of weak boxes there are many more that show nothing: they mustn't take what surer ones may have."""
+    return (
+        0.0
+        if s.is_sure
+        else max(0.0, float(np.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE) * (1 - s.score) / max(s.score, 1e-6))))
+    )
 
 
 def _heavy(square: Float64) -> Float64:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from fbench.pipelines.checks import require_ranges
 
 _SHARES = (
-    "prior", "camera_weight", "lidar_weight", "ruled_weight", "radar_weight", "standing_weight", "confirmed_lidar",
-    "confirmed_radar", "min_score", "max_detection", "unlikely",
+    "prior", "lidar_weight", "ruled_weight", "radar_weight", "standing_weight", "confirmed_lidar",
+    "confirmed_radar", "camera_share", "min_score", "max_detection", "unlikely",
 )  # fmt: skip
 
 
@@ -97,27 +97,31 @@ class FusionParams:
     """What belongs together."""
     agreement: AgreementParams = field(default_factory=AgreementParams)
     """How well the sensors work."""
-    prior: float = 0.3
-    """Probability of an object where nothing is known [0 to 1]."""
-    camera_weight: float = 1.0
-    """How far a camera's score is believed [0 to 1]."""
+    camera_share: float = 0.5
+    """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them."""
+    prior: float = 0.13
+    """Probability of an object where nothing is known [0 to 1]; the lower, the more it says that several sensors see
+    one."""
+    overlap: float = 3.0
+    """Times how far the IoU of an object that LiDAR places, projected, with the camera's box is above 0.5: what it adds
+    to the log-odds."""
     lidar_weight: float = 1.0
     """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
     ruled_weight: float = 0.5
     """The same where rules give it: what looks like a car by them is often something else."""
     radar_weight: float = 0.8
     """How far the score of moving echoes is believed [0 to 1]."""
-    standing_weight: float = 0.4
-    """How far stationary echoes at an object's place, and clusters of echoes without velocity, are believed [0 to
-    1]."""
-    confirmed_lidar: float = 0.4
+    standing_weight: float = 0.19
+    """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
+    believed [0 to 1]."""
+    confirmed_lidar: float = 0.19
     """Probability that many LiDAR points where a camera sees an object belong to one, whatever their shape [0 to
     1]."""
-    confirmed_radar: float = 0.85
+    confirmed_radar: float = 0.66
     """The same of moving echoes [0 to 1]."""
     unlikely: float = 0.2
-    """What a radar reports where something hides it from view is believed as if it saw this share of such objects [0 to
-    1]: most of it are mirrored images."""
+    """What a radar or camera reports where something hides it from view is believed as if it saw this share of such
+    objects [0 to 1]: most of it are mirrored images, or aren't there."""
     full_points: float = 8.0
     """Of n points 1 - exp(-n / this) of that is believed."""
     camera_height_px: float = 12.0
@@ -134,5 +138,5 @@ class FusionParams:
     def __post_init__(self) -> None:
         require_ranges("fusion", self, {**dict.fromkeys(_SHARES, (0.0, 1.0)), "unlikely": (1e-6, 1.0)})
         ranges = {"full_points": (0.1, 1e6), "camera_height_px": (0.1, 10_000.0), "max_range_m": (1.0, 1000.0),
-                  "lidar_half_m": (1.0, 1e6)}  # fmt: skip
+                  "lidar_half_m": (1.0, 1e6), "overlap": (0.0, 100.0)}  # fmt: skip
         require_ranges("fusion", self, ranges)

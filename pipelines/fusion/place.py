@@ -91,6 +91,12 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     return Placed(np.array([*xy, z]), size, yaw, velocity, label)
 
 
+def boxes_of(placed: list[Placed]) -> Boxes3D:
+    """Boxes of one or more objects."""
+    center, size = np.array([p.center_m for p in placed]), np.array([p.size_lwh_m for p in placed])
+    return Boxes3D(center, size, np.array([p.yaw_rad for p in placed]))
+
+
 def _label(seen: list[Sighting]) -> str:
     """Label with the largest sum of scores, the first by name on ties."""
     sums: dict[str, float] = {}

@@ -6,8 +6,8 @@ from fbench.pipelines.fusion.clusters import Clusters
 from fbench.pipelines.fusion.fusion_kernels import count_near
 from fbench.pipelines.fusion.lift import Sighting
 from fbench.pipelines.fusion.params import AssociationParams
-from fbench.pipelines.fusion.views import Targets
 from fbench.replay.arrays import Float64
+from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig
 from fbench.replay.geometry.camera import project_body
 
@@ -17,7 +17,7 @@ _DEPTH_M = 3.0
 _GATE = 2.5
 
 
-def standing_echoes(radar: Clusters, targets: Targets) -> Float64:
+def standing_echoes(radar: Clusters, targets: Boxes3D) -> Float64:
     """Number (N,) of echoes of no moving cluster about each object; 0 where it is a handful."""
     reach = np.hypot(targets.size_lwh_m[:, 0], targets.size_lwh_m[:, 1]) / 2 + _MARGIN_M
     xy = np.ascontiguousarray(radar.loose[:, :2]), np.ascontiguousarray(targets.center_m[:, :2])

@@ -1,13 +1,12 @@
 """What each sensor could see of an object: field of view, distance, size in the image, and what is in front of it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from fbench.pipelines.fusion.fusion_kernels import hidden_shares, nearest_by_bearing
 from fbench.pipelines.fusion.lift import Sighting
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Bool, Float64
+from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig
 from fbench.replay.geometry.camera import in_image, project_body
 
@@ -18,16 +17,6 @@ _BEHIND_M = 1.5
 _STEEPNESS = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Targets:
-    """N objects that may be there, in body coordinates."""
-
-    center_m: Float64
-    """(N, 3) [m]."""
-    size_lwh_m: Float64
-    """(N, 3) [m]."""
-
-
 def blocking(xyz: Float64, plane: Plane | None) -> Float64:
     """Points (M, 3) of those (N, 3) that hide what is behind them: as high as cars."""
     if plane is None:
@@ -36,7 +25,7 @@ def blocking(xyz: Float64, plane: Plane | None) -> Float64:
     return xyz[(height > _HIDES_M[0]) & (height < _HIDES_M[1])]
 
 
-def hidden(targets: Targets, eye_m: Float64, points: Float64, boxes: list[Sighting]) -> Float64:
+def hidden(targets: Boxes3D, eye_m: Float64, points: Float64, boxes: list[Sighting]) -> Float64:
     """Share (N,) of each object's width that something nearer hides from `eye_m` (2,): LiDAR points (M, 3), or what
     a camera there sees.
     """
@@ -52,7 +41,7 @@ def hidden(targets: Targets, eye_m: Float64, points: Float64, boxes: list[Sighti
     return hidden_shares(nearest, np.arctan2(off[:, 1], off[:, 0]), half_rad, near)
 
 
-def in_camera(rig: Rig, camera: str, targets: Targets, half_px: float) -> Float64:
+def in_camera(rig: Rig, camera: str, targets: Boxes3D, half_px: float) -> Float64:
     """Probability (N,) that a working camera sees objects that nothing hides: 0 outside of its image, one half where
     they are `half_px` high.
     """
@@ -63,7 +52,7 @@ def in_camera(rig: Rig, camera: str, targets: Targets, half_px: float) -> Float6
     return np.where(in_image(model, uv), share, 0.0)
 
 
-def in_sectors(targets: Targets, eye_m: Float64, points: Float64) -> Bool:
+def in_sectors(targets: Boxes3D, eye_m: Float64, points: Float64) -> Bool:
     """Tell which objects (N,) lie in a direction in which a sensor at `eye_m` (2,) sees anything: its points (M, 3)."""
     off = points[:, :2] - eye_m
     seen = np.isfinite(nearest_by_bearing(np.ascontiguousarray(off), _SECTORS))

@@ -7,6 +7,7 @@ import numpy as np
 from fbench.pipelines.imaging.params import RadarImageParams
 from fbench.pipelines.points.ground import Plane, fit_plane, height_above_ground, lowest_points
 from fbench.pipelines.points.lidar import Obstacles
+from fbench.pipelines.points.ordering import lexicographic_order
 from fbench.pipelines.points.radar import Compensated
 from fbench.replay.arrays import Array, Bool, Float64
 from fbench.replay.data import Rig
@@ -69,7 +70,7 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
     """
     if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
         return empty_cloud()
-    order = np.lexsort((echoes.range_rate_mps, *echoes.xyz.T[::-1]))
+    order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
     xyz = echoes.xyz[order]
     lowest = lowest_points(xyz, params.ground)
     plane = fit_plane(lowest, params.ground)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fbench.pipelines.imaging.belief import SURE, agreed, log_odds
 from fbench.pipelines.imaging.evidence import Evidence, evidence, rate_at
 from fbench.pipelines.imaging.fusion_params import ImageFusionParams
 from fbench.pipelines.imaging.merge import agreement, inside, merged
@@ -14,11 +15,14 @@ from fbench.pipelines.imaging.spots import Points
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.boxes import Boxes2D
 from fbench.replay.data import Rig, Source
+from fbench.replay.geometry.boxes import iou_2d
 from fbench.replay.geometry.camera import rays
 from fbench.replay.geometry.transforms import transform
 
 _PART, _AGREE = 0.6, 0.2
 """What lies by this share in an object's box, and agrees so far in depth, is a part of it."""
+_SAME = 0.5
+"""Of two objects with a larger IoU the farther one would be hidden."""
 _BEHIND_M = 4.0
 """Rays that end so far [m] behind the near side of an object went through it."""
 _BEFORE_M = 2.0
@@ -59,21 +63,34 @@ def fuse(view: ImageView, params: ImageFusionParams, camera_trust: float = 0.9) 
     radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_trust`: share of
     objects that the camera sees at present. All objects are there, whatever their score.
     """
-    groups = _without_parts(view.seen, merged(view.seen, params.min_similarity))
+    seen = view.seen
+    groups = [rows for rows in merged(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
+    groups = _without_parts(seen, groups)
     free = {kind: _free(view, kind, groups) for kind in view.points}
-    unseen = 1 - (1 - params.unseen_by_camera) * camera_trust**2 if view.looked else 1.0
-    objects = [_object(view, rows, free, unseen, params) for rows in groups]
-    kept = [found for found in objects if found.score > 0]
-    return _boxes(view.camera, sorted(kept, key=lambda o: (-o.score, *o.xyxy_px.tolist())))
+    trust = camera_trust if view.looked else 0.0
+    objects = [_object(view, rows, free, trust, params) for rows in groups]
+    return _boxes(view.camera, _distinct(sorted(objects, key=lambda o: (-o.score, *o.xyxy_px.tolist()))))
+
+
+def _distinct(objects: list[_Object]) -> list[_Object]:
+    """Leave out objects that are in the place of one named before: sensors disagreed on how far away it is."""
+    boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
+    rivals, kept = iou_2d(boxes, boxes) > _SAME, np.ones(len(objects), np.bool_)
+    for at in range(len(objects)):
+        kept[at] = not (rivals[at, :at] & kept[:at]).any()
+    return [objects[at] for at in np.flatnonzero(kept)]
 
 
 def _without_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
-    """Leave out groups that are a part of what a camera and another sensor show together."""
-    by_camera = seen.source == int(Source.C)
-    boxes = np.array([rows[0] for rows in groups if by_camera[rows[0]] and len(rows) > 1], np.int64)
-    depths = np.array([rows[1] for rows in groups if by_camera[rows[0]] and len(rows) > 1], np.int64)
+    """Leave out groups that are a part of what a camera, sure of it, and another sensor show together; not those of
+    which a camera is surer.
+    """
+    sure = (seen.source == int(Source.C)) & ~seen.weak
+    boxes = np.array([rows[0] for rows in groups if sure[rows[0]] and len(rows) > 1], np.int64)
+    depths = np.array([rows[1] for rows in groups if sure[rows[0]] and len(rows) > 1], np.int64)
     share, agree = inside(seen.xyxy_px, seen.xyxy_px[boxes]), agreement(seen)[:, depths]
-    is_part = np.asarray(((share > _PART) & (agree > _AGREE)).any(axis=1), np.bool_)
+    less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
+    is_part = np.asarray(((share > _PART) & (agree > _AGREE) & less).any(axis=1), np.bool_)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
@@ -85,7 +102,7 @@ def _free(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
 
 
 def _object(
-    view: ImageView, rows: Int64, free: Mapping[Source, Points], unseen_by_camera: float, params: ImageFusionParams
+    view: ImageView, rows: Int64, free: Mapping[Source, Points], camera_trust: float, params: ImageFusionParams
 ) -> _Object:
     seen = view.seen
     of = {Source(int(seen.source[row])): int(row) for row in rows}
@@ -95,12 +112,12 @@ def _object(
     depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
     if np.isnan(depth):
         depth = seen.depth_m[shown]
-    box = _outline(seen, of, params.measured_share)
+    box = _outline(seen, of, params)
     distance = seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth)
     return _Object(
         xyxy_px=box,
         label=str(seen.label[shown]),
-        score=_score(view, of, found, box, depth, params) * (1.0 if Source.C in of else unseen_by_camera),
+        score=_score(view, of, found, box, depth, camera_trust, params),
         distance_m=distance,
         rate_mps=_rate(view, of, found, box, depth),
         sources=sum(int(kind) for kind in {*of, *found}),
@@ -116,11 +133,17 @@ def _evidence(view: ImageView, of: Mapping[Source, int], free: Mapping[Source, P
     return {kind: one for kind, one in found.items() if one is not None}
 
 
-def _outline(seen: Sightings, of: Mapping[Source, int], measured_share: float) -> Float64:
-    """Outline (4,) [px] by the camera, drawn towards that of the points; without a camera by LiDAR, else radar."""
+def _outline(seen: Sightings, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
+    """Outline (4,) [px] by the camera, drawn towards that of the points, the more the less the camera is sure; without
+    a camera by LiDAR, else radar.
+    """
     boxes = [seen.xyxy_px[of[kind]] for kind in (Source.L, Source.R) if kind in of and seen.upright[of[kind]]]
     own: Float64 = seen.xyxy_px[of.get(Source.C, of.get(Source.L, of.get(Source.R, 0)))]
-    return own + measured_share * (boxes[0] - own) if boxes and Source.C in of else own
+    if not boxes or Source.C not in of:
+        return own
+    sure = min(float(seen.score[of[Source.C]]) / SURE, 1.0)
+    share = sure * params.measured_share + (1 - sure) * params.weak_measured_share
+    return np.asarray(own + share * (boxes[0] - own), np.float64)
 
 
 def _rate(
@@ -135,19 +158,27 @@ def _rate(
 
 def _score(
     view: ImageView, of: Mapping[Source, int], found: Mapping[Source, Evidence], box: Float64, depth: float,
-    params: ImageFusionParams,
+    camera_trust: float, params: ImageFusionParams,
 ) -> float:  # fmt: skip
-    weight = {Source.C: params.camera_weight, Source.L: params.lidar_weight, Source.R: params.radar_weight}
-    doubt = 1.0
-    for kind, row in of.items():
-        doubt *= 1 - weight[kind] * float(view.seen.score[row])
-    for kind, one in found.items():
-        doubt *= 1 - params.points_weight * weight[kind] * one.strength
-    score = 1 - doubt
+    weight = {Source.C: 1.0, Source.L: params.lidar_weight, Source.R: params.radar_weight}
+    said = {kind: _factor(weight[kind] * float(view.seen.score[row]), params.prior) for kind, row in of.items()}
+    size_px = np.sqrt((box[2] - box[0]) * (box[3] - box[1]))
+    shown = camera_trust * (1 - np.exp(-size_px / params.camera_size_px))
+    # A weak box never says less than none.
+    said[Source.C] = max(said.get(Source.C, 0.0), 1 - (1 - params.unseen_by_camera) * shown)
     for kind in (Source.L, Source.R):
-        if kind not in of and kind not in found and _goes_through(view, kind, box, depth, params.through):
-            score *= params.unseen_by_rays
-    return score
+        if kind in of and Source.C in of and not view.seen.weak[of[Source.C]]:
+            said[kind] = max(said[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
+        elif kind in found:
+            said[kind] = params.points_factor ** found[kind].strength
+        elif kind not in of and _goes_through(view, kind, box, depth, params.through):
+            said[kind] = params.unseen_by_rays
+    return agreed(params.prior, said.values())
+
+
+def _factor(probability: float, prior: float) -> float:
+    """Ratio of the odds of an object as one sensor alone tells to those before it looked."""
+    return float(np.exp(log_odds(probability) - log_odds(prior)))
 
 
 def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, share: float) -> bool:

@@ -4,24 +4,28 @@ import numpy as np
 
 from fbench.pipelines.imaging.sightings import Sightings
 from fbench.replay.arrays import Float64, Int64
+from fbench.replay.data import Source
 from fbench.replay.geometry.boxes import iou_2d
 
 _CONTAINED = 0.7
 """What lies inside another box counts as alike by this share of itself: of what is hidden only a part is measured."""
+_MISTAKEN = 0.35
+"""Depths that a camera guesses agree at least so far with others: the class that tells the size may be wrong."""
 
 
 def merged(seen: Sightings, min_similarity: float) -> list[Int64]:
     """Group boxes (N) that show one object; each group has at most one box of each kind of sensor.
 
-    The best pair is joined first, whichever sensors it is of: the most similar one of the surest boxes. Returns rows of
-    each group, in ascending order.
+    The best pair is joined first, whichever sensors it is of: the most similar one of the surest boxes. A camera's weak
+    boxes take what all others leave. Returns rows of each group, in ascending order.
     """
     alike = similarity(seen)
     sure = np.sqrt(seen.score[:, None] * seen.score[None, :])
     first, second = np.nonzero(np.triu(alike >= min_similarity, 1) & (seen.source[:, None] != seen.source[None, :]))
     group = np.arange(len(seen))
     kinds = seen.source.astype(np.int64)
-    for at in np.argsort(-(alike * sure)[first, second], kind="stable"):
+    weak = (seen.weak[:, None] | seen.weak[None, :])[first, second]
+    for at in np.lexsort((-(alike * sure)[first, second], weak)):
         a, b = group[first[at]], group[second[at]]
         if a != b and not kinds[a] & kinds[b]:
             low, high = min(a, b), max(a, b)
@@ -35,7 +39,9 @@ def similarity(seen: Sightings) -> Float64:
     flat = seen.xyxy_px.copy()
     flat[:, 1], flat[:, 3] = 0.0, 1.0  # compares left and right only
     upright = seen.upright[:, None] & seen.upright[None, :]
-    return np.where(upright, _overlap(seen.xyxy_px), _overlap(flat)) * agreement(seen)
+    guessed = seen.source == int(Source.C)
+    depths = np.maximum(agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
+    return np.where(upright, _overlap(seen.xyxy_px), _overlap(flat)) * depths
 
 
 def _overlap(xyxy_px: Float64) -> Float64:

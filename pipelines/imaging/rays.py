@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.points.ordering import lexicographic_order
 from fbench.replay.arrays import Float64
 from fbench.replay.data import Rig
 from fbench.replay.geometry.camera import in_image, project_body
@@ -32,7 +33,7 @@ class Rays:
             return cls(np.zeros((0, 2)), np.zeros(0))
         uv, depth = project_body(rig, camera, xyz)
         seen = np.flatnonzero(in_image(rig.cameras[camera], uv))
-        seen = seen[np.lexsort((*uv[seen].T, depth[seen]))]
+        seen = seen[lexicographic_order(depth[seen], *uv[seen].T[::-1])]
         return cls(uv[seen], depth[seen])
 
     def depths(self, xyxy_px: Float64) -> Float64:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.imaging.belief import SURE, relative
 from fbench.pipelines.imaging.spots import Spots
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.boxes import Boxes3D
@@ -35,7 +36,9 @@ class Sightings:
     xyxy_px: Float64
     """(N, 4) left, top, right, bottom [px]."""
     score: Float64
-    """(N,) 0 to 1."""
+    """(N,) 0 to 1: by cameras how likely each is, from `SURE` on those that a camera alone reports; by others how much
+    it looks like a vehicle.
+    """
     label: Text
     """(N,)."""
     depth_m: Float64
@@ -61,6 +64,11 @@ class Sightings:
     def ordered(self) -> "Sightings":
         """Sort by source, falling score, then place, so that the order in which they are given never matters."""
         return self.rows(np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source)))
+
+    @property
+    def weak(self) -> Bool:
+        """(N,) boxes of cameras that count only where another sensor confirms them."""
+        return np.asarray((self.source == int(Source.C)) & (self.score < SURE), np.bool_)
 
     @property
     def _columns(self) -> tuple[Array, ...]:
@@ -96,7 +104,8 @@ def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
     unknown = np.full(num, np.nan)
     source = np.full(num, int(Source.C), np.uint8)
     std = np.full(num, _GUESS_STD)
-    return Sightings(source, found.xyxy_px, found.score, found.label, depth, std, unknown, unknown, _no_spot(num),
+    score = relative(found.score, found.min_score)
+    return Sightings(source, found.xyxy_px, score, found.label, depth, std, unknown, unknown, _no_spot(num),
                      np.ones(num, np.bool_))  # fmt: skip
 
 

@@ -29,8 +29,9 @@ class ImageFusion:
         params, trust = self._params, self._trust.share
         views = [_view(self._rig, name, looked.get(name), lidar, radar) for name in self._cameras]
         every = concatenate([fuse(view, params, trust) for view in views])
-        self._trust.learn(every[np.isin(every.camera, sorted(looked))])
-        return every if every.score is None else every[every.score >= params.min_score]
+        found = every if every.score is None else every[every.score >= params.min_score]
+        self._trust.learn(found[np.isin(found.camera, sorted(looked))])
+        return found
 
 
 def _view(rig: Rig, camera: str, found: CameraDetections | None, lidar: InImages, radar: InImages) -> ImageView:

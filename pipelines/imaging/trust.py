@@ -28,10 +28,11 @@ class CameraTrust:
         return self._num_seen / self._num
 
     def learn(self, objects: Boxes2D) -> None:
-        """Take all objects of a frame in images of cameras that worked, also those that aren't reported."""
+        """Take the objects of a frame that are reported in images of cameras that worked."""
         sources = np.zeros(0, np.uint8) if objects.sources is None else objects.sources
-        both = (sources & _BOTH) == _BOTH
-        self._num = _KEPT * self._num + float(np.count_nonzero(both))
-        self._num_seen = _KEPT * self._num_seen + float(np.count_nonzero(both & ((sources & int(Source.C)) > 0)))
+        score = np.zeros(len(objects)) if objects.score is None else objects.score
+        sure = np.where((sources & _BOTH) == _BOTH, np.clip(2 * score - 1, 0.0, 1.0), 0.0)
+        self._num = _KEPT * self._num + float(sure.sum())
+        self._num_seen = _KEPT * self._num_seen + float(sure[(sources & int(Source.C)) > 0].sum())
         if self._num < 1.0:  # long without anything to learn from: as in the beginning
             self.reset()

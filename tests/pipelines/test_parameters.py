@@ -60,7 +60,7 @@ def test_every_number_has_limits(name: str, path: str) -> None:
     "setting",
     ["lidar.cluster.eps_m=0", "lidar.ground.cell_m=0.005", "lidar.ground.outliers=1.0", "lidar.cluster.min_points=0",
      "radar.doppler.band_mps=0", "radar.doppler.max_forward_mps=-9", "radar.doppler.period_mps=-3",
-     "fusion.camera_weight=9",
+     "fusion.lidar_weight=9",
      "radar.full_score_echoes=-1", "lidar.size.width_m=-4", "lidar.shape.top_m=2,2", "tracking.rate_std_mps=inf"],
 )  # fmt: skip
 def test_settings_that_make_no_sense(setting: str) -> None:

@@ -187,6 +187,22 @@ def test_weights_of_one_camera_alone(one_car: Path):
         Camera2D(Camera2DParams()).start(TWO_CAMERAS, LOG)
 
 
+def test_none_turns_cameras_off_on_simulated_logs():
+    simulated = LogInfo("city", "id", {"simulated": "2"})
+    sensors = Rig({**TWO_LIDARS.mounts, **TWO_CAMERAS.mounts}, TWO_CAMERAS.cameras)
+    off, blind = {"front": "no weights"}, {"front": "no weights", "rear": "no weights"}
+    cases = [
+        ((), {}),
+        (("front.weights=none",), off),
+        (("camera.weights=none",), blind),
+        (("camera.weights=none", "rear.weights=auto"), off),
+    ]
+    for settings, missing in cases:
+        pipeline = with_settings(Late3D, Late3DParams(), *settings)
+        pipeline.start(sensors, simulated)
+        assert pipeline.step(frame(0, *images(), *split_cloud())).missing == missing, settings
+
+
 def test_late_fusion_of_several_of_each(one_car: Path):
     sensors = Rig({**TWO_LIDARS.mounts, "radar": mount("radar"), **TWO_CAMERAS.mounts}, TWO_CAMERAS.cameras)
     messages = [*images(), *split_cloud(), scan()]

@@ -89,7 +89,7 @@ def test_an_empty_file_found_nothing(tmp_path: Path, tracking_folder: Path) -> N
 
 def test_a_sequence_without_a_file_has_no_results(tmp_path: Path, tracking_folder: Path) -> None:
     log = imported(tracking_folder, folder_of(tmp_path, n0001=ROW), tmp_path / "out.mcap")
-    with pytest.raises(LogError, match="which topic holds the results"):
+    with pytest.raises(LogError, match=r"which topic holds the results\? there is none, only truth: /truth/boxes, "):
         results(tmp_path / "out.mcap")
     assert "detections: none, found has no 0000.txt" in log.lines
 

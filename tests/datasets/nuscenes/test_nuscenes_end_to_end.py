@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.recordings import PIPELINES, require_runs_or_says_why
 
 from fbench.replay.cli import main
 from fbench.replay.store import Run
@@ -58,3 +59,10 @@ def test_all_six_cameras_take_part(log, shared, capsys) -> None:
     assert fbench("log", "info", log) == 0
     told = capsys.readouterr().out
     assert all(name in told for name in CAMERAS)
+
+
+@pytest.mark.parametrize("pipeline", PIPELINES)
+def test_each_pipeline_runs_or_says_what_is_missing(log, shared, capsys, tmp_path, pipeline: str) -> None:
+    own = tmp_path / "log.mcap"
+    own.symlink_to(log)
+    require_runs_or_says_why(own, pipeline, {"camera", "lidar"}, 1, shared, capsys)

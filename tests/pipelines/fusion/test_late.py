@@ -21,15 +21,15 @@ def probability(value):
 
 def test_three_sensors_make_one_object():
     box = car(20.0, 2.0)
-    found = fuse(seen(outline(box), lidar_view(box), radar_view(box)), PARAMS)
+    found = fuse(seen(outline(box), lidar_view(box), radar_view(box)), replace(PARAMS, overlap=0.0))
     assert len(found) == 1
     assert found.center_m == pytest.approx(box.center_m, abs=0.1)
     assert found.label.tolist() == ["car"]
     assert found.sources.tolist() == [7]
     assert found.velocity_mps.tolist() == [[3, 0, 0]]
-    confirmed = 0.85 * (1 - np.exp(-40 / 8))
+    confirmed = max(0.8 * 0.9, PARAMS.confirmed_radar * (1 - np.exp(-40 / 8)))
     added = odds(0.8), odds(0.9), odds(confirmed)
-    assert found.score[0] == pytest.approx(probability(sum(added) - 2 * odds(0.3)))
+    assert found.score[0] == pytest.approx(probability(sum(added) - 2 * odds(PARAMS.prior)))
 
 
 def test_camera_and_radar_without_lidar():
@@ -67,7 +67,7 @@ def test_a_camera_box_that_lidar_ought_to_confirm_loses_unless_no_other_sensor_w
 
 def test_a_sensor_that_something_hides_from_an_object_says_nothing():
     front, behind, beside = car(10.0), car(28.0, 0.5), car(28.0, -6.0)
-    found = fuse(seen(outline(front, behind, beside), lidar_view(front)), replace(PARAMS, min_score=0.0))
+    found = fuse(seen(outline(front, behind, beside), lidar_view(front)), replace(PARAMS, min_score=0.0, unlikely=1.0))
     hidden, visible = (found.score[np.argmin(np.abs(found.center_m[:, 1] - y))] for y in (0.5, -6.0))
     assert hidden > visible + 0.05
 
@@ -92,7 +92,7 @@ def test_lidar_and_radar_without_camera():
     assert 20.0 < found.center_m[0, 0] < 20.6  # LiDAR is the better one
     assert found.center_m[0, 1] == pytest.approx(2.0, abs=0.1)
     assert found.velocity_mps.tolist() == [[3, 0, 0]]
-    assert found.score[0] == pytest.approx(probability(odds(0.9) + odds(0.8 * 0.9) - odds(0.3)))
+    assert found.score[0] == pytest.approx(probability(odds(0.9) + odds(0.8 * 0.9) - odds(PARAMS.prior)))
     assert found.label.tolist() == ["car"]
 
 
@@ -182,3 +182,39 @@ def test_a_cluster_that_reaches_far_beyond_a_box_gives_what_is_inside():
     found = fuse(seen(outline(box), joined), PARAMS)
     assert found.sources.tolist() == [3]
     assert found.center_m[0, :2] == pytest.approx([20, 0], abs=0.5)
+
+
+def weak(camera, score=0.3):
+    """The same boxes, of which a detector that reports from 0.5 on isn't sure."""
+    return replace(camera, score=np.full(len(camera), score), min_score=0.5)
+
+
+def test_a_weak_box_is_not_reported_unless_another_sensor_confirms_it():
+    box = car(20.0)
+    assert len(fuse(seen(weak(outline(box))), PARAMS)) == 0
+    assert len(fuse(seen(weak(outline(box)), None, standing_view(box)), PARAMS)) == 0
+    without = fuse(seen(None, lidar_view(box, score=0.45)), PARAMS)
+    found = fuse(seen(weak(outline(box)), lidar_view(box, score=0.45)), PARAMS)
+    assert (without.sources.tolist(), found.sources.tolist()) == ([2], [3])
+    assert found.score[0] > without.score[0]
+    assert found.label.tolist() == ["car"]
+
+
+def test_a_weak_box_takes_nothing_from_a_sure_one():
+    box = car(20.0)
+    sure, doubtful = outline(box), weak(outline(car(20.5, 0.2)))
+    both = replace(
+        doubtful,
+        xyxy_px=np.concatenate([sure.xyxy_px, doubtful.xyxy_px]),
+        score=np.array([0.6, 0.3]),
+        label=np.array(["van", "car"]),
+    )
+    found = fuse(seen(both, lidar_view(box)), PARAMS)
+    assert found.sources.tolist() == [3]
+    assert found.label.tolist() == ["van"]
+
+
+def test_what_covers_the_cameras_box_is_surer_than_what_does_not():
+    box, small = car(20.0), car(20.0, size=(4.2, 1.2, 1.0))
+    scores = [fuse(seen(outline(shown), lidar_view(box, score=0.3)), PARAMS).score[0] for shown in (box, small)]
+    assert scores[0] > scores[1]

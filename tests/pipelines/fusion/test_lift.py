@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.lift import sightings
+from fbench.pipelines.fusion.lift import AT_MIN_SCORE, believed, sightings
 from fbench.pipelines.fusion.params import AssociationParams
 from fbench.replay.geometry.camera import project_boxes
 
@@ -71,3 +71,10 @@ def test_boxes_above_the_horizon_and_other_labels():
     other = CameraDetections(np.array([[600.0, 400, 640, 440]]), np.array([0.8]), np.array(["other"]))
     assert lift(other) == []
     assert lift(outline()) == []
+
+
+def test_scores_of_detectors_are_compared_by_what_they_recommend_to_report():
+    assert believed(0.4, 0.4) == pytest.approx(believed(0.6, 0.6)) == pytest.approx(AT_MIN_SCORE)
+    assert believed(0.3, 0.6) < believed(0.5, 0.6) < AT_MIN_SCORE < believed(0.7, 0.6)
+    assert believed(0.7, 0.0) == 0.7  # none recommended
+    assert (believed(0.0, 0.5), believed(1.0, 0.5)) == (0.0, 1.0)

@@ -1,9 +1,11 @@
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.imaging.belief import SURE
 from fbench.pipelines.imaging.fuse import ImageView, fuse
 from fbench.pipelines.imaging.fusion_params import ImageFusionParams
 from fbench.pipelines.imaging.merge import merged
@@ -22,9 +24,10 @@ CAR = [379.0, 288.0, 420.0, 319.5]
 """What a camera shows of a car whose back is 20 m ahead."""
 
 
-def camera(*boxes, score=0.8, label="car"):
+def camera(*boxes, score=0.8, label="car", min_score=0.6):
     num = len(boxes)
-    return by_camera(CameraDetections(np.reshape(boxes, (num, 4)), np.full(num, score), np.full(num, label)), CAMERA)
+    found = CameraDetections(np.reshape(boxes, (num, 4)), np.full(num, score), np.full(num, label), min_score)
+    return by_camera(found, CAMERA)
 
 
 def view(looked=None, lidar=None, radar=None, early=True) -> ImageView:
@@ -36,6 +39,10 @@ def view(looked=None, lidar=None, radar=None, early=True) -> ImageView:
             parts.append(by_points(found, kind))
             rays[kind] = Rays.of(RIG, "cam", one.xyz)
     return ImageView(RIG, "cam", Sightings.joined(parts), looked is not None, points if early else {}, rays)
+
+
+def odds(probability):
+    return probability / (1 - probability)
 
 
 def found(*args, min_score=0.3, **sensors):
@@ -83,13 +90,13 @@ def test_distance_by_points_that_are_no_object_leaves_out_the_background():
 
 def test_an_object_through_which_rays_go_is_believed_less():
     seen = found(camera(CAR), lidar=cloud(wall()))
-    assert seen.score[0] == pytest.approx(0.5 * found(camera(CAR)).score[0])
+    assert odds(seen.score[0]) == pytest.approx(0.25 * odds(found(camera(CAR)).score[0]))
     hidden = found(camera(CAR), lidar=cloud(back(8, width_m=6.0, top_m=4.0)))
     assert hidden.score[hidden.sources == 1].tolist() == found(camera(CAR)).score.tolist()
 
 
 def test_two_objects_at_different_depths_stay_two():
-    boxes = found(camera(CAR), lidar=cloud(back(45, top_m=2.0, width_m=3.0)))
+    boxes = found(camera(CAR), lidar=cloud(back(45, 1.0, top_m=2.0, width_m=3.0)))
     assert sorted(boxes.sources.tolist()) == [1, 2]
 
 
@@ -128,10 +135,76 @@ def test_late_fusion_has_no_points_in_boxes():
 def test_what_a_camera_that_sees_well_doesnt_see_is_believed_less():
     nothing = camera()
     seen = view(nothing, lidar=LIDAR, radar=RADAR)
-    day, night = (float(fuse(seen, ImageFusionParams(), trust).score[0]) for trust in (1.0, 0.5))
-    blind = float(fuse(view(lidar=LIDAR, radar=RADAR), ImageFusionParams(), 1.0).score[0])
-    assert day == pytest.approx(0.5 * blind)
-    assert night == pytest.approx((1 - 0.5 / 4) * blind)
+    day, night = (fuse(seen, ImageFusionParams(), trust)[:1] for trust in (1.0, 0.5))
+    blind = odds(fuse(view(lidar=LIDAR, radar=RADAR), ImageFusionParams(), 1.0).score[0])
+    width, height = (day.xyxy_px[0, 2:] - day.xyxy_px[0, :2]).tolist()
+    large = 1 - math.exp(-math.sqrt(width * height) / 40)  # so many of its size a camera sees
+    assert odds(day.score[0]) == pytest.approx((1 - 0.9 * large) * blind)
+    assert odds(night.score[0]) == pytest.approx((1 - 0.9 * large / 2) * blind)
+    assert day.score[0] > 0.5  # what LiDAR and radar both see stays
+
+
+def test_one_sensor_alone_is_believed_where_cameras_see_badly():
+    seen = view(camera(), lidar=LIDAR)
+    day, night = (float(fuse(seen, ImageFusionParams(), trust).score[0]) for trust in (1.0, 0.1))
+    assert day < 0.6 < night
+
+
+def test_weak_boxes_count_where_others_confirm_them():
+    weak = camera(CAR, score=0.3)
+    assert len(found(weak)) == 0
+    assert len(found(weak, lidar=cloud(wall()))) == 0
+    alone = found(camera(), lidar=LIDAR)
+    both = found(weak, lidar=LIDAR)
+    assert both.sources.tolist() == [3]
+    assert both.score[0] > alone.score[0]
+    assert found(camera(CAR, score=0.5), lidar=LIDAR).score[0] > both.score[0]
+
+
+def test_a_weak_box_never_says_less_than_none():
+    for trust in (0.0, 0.5, 1.0):
+        none, weak = (
+            fuse(view(seen, lidar=LIDAR), ImageFusionParams(), trust).score[0]
+            for seen in (camera(), camera(CAR, score=0.05))
+        )
+        assert weak > none - 1e-3  # its outline is a little larger, so that a camera ought to see it rather
+
+
+def test_weak_boxes_take_what_sure_ones_leave():
+    beside = [383.0, 286.0, 424.0, 319.5]
+    for sure, weak in ((CAR, beside), (beside, CAR)):  # also where the weak one fits better
+        both = Sightings.joined([camera(sure, score=0.7), camera(weak, score=0.5)])
+        cars = found(both, lidar=LIDAR, radar=RADAR)
+        assert cars.sources.tolist() == [7]
+        assert np.abs(cars.xyxy_px[0] - sure).max() < np.abs(cars.xyxy_px[0] - weak).max()
+
+
+def test_the_less_a_camera_is_sure_the_more_counts_the_outline_of_the_points():
+    points, beside = found(lidar=LIDAR).xyxy_px[0], [385.0, 284.0, 426.0, 319.5]
+    off = [
+        float(np.abs(found(camera(beside, score=s), lidar=LIDAR).xyxy_px[0] - points).max()) for s in (0.8, 0.5, 0.3)
+    ]
+    assert off == sorted(off, reverse=True)
+    assert off[0] == pytest.approx(0.8 * np.abs(np.subtract(beside, points)).max())
+
+
+@pytest.mark.parametrize("min_score", [0.3, 0.6])
+def test_scores_of_cameras_count_as_against_their_own_least(min_score):
+    at_least = camera(CAR, score=min_score, min_score=min_score)
+    assert at_least.score.tolist() == pytest.approx([SURE])
+    assert not at_least.weak.any()
+    assert found(at_least).score.tolist() == pytest.approx([SURE])
+    assert camera(CAR, score=min_score - 0.01, min_score=min_score).weak.all()
+
+
+def test_a_wrong_class_doesnt_make_two_objects_of_one():
+    tall = camera(CAR, label="truck")  # would be twice as far away
+    assert found(tall, lidar=LIDAR).sources.tolist() == [3]
+
+
+def test_of_objects_in_one_place_the_likeliest_stays():
+    two = Sightings.joined([camera(CAR, score=0.7), camera([381.0, 288, 422, 319.5])])
+    assert found(two).xyxy_px.tolist() == [[381.0, 288, 422, 319.5]]
 
 
 def test_trust_in_cameras_follows_what_lidar_and_radar_see_together():
@@ -142,7 +215,8 @@ def test_trust_in_cameras_follows_what_lidar_and_radar_see_together():
     trust.learn(replace(sources, sources=np.array([2], np.uint8)))  # seen by one sensor: tells nothing
     assert trust.share == pytest.approx(0.9)
     trust.learn(sources)
-    assert trust.share == pytest.approx((18 * 0.97**2 + 1) / (20 * 0.97**2 + 1))
+    sure = 2 * float(sources.score[0]) - 1
+    assert trust.share == pytest.approx((18 * 0.97**2 + sure) / (20 * 0.97**2 + sure))
     for _ in range(200):
         trust.learn(unseen)
     assert trust.share < 0.05

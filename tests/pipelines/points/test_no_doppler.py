@@ -183,7 +183,7 @@ def fused(velocity: float, lidar_score: float = 0.0, params: FusionParams = Fusi
 def test_alone_a_cluster_without_velocity_is_believed_as_little_as_what_stands():
     assert fused(3.0).score.tolist() == pytest.approx([0.8 * 0.9])
     assert len(fused(np.nan)) == 0
-    assert fused(np.nan, params=FusionParams(min_score=0.3)).score.tolist() == pytest.approx([0.4 * 0.9])
+    assert fused(np.nan, params=FusionParams(min_score=0.1)).score.tolist() == pytest.approx([0.19 * 0.9])
 
 
 def test_with_a_lidar_it_confirms_and_gives_no_velocity():
