@@ -1,17 +1,20 @@
-"""late2d: cameras, LiDARs and radars detect on their own, the latter in space; their boxes are merged in the images."""
+"""late2d: cameras, LiDARs and radars detect in the images on their own; their boxes are merged there."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
 
 from fbench.pipelines.camera.cameras_stage import CameraStage
 from fbench.pipelines.common_params import AllSensorsParams
 from fbench.pipelines.fused_images import FusedImages
 from fbench.pipelines.imaging.fusion_params import ImageFusionParams, late_fusion
-from fbench.pipelines.imaging.projected import lidar_projected, radar_projected
+from fbench.pipelines.imaging.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
+from fbench.pipelines.imaging.sensors import InImages, LidarInImages, RadarInImages
+from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.lidar_stage import LidarStage
 from fbench.pipelines.points.merged import require
+from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
+from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracked import Tracked2D
 from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.replay.data import Frame, LogInfo, Output, Rig
@@ -22,6 +25,14 @@ from fbench.replay.sensor_settings import SensorSettings
 class Late2DParams(AllSensorsParams):
     """Parameters of `late2d`."""
 
+    lidar: LidarParams = field(default_factory=whole_vehicles)
+    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
+    radar: RadarParams = field(default_factory=far_radar)
+    """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
+    """Detection by LiDAR in images."""
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
+    """Detection by radar in images."""
     fusion: ImageFusionParams = field(default_factory=late_fusion)
     """How the sensors' boxes become one."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
@@ -50,9 +61,9 @@ class Late2D:
         params, settings = self._params, SensorSettings(self._params, rig)
         cameras = self._fused.start("late2d", rig, log_info, settings)
         self._points = LidarStage(rig, log_info, params.lidar, settings)
-        self._lidar = partial(lidar_projected, rig, cameras, self._points)
+        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
         echoes = RadarStage(rig, log_info, params.radar, settings)
-        self._radar = partial(radar_projected, rig, cameras, echoes, params.radar)
+        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
@@ -66,4 +77,10 @@ class Late2D:
 
     def step(self, frame: Frame) -> Output:
         """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
-        return self._fused.step(frame, self._lidar, self._radar)
+        return self._fused.step(frame, self._boxes_of_lidar, self._boxes_of_radar)
+
+    def _boxes_of_lidar(self, frame: Frame, clock: StageClock) -> InImages:
+        return replace(self._lidar.view(frame, clock), points={})
+
+    def _boxes_of_radar(self, frame: Frame, clock: StageClock) -> InImages:
+        return replace(self._radar.view(frame, clock), points={})

@@ -22,6 +22,8 @@ class TrackerParams:
     """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
     max_missed: int = 2
     """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
+    max_missed_shown: int = 2
+    """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
     max_coast_s: float = 0.5
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = 2
@@ -33,7 +35,7 @@ class TrackerParams:
 
     def __post_init__(self) -> None:
         self._check(("predicted_share",), 0.0, 1.0)
-        self._check(("max_missed", "max_coast_s", "min_hits"), 0)
+        self._check(("max_missed", "max_missed_shown", "max_coast_s", "min_hits"), 0)
         self._check(("max_mahalanobis",), MIN_STD)
         self._check(("min_giou",), -1.0, 1.0)
         self._check(("weak_score",), -LIMIT)
@@ -90,11 +92,15 @@ class Tracker2DParams(TrackerParams):
     """
     min_iou: float = 0.1
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    measured_std: float = 0.05
+    max_missed_shown: int = 0
+    """A track that more steps than this in a row didn't measure isn't shown, but goes on: predictions in the image
+    seldom overlap enough with what they show, and most objects that are missed have left the view.
+    """
+    measured_std: float = 0.02
     """Standard deviation of a measured position, as a share of the box's size."""
-    rate_std: float = 2.0
+    rate_std: float = 5.0
     """Standard deviation of a new track's rate of change, in box sizes a second."""
-    drift_std: float = 0.5
+    drift_std: float = 5.0
     """Change of the rates within one second, standard deviation in box sizes a second."""
 
     def __post_init__(self) -> None:

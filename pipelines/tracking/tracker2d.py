@@ -19,6 +19,7 @@ from fbench.pipelines.tracking.tracks import (
     rivals,
     seconds_since,
     selected,
+    shown,
     surviving,
 )
 from fbench.replay.arrays import Bool, Float64, Int64
@@ -149,8 +150,7 @@ class Tracker2D:
 
     def _shown(self, tracks: Tracks) -> Boxes2D:
         p = self._params
-        coasted_s = (self._stamp_ns - tracks.updated_ns) * 1e-9
-        tracks = selected(tracks, (tracks.hits >= min(p.min_hits, self._steps)) & (coasted_s <= p.max_coast_s))
+        tracks = selected(tracks, shown(tracks, self._stamp_ns, self._steps, p))
         predicted = np.asarray(tracks.updated_ns < self._stamp_ns, np.bool_)
         found: Columns = tracks.last | {
             "xyxy_px": _boxes(tracks.states.place),

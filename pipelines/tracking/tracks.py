@@ -7,6 +7,7 @@ import numpy as np
 from fbench.pipelines.tracking import columns, kalman
 from fbench.pipelines.tracking.columns import Columns
 from fbench.pipelines.tracking.kalman import States
+from fbench.pipelines.tracking.params import TrackerParams
 from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data import LABELS, VEHICLES
 from fbench.replay.errors import DataError
@@ -77,6 +78,21 @@ def measured_tracks(tracks: Tracks, at: Int64, detections: Columns, states: Stat
 def selected(tracks: Tracks, which: Bool) -> Tracks:
     """Tracks of a mask (T,)."""
     return tracks if which.all() else tracks.rows(which)
+
+
+def shown(tracks: Tracks, stamp_ns: int, steps: int, params: TrackerParams) -> Bool:
+    """Which tracks are reported (T,): confirmed ones that weren't missed too often or for too long.
+
+    Args:
+        tracks: At the instant `stamp_ns`.
+        stamp_ns: Now.
+        steps: Done since the reset; in the first ones fewer hits are enough.
+        params: Of the tracker.
+    """
+    confirmed = tracks.hits >= min(params.min_hits, steps)
+    coasted_s = (stamp_ns - tracks.updated_ns) * 1e-9
+    result: Bool = confirmed & (tracks.missed <= params.max_missed_shown) & (coasted_s <= params.max_coast_s)
+    return result
 
 
 def surviving(tracks: Tracks, min_hits: int, max_missed: int) -> Bool:

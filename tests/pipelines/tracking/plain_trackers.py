@@ -116,7 +116,9 @@ class PlainTracker:
         return [
             (t.number, t.best_label(), t.carried["score"], t.stamp_ns < self.stamp_ns, self.place(t))
             for t in self.tracks
-            if t.hits >= min(p.min_hits, self.steps) and (self.stamp_ns - t.stamp_ns) * 1e-9 <= p.max_coast_s
+            if t.hits >= min(p.min_hits, self.steps)
+            and t.missed <= p.max_missed_shown
+            and (self.stamp_ns - t.stamp_ns) * 1e-9 <= p.max_coast_s
         ]
 
     def mahalanobis(self, track, one):

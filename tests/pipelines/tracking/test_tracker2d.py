@@ -27,7 +27,7 @@ def at(x: float, y: float = 100.0, size: float = 40.0) -> tuple[float, float, fl
 
 @pytest.fixture
 def tracker() -> Tracker2D:
-    return Tracker2D(Tracker2DParams())
+    return Tracker2D(Tracker2DParams(max_missed_shown=2))
 
 
 def test_a_moving_box_keeps_its_id_and_is_predicted_through_a_gap(tracker: Tracker2D) -> None:
@@ -41,6 +41,16 @@ def test_a_moving_box_keeps_its_id_and_is_predicted_through_a_gap(tracker: Track
     assert shown.predicted.tolist() == [True]
     np.testing.assert_allclose(shown.xyxy_px, [at(200)], atol=1.5)
     shown = tracker.step(boxes(at(210)), 1200 * MS)
+    assert (shown.track_id.tolist(), shown.predicted.tolist()) == ([1], [False])  # type: ignore[union-attr]
+
+
+def test_a_track_that_is_missed_goes_on_unseen() -> None:
+    tracker = Tracker2D(Tracker2DParams())
+    for i in range(3):
+        tracker.step(boxes(at(100 + 10 * i)), (i + 1) * 100 * MS)
+    assert len(tracker.predict(350 * MS)) == 1, "nobody looked"
+    assert len(tracker.step(boxes(), 400 * MS)) == 0
+    shown = tracker.step(boxes(at(140)), 500 * MS)
     assert (shown.track_id.tolist(), shown.predicted.tolist()) == ([1], [False])  # type: ignore[union-attr]
 
 

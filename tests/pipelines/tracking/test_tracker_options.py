@@ -36,7 +36,7 @@ def tracked(found, step_ms=100, **params):
 
 
 def tracked_flat(found, **params):
-    tracker = Tracker2D(Tracker2DParams(**{"min_hits": 1} | params))
+    tracker = Tracker2D(Tracker2DParams(**{"min_hits": 1, "max_missed_shown": 2} | params))
     return [tracker.step(boxes, (i + 1) * 100 * MS) for i, boxes in enumerate(found)]
 
 
