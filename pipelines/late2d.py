@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from fbench.pipelines.camera.cameras_stage import CameraStage
 from fbench.pipelines.common_params import AllSensorsParams
 from fbench.pipelines.fused_images import FusedImages
-from fbench.pipelines.imaging.fusion_params import ImageFusionParams, late_fusion
+from fbench.pipelines.imaging.fusion_params import ImageFusionParams
 from fbench.pipelines.imaging.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.imaging.sensors import InImages, LidarInImages, RadarInImages
 from fbench.pipelines.points.lidar import LidarParams
@@ -33,7 +33,7 @@ class Late2DParams(AllSensorsParams):
     """Detection by LiDAR in images."""
     radar_image: RadarImageParams = field(default_factory=RadarImageParams)
     """Detection by radar in images."""
-    fusion: ImageFusionParams = field(default_factory=late_fusion)
+    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
     """How the sensors' boxes become one."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
@@ -41,7 +41,7 @@ class Late2DParams(AllSensorsParams):
 
 class Late2D:
     """Labelled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there.
+    there. Each sensor detects as in `camera2d`, `lidar2d` and `radar2d`.
 
     Objects without a camera's label are called cars, or trucks where they are long.
     """

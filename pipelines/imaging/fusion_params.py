@@ -49,8 +49,3 @@ class ImageFusionParams:
         )  # fmt: skip
         others = {"points_factor": (1.0, 1000.0), "camera_size_px": (0.1, 1e5)}
         require_ranges("fusion", self, dict.fromkeys(names, (0.0, 1.0)) | others)
-
-
-def late_fusion() -> ImageFusionParams:
-    """Parameters of fusion where LiDAR and radar detect in space: outlines of such boxes in the image are poorer."""
-    return ImageFusionParams(measured_share=0.15, weak_measured_share=0.7)
