@@ -81,8 +81,8 @@ def _found(run: Run) -> list[str]:
     if not all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
         return []
     detections, tracks = len(run.detections.boxes), run.tracks.boxes
-    ids = [] if tracks.track_id is None else np.unique(tracks.track_id)
-    return [f"found: {detections} {_plural('detection', detections)}, {len(ids)} {_plural('track', len(ids))}"]
+    num_ids = 0 if tracks.track_id is None else len(np.unique(tracks.track_id))
+    return [f"found: {detections} {_plural('detection', detections)}, {num_ids} {_plural('track', num_ids)}"]
 
 
 def _pace(host: dict[str, Any]) -> str:
