@@ -60,7 +60,7 @@ def opens_text(node: ast.Call) -> bool:
     texts = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
     modes = [text for text in (*texts, given.get("mode", "").strip("'")) if text and set(text) <= set("rwxab+")]
     opens = (
-        name in ("read_text", "write_text")
+        (name in ("read_text", "write_text") and isinstance(node.func, ast.Attribute))
         or (name in ("Popen", "run", "check_output") and given.get("text") == "True")
         or (name in ("open", "fdopen") and any("b" not in mode for mode in modes))
     )

@@ -55,7 +55,7 @@ def _timing(run: Run, table: LatencyTable | None) -> dict[str, object]:
 
 
 def _resource(name: str) -> str:
-    return files("fbench.reports.html").joinpath(name).read_text("utf-8")
+    return files("fbench.reports.html").joinpath(name).read_text(encoding="utf-8")
 
 
 def _environment() -> jinja2.Environment:
