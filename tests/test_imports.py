@@ -64,7 +64,7 @@ def opens_text(node: ast.Call) -> bool:
         or (name in ("Popen", "run", "check_output") and given.get("text") == "True")
         or (name in ("open", "fdopen") and any("b" not in mode for mode in modes))
     )
-    return opens and "encoding" not in given
+    return opens and "encoding" not in given and "utf-8" not in texts
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
