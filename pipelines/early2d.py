@@ -1,41 +1,22 @@
 """early2d: LiDAR and radar points in the images are merged with the cameras' boxes there, and tracked."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from fbench.pipelines.camera.cameras_stage import CameraStage
-from fbench.pipelines.common_params import AllSensorsParams
-from fbench.pipelines.fused_images import FusedImages
-from fbench.pipelines.imaging.fusion_params import ImageFusionParams
-from fbench.pipelines.imaging.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
+from fbench.pipelines.fused_images import FusedImages, FusedImagesParams
 from fbench.pipelines.imaging.sensors import LidarInImages, RadarInImages
-from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.lidar_stage import LidarStage
 from fbench.pipelines.points.merged import require
-from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
 from fbench.pipelines.tracked import Tracked2D
-from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.replay.data import Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
-class Early2DParams(AllSensorsParams):
+class Early2DParams(FusedImagesParams):
     """Parameters of `early2d`."""
-
-    lidar: LidarParams = field(default_factory=whole_vehicles)
-    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    radar: RadarParams = field(default_factory=far_radar)
-    """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection by LiDAR in images."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection by radar in images."""
-    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
-    """How the sensors' boxes become one."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
 
 
 class Early2D:

@@ -1,21 +1,45 @@
 """The course of a pipeline that merges in images: what cameras, LiDARs and radars see there becomes tracked boxes."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 from fbench.pipelines.camera.cameras_stage import CameraStage
+from fbench.pipelines.common_params import AllSensorsParams
 from fbench.pipelines.imaging.cameras import projectable
 from fbench.pipelines.imaging.fusion_params import ImageFusionParams
+from fbench.pipelines.imaging.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.imaging.sensors import InImages
 from fbench.pipelines.imaging.together import ImageFusion
+from fbench.pipelines.points.lidar import LidarParams
+from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.side_by_side import SideBySide
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracked import Detected, Tracked2D
+from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.replay.boxes import Boxes2D
 from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
 
 SeeInImages = Callable[[Frame, StageClock], InImages]
 """What sensors of one kind see in the images of one frame."""
+
+
+@dataclass(frozen=True)
+class FusedImagesParams(AllSensorsParams):
+    """What `early2d` and `late2d` have in common."""
+
+    lidar: LidarParams = field(default_factory=whole_vehicles)
+    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
+    radar: RadarParams = field(default_factory=far_radar)
+    """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
+    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
+    """Detection by LiDAR in images."""
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
+    """Detection by radar in images."""
+    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
+    """How the sensors' boxes become one."""
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
+    """The tracker, one per camera."""
 
 
 class FusedImages:

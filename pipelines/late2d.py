@@ -1,42 +1,23 @@
 """late2d: cameras, LiDARs and radars detect in the images on their own; their boxes are merged there."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from fbench.pipelines.camera.cameras_stage import CameraStage
-from fbench.pipelines.common_params import AllSensorsParams
-from fbench.pipelines.fused_images import FusedImages
-from fbench.pipelines.imaging.fusion_params import ImageFusionParams
-from fbench.pipelines.imaging.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
+from fbench.pipelines.fused_images import FusedImages, FusedImagesParams
 from fbench.pipelines.imaging.sensors import InImages, LidarInImages, RadarInImages
-from fbench.pipelines.points.lidar import LidarParams
 from fbench.pipelines.points.lidar_stage import LidarStage
 from fbench.pipelines.points.merged import require
-from fbench.pipelines.points.radar import RadarParams
 from fbench.pipelines.points.radar_stage import RadarStage
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracked import Tracked2D
-from fbench.pipelines.tracking.tracker2d import Tracker2DParams
 from fbench.replay.data import Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
 
 
 @dataclass(frozen=True)
-class Late2DParams(AllSensorsParams):
+class Late2DParams(FusedImagesParams):
     """Parameters of `late2d`."""
-
-    lidar: LidarParams = field(default_factory=whole_vehicles)
-    """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    radar: RadarParams = field(default_factory=far_radar)
-    """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
-    """Detection by LiDAR in images."""
-    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
-    """Detection by radar in images."""
-    fusion: ImageFusionParams = field(default_factory=ImageFusionParams)
-    """How the sensors' boxes become one."""
-    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker, one per camera."""
 
 
 class Late2D:
