@@ -55,6 +55,10 @@ compared on the same scene.
 """
 
 
+EXPERIMENT: tuple[Scene, ...] = (*SUITE, Scene("urban", "dense-fog"), Scene("highway", "dense-fog"))
+"""The suite, and fog that hides what is scored: at the suite's 100 m of visibility a camera that knows fog sees most of
+what is nearer than 50 m.
+"""
 CONDITIONS = ("clear", "traffic", "rain", "fog", "night")
 """Those of the thesis, which all worlds of the suite have."""
 DEMO: tuple[tuple[Scene, int], ...] = tuple(

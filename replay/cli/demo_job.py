@@ -116,13 +116,13 @@ def _finish(what: Experiment, done: list[tuple[Drive, CellResult]]) -> int:
 
 
 def _scenes(wish: DemoWish) -> "list[tuple[Scene, int]]":
-    from fbench.datasets.city.suite import DEMO, SEEDS, SUITE
+    from fbench.datasets.city.suite import DEMO, EXPERIMENT, SEEDS
 
     if wish.split is None:
         if wish.num_seeds is not None:
             raise ConfigError("--num-seeds: of the full suite only; add --split dev or test")
         return list(DEMO)
-    return [(scene, seed) for seed in SEEDS[wish.split][: wish.num_seeds] for scene in SUITE]
+    return [(scene, seed) for seed in SEEDS[wish.split][: wish.num_seeds] for scene in EXPERIMENT]
 
 
 def _make_folder(folder: Path) -> None:

@@ -67,8 +67,8 @@ def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
     what = experiment(DemoWish(Path("full"), split="test", num_seeds=2, workers=7))
     assert {drive.spec.seed for drive in what.drives} == {9001, 9002}
     assert {drive.spec.seconds for drive in what.drives} == {10.0}
-    assert len(what.drives) == 24
-    assert what.conditions[-2:] == ["traffic+fog", "heavy-rain"]
+    assert len(what.drives) == 28
+    assert what.conditions[-3:] == ["traffic+fog", "heavy-rain", "dense-fog"]
     assert what.command == "fbench demo --split test --num-seeds 2"
     assert {"late3d", "thesis/late3d"} <= set(what.pipelines)
     assert not any(name.startswith("thesis/") for name in experiment(DemoWish(Path("demo"))).pipelines)
