@@ -1,12 +1,11 @@
 """Every pipeline on a recording, each with one command: which run, and what those say whose sensor isn't there."""
 
-import sys
 from collections.abc import Collection
 from pathlib import Path
 
 import pytest
+from tests.program import fbench
 
-from fbench.replay.cli import main
 from fbench.replay.store import Run
 
 ALONE = {
@@ -22,18 +21,6 @@ MISSING = {
     "radar": "needs a radar; the log has: ", "stereo": "needs two cameras of one size",
     "results": "which topic holds the results? there is none",
 }  # fmt: skip
-
-
-def fbench(*args: object) -> int:
-    """Run a command in this process and return its exit code."""
-    argv, sys.argv = sys.argv, ["fbench", *map(str, args)]
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = argv
-    return 0
 
 
 def require_runs_or_says_why(

@@ -1,31 +1,19 @@
 """The whole way on a real recording: import, replay into every pipeline, scores, report. Skips where it is absent."""
 
 import hashlib
-import sys
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from tests.program import fbench
 
-from fbench.replay.cli import main
 from fbench.replay.store import Run
 
 pytestmark = pytest.mark.slow
 SKETCH_F1 = {"camera2d": 0.62, "lidar3d": 0.19, "radar3d": 0.26, "late3d": 0.35}
 """What a throw-away sketch reached on the same 47 frames; a regression below it would be a disgrace."""
 MEASURED = ("timings.parquet", "latency.json", "host.json", "report.html")
-
-
-def fbench(*args) -> int:
-    argv, sys.argv = sys.argv, ["fbench", *map(str, args)]
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = argv
-    return 0
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from tests.recordings import PIPELINES, fbench, require_runs_or_says_why
+from tests.program import fbench
+from tests.recordings import PIPELINES, require_runs_or_says_why
 
 pytestmark = pytest.mark.slow
 RECORDINGS = {

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from fbench.datasets.city.city import City, build_city
+from fbench.datasets.city.city import Cities, City
 from fbench.datasets.city.measure import Surroundings
 from fbench.datasets.city.periods import Period, periods
 from fbench.datasets.city.spec import VERSION, CitySpec
@@ -30,6 +30,8 @@ class CityRecording:
     """Of the log."""
     num_threads: int | None = None
     """Messages that are made at the same time; `None`: as many as there are processors for us."""
+    cities: Cities = field(default_factory=Cities)
+    """That of other drives too, where they share worlds."""
     _lines: list[str] = field(default_factory=list, init=False)
 
     @cached_property
@@ -54,7 +56,7 @@ class CityRecording:
     def items(self) -> Iterator[Message | Truth]:
         """Yield poses, messages and truth in the order of `log_ns`; memory doesn't grow with the length."""
         spec = self.spec
-        city = build_city(self._plan, spec.world, spec.condition.is_dense, spec.seed)
+        city = self.cities.of(spec)
         around = Surroundings(
             city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig
         )  # fmt: skip

@@ -15,7 +15,7 @@ def demo(
         typer.Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(metavar="S", help="Length of each log, in s: 2.5, with --split 10.")
+        float | None, typer.Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
     ] = None,
     num_seeds: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Only the first N seeds of the split.")

@@ -33,7 +33,7 @@ from fbench.replay.suites.run import run_suite
 if TYPE_CHECKING:
     from fbench.datasets.city.suite import Scene, Split
 
-SHORT_S, FULL_S = 2.5, 10.0
+SHORT_S, FULL_S = 1.5, 10.0
 """Length of each log of the short version and of the full suite."""
 
 

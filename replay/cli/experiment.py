@@ -98,14 +98,17 @@ def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None])
     Raises:
         ConfigError: where a log can't be written, or another has its name.
     """
+    from fbench.datasets.city.city import Cities
     from fbench.datasets.city.recording import CityRecording
 
+    cities = Cities()
     for drive in drives:
         drive.log.parent.mkdir(parents=True, exist_ok=True)
         is_there = is_sealed_log(drive.log, drive.spec.log_id)
         if not is_there:
             _require_ours(drive)
-            write_recording(CityRecording(drive.spec, drive.name), Target(drive.log, overwrite=True), progress)
+            recording = CityRecording(drive.spec, drive.name, cities=cities)
+            write_recording(recording, Target(drive.log, overwrite=True), progress)
             seal_log(drive.log, drive.spec.log_id)
         yield not is_there
 

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from tests.metrics.reference_runs.conftest import fbench
+from tests.program import fbench
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Everybody in the world and how they move, the same for the same layout, parameters and seed."""
 
+from copy import copy
 from typing import Final
 
 import numpy as np
@@ -51,6 +52,13 @@ class Traffic:
         standing, self._parked = _parked(layout.map, params, seed)
         self.actors: tuple[Actor, ...] = (*(Actor(body) for body in bodies), *standing)
         """The ego car, other moving vehicles, bicycles, pedestrians, parked vehicles."""
+        self._begin = _copy(self._state)
+
+    def rewound(self) -> "Traffic":
+        """Return the same traffic as it was at the beginning; this one stays as it is."""
+        other = copy(self)
+        other._state, other._step, other._steps = _copy(self._begin), 0, []
+        return other
 
     @property
     def num_emergencies(self) -> int:
@@ -101,6 +109,10 @@ class Traffic:
         self._state.movers["length_m"][0], self._state.movers["width_m"][0] = body.size_lwh_m[:2]
         self._sizes = sizes_of(self._state)
         return [body, *(bodies[i] for i in order[1:])]
+
+
+def _copy(state: State) -> State:
+    return State(*(array.copy() for array in state))
 
 
 def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:

@@ -1,14 +1,12 @@
 """Logs that `fbench log simulate` wrote, read back whole, and plain numpy to check them with."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
+from tests.program import fbench
 
-from fbench.replay.cli import main
 from fbench.replay.data import Image, LogInfo, Message, PointCloud, Pose, RadarScan, Rig, Truth
 from fbench.replay.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -63,17 +61,6 @@ class Log:
         return {m.stamp_ns: m for m in self.messages if isinstance(m, Pose)}
 
 
-def run(*args: object) -> int:
-    """Call `fbench ARGS` in this process."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["fbench", *map(str, args)])
-        try:
-            main()
-        except SystemExit as stop:
-            return int(stop.code or 0)
-    return 0
-
-
 def read(path: Path) -> Log:
     """Read a log whole; it must have no fault."""
     faults = FaultLog()
@@ -87,7 +74,7 @@ def read(path: Path) -> Log:
 def simulated(folder: Path, name: str, *args: object) -> Log:
     """Simulate and read back."""
     path = folder / f"{name}.mcap"
-    assert run("log", "simulate", *args, "-o", path) == 0
+    assert fbench("log", "simulate", *args, "-o", path) == 0
     return read(path)
 
 

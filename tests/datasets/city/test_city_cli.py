@@ -9,7 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-from tests.datasets.city.city_logs import read, run
+from tests.datasets.city.city_logs import read
+from tests.program import fbench as run
 
 FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
 SHORT = ("--sensors", "radar", "--set", "radar.points_per_s=2000", "--seconds", "0.1")

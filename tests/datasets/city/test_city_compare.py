@@ -4,7 +4,7 @@ import json
 
 import pytest
 from tests.city_log import SMALL_RIG
-from tests.datasets.city.city_logs import run
+from tests.program import fbench as run
 
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording

@@ -9,7 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.datasets.city.city_logs import read, run, simulated
+from tests.datasets.city.city_logs import read, simulated
+from tests.program import fbench as run
 
 FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
 SMALL = (

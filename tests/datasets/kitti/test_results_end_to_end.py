@@ -4,26 +4,11 @@ TrackEval 1.3.0 (Kitti2DBox, car, 21 sequences) scores files that came this way 
 92.804, IDF1 95.122; per sequence all its numbers agree within 2e-6.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from fbench.replay.cli import main
-
-
-def fbench(*args: object) -> int:
-    """Run the program in this process."""
-    argv = sys.argv
-    sys.argv = ["fbench", *map(str, args)]
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = argv
-    return 0
+from tests.program import fbench
 
 
 def through(shared: Path, tmp_path: Path, results: str, form: str) -> Path:

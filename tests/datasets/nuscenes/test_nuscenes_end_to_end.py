@@ -1,29 +1,17 @@
 """The whole way: import by the command, replay through pipelines, scores."""
 
-import sys
 from pathlib import Path
 
 import pytest
+from tests.program import fbench
 from tests.recordings import PIPELINES, require_runs_or_says_why
 
-from fbench.replay.cli import main
 from fbench.replay.store import Run
 
 pytestmark = pytest.mark.slow
 CAMERAS = ["CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"]
 LEAST_F1 = {"camera2d": 0.6, "early3d": 0.25, "late3d": 0.7, "lidar3d": 0.2}
 """Vehicles of one keyframe: 0.667, 0.38, 0.727 and 0.235 when this was written."""
-
-
-def fbench(*args) -> int:
-    argv, sys.argv = sys.argv, ["fbench", *map(str, args)]
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = argv
-    return 0
 
 
 @pytest.fixture(scope="module")

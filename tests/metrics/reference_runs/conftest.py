@@ -1,27 +1,13 @@
 """From files to a run, by the program itself."""
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from fbench.replay.cli import main
+from tests.program import fbench
 
 Rows = dict[tuple[str, ...], tuple[float | None, dict[str, float]]]
-
-
-def fbench(*args: object) -> int:
-    """Run the program in this process."""
-    argv, sys.argv = sys.argv, ["fbench", *map(str, args)]
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    finally:
-        sys.argv = argv
-    return 0
 
 
 @pytest.fixture

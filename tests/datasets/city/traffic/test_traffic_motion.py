@@ -107,6 +107,19 @@ def test_other_rates_and_chunks_see_the_same() -> None:
             assert same(motion.at(time_s), whole.at(time_s))
 
 
+def test_rewound_traffic_begins_again() -> None:
+    world = layout("urban", 3)
+    traffic = Traffic(world, TrafficParams.of("urban"), 3)
+    first = traffic.motion(0.0, 4.0)
+    again, later = traffic.rewound(), traffic.motion(4.0, 6.0)
+    second = again.motion(0.0, 6.0)
+    for time_s in (0.0, 1.3, 4.0):
+        assert same(first.at(time_s), second.at(time_s))
+    assert same(later.at(5.5), second.at(5.5))
+    assert again.actors == traffic.actors
+    assert again.num_lane_changes == traffic.num_lane_changes
+
+
 def test_time_never_goes_back(highway: Scene) -> None:
     traffic = Traffic(highway.layout, TrafficParams.of("highway"), 1)
     motion = traffic.motion(1.0, 2.0)
