@@ -27,7 +27,8 @@ def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
     """Read a table, or all tables of a folder as one.
 
     Raises:
-        ConfigError: where a camera or coordinate frame isn't known, or some tables count frames and some have stamps.
+        ConfigError: where a camera or coordinate frame isn't known, some tables count frames and some have stamps,
+            or it is a run folder.
         LogError: naming file, row and column of what can't be read.
     """
     files = [open_table_file(path) for path in _paths(source.path)]
@@ -92,6 +93,8 @@ def _reader(file: TableFile, key: Key, source: BoxSource, coordinates: Coordinat
 def _paths(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
+    if (path / "manifest.json").is_file():
+        raise ConfigError(f"{path}: a run folder; give the table that is meant, such as {path / 'detections.parquet'}")
     found = sorted(file for file in path.iterdir() if file.is_file() and file.suffix.lower() in SUFFIXES)
     if not found:
         raise LogError(f"{path}: no .csv and no .parquet in it")

@@ -160,6 +160,13 @@ def test_folder_of_tables_is_one(tmp_path, table):
         read(tmp_path)
 
 
+def test_a_run_folder_must_say_which_of_its_tables(tmp_path, table):
+    table(f"frame,{SOLID}\n0,{BOX}\n", "a.csv")
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(ConfigError, match=r"a run folder; give the table that is meant, such as .*detections\.parquet"):
+        read(tmp_path)
+
+
 def test_parquet_of_any_types(tmp_path):
     columns = {
         "stamp_ns": pa.array([5, 5, 6], pa.uint64()), "label": pa.array(["Car", "Van", None]).dictionary_encode(),
