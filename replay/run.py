@@ -140,7 +140,8 @@ class _Loop:
         except LogError as error:
             if self._plan.variant is None:
                 raise
-            raise LogError(f"{error}; {self._plan.name} is a variant of {self._plan.variant.base}") from error
+            base = self._plan.variant.base
+            raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
 
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""

@@ -152,6 +152,16 @@ def test_experiment_is_repeated_in_no_time_and_equal_for_any_number_of_workers(f
     assert not Run(Path("one/highway-fog-1/lidar3d")).media
 
 
+def test_pipelines_without_their_sensors_are_left_out(fbench, capsys):
+    what = small(Path("demo"), "radar3d", "stereo3d", "thesis/early3d-stereo", conditions=("clear",))
+    assert run_experiment(what, 1) == 0
+    said = capsys.readouterr().out
+    assert "runs: 1 of 1" in said
+    assert "left out: stereo3d (" in said
+    assert "left out: thesis/early3d-stereo (" in said
+    assert "failed" not in said
+
+
 @pytest.mark.slow
 def test_what_fails_is_shown_and_the_rest_goes_on(fbench, capsys):
     settings = {"lidar3d": ["lidar.cluster.eps_m=-1"]}
