@@ -47,7 +47,7 @@ def test_a_log_that_does_not_fit_a_variant(fbench, log, far):
     result = fbench("replay", log, "-p", far, "--sensors", "lidar")
     assert result.code == 3
     assert "stereo3d needs two cameras" in result.err
-    assert result.err.rstrip().endswith("far-cars is a variant of stereo3d")
+    assert result.err.rstrip().endswith("far-cars is a variant of stereo3d [CFG001]")
 
 
 def test_a_summary_says_how_much_was_found(fbench, log, far):
