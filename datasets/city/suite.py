@@ -19,8 +19,8 @@ never change.
 
 
 DEMO_SEEDS: Mapping[WorldName, tuple[int, ...]] = {"urban": (202, 212), "highway": (205,)}
-"""Of the short version: those of 201 to 212 whose first 1.5 s show the most vehicles nearer than 50 m. Nothing was trained
-or tuned on any of them.
+"""Of the short version: those of 201 to 212 whose first 1.5 s show the most vehicles nearer than 50 m. Nothing was
+trained or tuned on any of them.
 """
 
 

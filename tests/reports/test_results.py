@@ -29,6 +29,13 @@ def test_html_has_the_tables_first_and_the_runs_below(make_run, tmp_path):
     assert "<b>" not in page.html.partition("failed:")[2][:10]
 
 
+def test_figures_stay_in_line_where_a_row_has_no_published_one(make_run, tmp_path):
+    out = tmp_path / "report.html"
+    HtmlReport().write_results(RESULTS, [make_run(Plan())], out)
+    table = out.read_text("utf-8").partition('<table class="results">')[2].partition("</table>")[0]
+    assert [row.count("<small>") for row in table.split("<tr>")[1:]] == [1, 1, 1]  # beside F1 alone
+
+
 def test_html_without_results_has_no_such_section(make_run, report):
     assert "Results" not in report(make_run(Plan())).text
 
