@@ -16,6 +16,8 @@ from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
 _CLASSES = ("car", "van", "truck", "bus")
+_HIGHEST_M = {"car": 2.1, "van": 2.8}
+"""No car is higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
@@ -70,7 +72,8 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     label = _label(seen)
     shape = None
     if group.lidar >= 0:
-        label = label or _lidar_label(scene.lidar, group.lidar)
+        if not label or _is_too_high(scene, group.lidar, label):
+            label = _lidar_label(scene.lidar, group.lidar) or label
         shape = _shape(group, scene, seen, label)
     radar_box = None if group.radar < 0 else scene.radar.boxes[np.array([group.radar])]
     estimates = [] if shape is None else [_by_shape(shape)]
@@ -78,10 +81,10 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     estimates += [
         _by_camera(scene.sightings[i], scene.standing_m[i] if alone else np.nan, params) for i in group.sightings
     ]
-    if radar_box is not None:
-        estimates.append(_by_radar(radar_box.center_m[0, :2], float(radar_box.size_lwh_m[0, 0]), params))
-    xy = _joined(estimates)
     size, yaw = _size_and_yaw(shape, seen, radar_box)
+    if radar_box is not None:
+        estimates.append(_by_radar(radar_box, size, yaw, params))
+    xy = _joined(estimates)
     if not label:
         label = _by_size(size)
     velocity = np.full(3, np.nan)
@@ -108,6 +111,15 @@ def _label(seen: list[Sighting]) -> str:
 def _lidar_label(lidar: Clusters, at: int) -> str:
     label = "" if lidar.boxes.label is None else str(lidar.boxes.label[at])
     return label if label in SIZES else ""
+
+
+def _is_too_high(scene: Scene, lidar: int, label: str) -> bool:
+    """Tell whether points lie higher over the ground than what a camera takes an object for."""
+    highest_m = _HIGHEST_M.get(label)
+    if highest_m is None or scene.plane is None:
+        return False
+    points = scene.lidar.points(lidar)
+    return bool((points[:, 2] - scene.plane.z_m(points[:, :2]) > highest_m).any())
 
 
 def _by_size(size: Float64) -> str:
@@ -156,10 +168,18 @@ def _by_camera(s: Sighting, standing_m: float, params: AssociationParams) -> Est
     return _estimate(xy, s.bearing_rad, float(np.hypot(std * near, 0.1 * s.size_lwh_m[0])), aside)
 
 
-def _by_radar(xy: Float64, length_m: float, params: AssociationParams) -> Estimate:
-    reach = float(np.hypot(*xy))
-    std = float(np.hypot(params.radar_std_m, length_m / 10))
-    return _estimate(xy, float(np.arctan2(xy[1], xy[0])), std, 0.3 + params.radar_bearing_std_rad * reach)
+def _by_radar(box: Boxes3D, size: Float64, yaw_rad: float, params: AssociationParams) -> Estimate:
+    """As far behind the side that radar sees as the object's size says, where radar took it for a shorter one."""
+    xy, own = box.center_m[0, :2], box.size_lwh_m[0]
+    reach, bearing = float(np.hypot(*xy)), float(np.arctan2(xy[1], xy[0]))
+    farther = max(0.0, _depth_m(size, yaw_rad - bearing) - _depth_m(own, float(box.yaw_rad[0]) - bearing))
+    std = float(np.hypot(params.radar_std_m, max(own[0], size[0]) / 10))
+    return _estimate(xy + farther * _axes(bearing)[0], bearing, std, 0.3 + params.radar_bearing_std_rad * reach)
+
+
+def _depth_m(size: Float64, angle_rad: float) -> float:
+    """How far a rectangle reaches from its middle along an axis at an angle to its length."""
+    return float(size[0] * abs(np.cos(angle_rad)) + size[1] * abs(np.sin(angle_rad))) / 2
 
 
 def _estimate(xy: Float64, axis_rad: float, std_along_m: float, std_across_m: float) -> Estimate:

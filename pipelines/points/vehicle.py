@@ -69,13 +69,14 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
     """Complete visible rectangles (N, 5 or more) to vehicles that lie behind their visible edges.
 
     Rows hold heading [rad], low and high along the heading, low and high across it [m]. Where one edge is longer
-    than a car is wide it is the vehicle's side, else the longer edge is its front or back. The corner that the
-    sensor at `viewpoint` (2,) sees stays where it is; along an axis in which the sensor is beside the rectangle, its
-    middle does.
+    than a car is wide it is the vehicle's side, else the edge that looks longer from where the sensor is is its front
+    or back: an edge seen at a grazing angle is seldom seen to its end. The corner that the sensor at `viewpoint` (2,)
+    sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
     """
     extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
-    along_first = extent[:, 0] > extent[:, 1]
-    along_first = np.where(extent.max(axis=1) > 1.25 * size.width_m, along_first, ~along_first)
+    apparent = extent * _facing(rectangles, viewpoint)
+    is_side = extent.max(axis=1) > 1.25 * size.width_m
+    along_first = np.where(is_side, extent[:, 0] > extent[:, 1], apparent[:, 0] <= apparent[:, 1])
     return completed(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
 
 
@@ -96,6 +97,17 @@ def completed(rectangles: Float64, along_first: Bool, viewpoint: Float64, length
     center = middle[:, :1] * axes[:, 0] + middle[:, 1:] * axes[:, 1]
     yaw = half_turn(heading + np.where(along_first, 0.0, np.pi / 2))
     return Footprints(center, np.where(along_first[:, None], full, full[:, ::-1]), yaw)
+
+
+def _facing(rectangles: Float64, viewpoint: Float64) -> Float64:
+    """Return how far edges (N, 2), along the heading and across it, are turned towards a viewpoint (2,): 0 to 1."""
+    heading = rectangles[:, 0]
+    forward, left = _unit(heading), _unit(heading + np.pi / 2)
+    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - np.stack(
+        [forward @ viewpoint, left @ viewpoint], axis=1
+    )
+    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
+    return np.abs(middle[:, ::-1]) / away[:, None]
 
 
 def half_turn(angle_rad: Float64) -> Float64:
