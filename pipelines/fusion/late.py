@@ -21,7 +21,10 @@ from fbench.pipelines.points.radar import RadarView
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Kind, Rig, Source
+from fbench.replay.geometry.rotated import iou_bev
 
+_COVERED = 0.15
+"""Solid things don't share their place: where a footprint covers more of another than this share, one is wrong."""
 _TWICE = 0.25
 """Distances whose logarithms differ by less may be guesses of one."""
 
@@ -122,11 +125,24 @@ def _found(p: Placed, score: float, sources: int) -> Found:
 
 def _apart(objects: list[Found]) -> list[Found]:
     """Leave out objects in the place of more probable ones."""
-    kept: list[Found] = []
-    for found in sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist())):
-        if not any(one_object(found, other, _reach(found, other)) or _in_line(found, other) for other in kept):
-            kept.append(found)
-    return kept
+    ordered = sorted(objects, key=lambda o: (-o.score, *o.center_m.tolist()))
+    covered = _covered(to_boxes(ordered))
+    kept: list[int] = []
+    for i, found in enumerate(ordered):
+        if not any(
+            covered[i, k] > _COVERED or one_object(found, ordered[k], _reach(found, ordered[k]))
+            or _in_line(found, ordered[k])
+            for k in kept
+        ):  # fmt: skip
+            kept.append(i)
+    return [ordered[i] for i in kept]
+
+
+def _covered(boxes: Boxes3D) -> Float64:
+    """Share (N, N) of the smaller of two footprints that the other one covers."""
+    iou, area = iou_bev(boxes, boxes), boxes.size_lwh_m[:, 0] * boxes.size_lwh_m[:, 1]
+    both = iou * (area[:, None] + area[None, :]) / (1 + iou)
+    return np.asarray(both / np.minimum(area[:, None], area[None, :]), np.float64)
 
 
 def _in_line(found: Found, other: Found) -> bool:

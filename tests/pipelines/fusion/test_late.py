@@ -174,6 +174,42 @@ def test_the_label_of_a_lidar_that_knows_classes_is_taken_where_no_camera_sees()
     assert fuse(seen(outline(), van), PARAMS).label.tolist() == ["van"]
 
 
+def named(view, *labels):
+    """What a LiDAR that knows classes gives."""
+    return replace(view, boxes=replace(view.boxes, label=np.array(labels)))
+
+
+def test_points_higher_than_what_the_camera_names_are_believed():
+    truck = car(20.0, 2.0, size=(8.5, 2.6, 3.3))  # points up to 1.95 m
+    low, camera = named(lidar_view(truck), "truck"), outline(truck, label="car")
+    high = replace(low, xyz=low.xyz + np.array([0, 0, 0.5]))
+    assert fuse(seen(camera, low), PARAMS).label.tolist() == ["car"]
+    found = fuse(seen(camera, high), PARAMS)
+    assert found.label.tolist() == ["truck"]
+    assert found.size_lwh_m[0, 0] == 8.5
+    assert fuse(seen(camera, replace(high, plane=None)), PARAMS).label.tolist() == ["car"]
+
+
+def test_radar_that_sees_the_rear_of_a_truck_does_not_pull_it_nearer():
+    truck = car(30.0, size=(8.5, 2.6, 3.3))
+    rear = car(30.0 - 8.5 / 2 + 4.2 / 2)  # what radar takes it for: a car behind the same side
+    alone = fuse(seen(None, named(lidar_view(truck), "truck")), PARAMS)
+    both = fuse(seen(None, named(lidar_view(truck), "truck"), radar_view(rear)), PARAMS)
+    assert both.sources.tolist() == [6]
+    assert both.center_m[0, 0] == pytest.approx(alone.center_m[0, 0], abs=0.05)
+    by_camera = fuse(seen(outline(truck, label="truck"), lidar_view(truck), radar_view(rear)), PARAMS)
+    assert by_camera.center_m[0, 0] < both.center_m[0, 0] - 0.05  # it may be a van
+
+
+def test_of_two_footprints_in_one_place_the_surer_one_stays():
+    truck = car(30.0, size=(8.5, 2.6, 3.3))
+    view = lidar_view(truck, car(34.5, 0.5))  # 2.35 m of it are inside
+    sure = replace(view, boxes=replace(view.boxes, score=np.array([0.9, 0.8])))
+    assert fuse(seen(None, sure), PARAMS).size_lwh_m[:, 0].tolist() == [8.5]
+    beside = lidar_view(truck, car(34.5, 2.3))
+    assert len(fuse(seen(None, beside), PARAMS)) == 2
+
+
 def test_a_cluster_that_reaches_far_beyond_a_box_gives_what_is_inside():
     """A car before a hedge that is 30 m long, all in one cluster."""
     box = car(20.0)

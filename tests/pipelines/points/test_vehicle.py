@@ -21,8 +21,21 @@ def rectangle(heading=0.0, x=(0.0, 0.0), y=(0.0, 0.0)):
         (rectangle(x=(10, 10.2), y=(2, 5.8)), (11, 4), (4, 2), -np.pi / 2),
         (rectangle(x=(10, 11), y=(-0.8, 0.8)), (12, 0), (4, 2), 0),
         (rectangle(x=(5, 17), y=(3, 5.5)), (11, 4.25), (12, 2.5), 0),
+        (rectangle(x=(20, 22), y=(2, 3.6)), (22, 3), (4, 2), 0),
+        (rectangle(np.pi / 2, x=(2, 3.6), y=(-22, -20)), (22, 3), (4, 2), 0),
+        (rectangle(x=(2, 3.6), y=(20, 22)), (3, 22), (4, 2), -np.pi / 2),
     ],
-    ids=["back", "back, behind", "side", "crossing", "straight ahead", "bus"],
+    ids=[
+        "back",
+        "back, behind",
+        "side",
+        "crossing",
+        "straight ahead",
+        "bus",
+        "back and a part of the side",
+        "the same, as the other heading",
+        "the same, to the left",
+    ],
 )
 def test_what_is_hidden_lies_behind_what_is_seen(seen, center, size, yaw):
     found = complete(seen, ORIGIN, CAR)
