@@ -142,7 +142,7 @@ def _covered(boxes: Boxes3D) -> Float64:
     """Share (N, N) of the smaller of two footprints that the other one covers."""
     iou, area = iou_bev(boxes, boxes), boxes.size_lwh_m[:, 0] * boxes.size_lwh_m[:, 1]
     both = iou * (area[:, None] + area[None, :]) / (1 + iou)
-    return np.asarray(both / np.minimum(area[:, None], area[None, :]), np.float64)
+    return np.asarray(both / np.maximum(np.minimum(area[:, None], area[None, :]), 1e-9), np.float64)
 
 
 def _in_line(found: Found, other: Found) -> bool:

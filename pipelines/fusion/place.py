@@ -15,7 +15,6 @@ from fbench.replay.boxes import Boxes3D
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
-_CLASSES = ("car", "van", "truck", "bus")
 _HIGHEST_M = {"car": 2.1, "van": 2.8}
 """No car is higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
@@ -72,7 +71,7 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     label = _label(seen)
     shape = None
     if group.lidar >= 0:
-        if not label or _is_too_high(scene, group.lidar, label):
+        if not label or (not group.is_cut and _is_too_high(scene, group.lidar, label)):
             label = _lidar_label(scene.lidar, group.lidar) or label
         shape = _shape(group, scene, seen, label)
     radar_box = None if group.radar < 0 else scene.radar.boxes[np.array([group.radar])]
