@@ -82,8 +82,9 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     ]
     size, yaw = _size_and_yaw(shape, seen, radar_box)
     if radar_box is not None:
-        is_sure = group.lidar >= 0 and label == _lidar_label(scene.lidar, group.lidar)
-        estimates.append(_by_radar(radar_box, size if is_sure else radar_box.size_lwh_m[0], yaw, params))
+        # Only LiDAR's class tells how long it is: what cameras call a truck may be a van.
+        is_known = group.lidar >= 0 and label == _lidar_label(scene.lidar, group.lidar)
+        estimates.append(_by_radar(radar_box, size if is_known else radar_box.size_lwh_m[0], yaw, params))
     xy = _joined(estimates)
     if not label:
         label = _by_size(size)
@@ -169,10 +170,7 @@ def _by_camera(s: Sighting, standing_m: float, params: AssociationParams) -> Est
 
 
 def _by_radar(box: Boxes3D, size: Float64, yaw_rad: float, params: AssociationParams) -> Estimate:
-    """As far behind the side that radar sees as the object's size says, where radar took it for a shorter one.
-
-    Only LiDAR's class tells that: what cameras call a truck may be a van.
-    """
+    """As far behind the side that radar sees as the object's size says, where radar took it for a shorter one."""
     xy, own = box.center_m[0, :2], box.size_lwh_m[0]
     reach, bearing = float(np.hypot(*xy)), float(np.arctan2(xy[1], xy[0]))
     farther = max(0.0, _depth_m(size, yaw_rad - bearing) - _depth_m(own, yaw_rad - bearing))
