@@ -12,11 +12,12 @@ from fbench.pipelines.fusion.shape import Shape, lidar_shape
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
+from fbench.replay.data import VEHICLES
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
-_HIGHEST_M = {"car": 2.1, "van": 2.8}
-"""No car is higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
+_LARGEST_M = {"car": (5.6, 2.1), "van": (7.0, 2.8)}
+"""No car is longer or higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
@@ -64,15 +65,15 @@ def place(group: Group, scene: Scene, params: AssociationParams) -> Placed:
     """Join what sensors measured of one object, each weighted by the inverse of its covariance.
 
     Cameras are good in direction and poor in distance, LiDAR is good in both, radar good in distance. The label is the
-    camera's, else LiDAR's, else by size; typical sizes complete what LiDAR sees. A radial speed is taken as the share
-    of the speed along the heading where LiDAR shows that, unless nearly nothing of it points to the radar.
+    camera's unless LiDAR shows something larger, else LiDAR's, else by size; typical sizes complete what LiDAR sees.
+    A radial speed is taken as the share of the speed along the heading where LiDAR shows that, unless nearly nothing of
+    it points to the radar.
     """
     seen = [scene.sightings[i] for i in group.sightings]
     label = _label(seen)
     shape = None
     if group.lidar >= 0:
-        if not label or (not group.is_cut and _is_too_high(scene, group.lidar, label)):
-            label = _lidar_label(scene.lidar, group.lidar) or label
+        label = label if group.is_cut else _with_lidar(label, seen, scene, group.lidar)
         shape = _shape(group, scene, seen, label)
     radar_box = None if group.radar < 0 else scene.radar.boxes[np.array([group.radar])]
     estimates = [] if shape is None else [_by_shape(shape)]
@@ -114,13 +115,28 @@ def _lidar_label(lidar: Clusters, at: int) -> str:
     return label if label in SIZES else ""
 
 
-def _is_too_high(scene: Scene, lidar: int, label: str) -> bool:
-    """Tell whether points lie higher over the ground than what a camera takes an object for."""
-    highest_m = _HIGHEST_M.get(label)
-    if highest_m is None or scene.plane is None:
+def _with_lidar(label: str, seen: list[Sighting], scene: Scene, at: int) -> str:
+    """Label by camera and LiDAR: cameras know classes better, LiDAR sizes, so that it decides where an object is larger
+    than what the camera takes it for.
+    """
+    own = _lidar_label(scene.lidar, at)
+    if not own or not label:
+        return own or label
+    is_surer = float(scene.lidar.score[at]) > max(s.score for s in seen)
+    is_longer = label in VEHICLES and own in VEHICLES and SIZES[own][0] > SIZES[label][0]
+    return own if _is_too_large(scene, at, label) or (is_longer and is_surer) else label
+
+
+def _is_too_large(scene: Scene, lidar: int, label: str) -> bool:
+    """Tell whether points lie higher over the ground or farther apart than what a camera takes an object for allows."""
+    if label not in _LARGEST_M:
         return False
-    points = scene.lidar.points(lidar)
-    return bool((points[:, 2] - scene.plane.z_m(points[:, :2]) > highest_m).any())
+    longest_m, highest_m = _LARGEST_M[label]
+    points, yaw = scene.lidar.points(lidar), float(scene.lidar.boxes.yaw_rad[lidar])
+    along = points[:, 0] * np.cos(yaw) + points[:, 1] * np.sin(yaw)
+    if np.ptp(along) > longest_m:
+        return True
+    return scene.plane is not None and bool((points[:, 2] - scene.plane.z_m(points[:, :2]) > highest_m).any())
 
 
 def _by_size(size: Float64) -> str:

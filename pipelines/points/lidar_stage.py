@@ -8,6 +8,7 @@ from fbench.pipelines.points import lidar
 from fbench.pipelines.points.deskew import Deskew
 from fbench.pipelines.points.ground import Plane
 from fbench.pipelines.points.lidar import LidarParams, LidarView, Obstacles
+from fbench.pipelines.points.long_vehicles import with_whole_trucks
 from fbench.pipelines.points.merged import Outline, lidar_points, lidar_position
 from fbench.pipelines.stages import StageClock
 from fbench.replay.arrays import Float64
@@ -47,7 +48,8 @@ class LidarStage:
         """Detect in points as `points` gives them."""
         found = self.obstacles(points, clock)
         with clock.stage("detect.lidar"):
-            return replace(lidar.detect(found, self._viewpoint, self._params), plane=self._plane)
+            seen = lidar.detect(found, self._viewpoint, self._params)
+            return replace(with_whole_trucks(seen, self._viewpoint), plane=self._plane)
 
     def points(self, frame: Frame, clock: StageClock) -> Float64 | None:
         """Points (N, 3) [m] of all LiDARs in body coordinates at the frame's instant that don't lie on the own vehicle,

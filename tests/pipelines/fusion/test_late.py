@@ -181,13 +181,33 @@ def named(view, *labels):
 
 def test_points_higher_than_what_the_camera_names_are_believed():
     truck = car(20.0, 2.0, size=(8.5, 2.6, 3.3))  # points up to 1.95 m
-    low, camera = named(lidar_view(truck), "truck"), outline(truck, label="car")
+    low, camera = named(lidar_view(truck, score=0.7), "truck"), outline(truck, label="car")
     high = replace(low, xyz=low.xyz + np.array([0, 0, 0.5]))
     assert fuse(seen(camera, low), PARAMS).label.tolist() == ["car"]
     found = fuse(seen(camera, high), PARAMS)
     assert found.label.tolist() == ["truck"]
     assert found.size_lwh_m[0, 0] == 8.5
     assert fuse(seen(camera, replace(high, plane=None)), PARAMS).label.tolist() == ["car"]
+
+
+def test_points_farther_apart_than_what_the_camera_names_are_believed():
+    truck = car(20.0, 2.0, size=(8.5, 2.6, 3.3))
+    rear, camera = named(lidar_view(truck, score=0.7), "truck"), outline(truck, label="van")
+    side = np.array([[x, 3.3, -0.5] for x in np.arange(16.0, 23.5, 0.5)])
+    whole = replace(rear, xyz=np.concatenate([rear.xyz, side]), cluster=np.zeros(30 + len(side), np.int64))
+    assert fuse(seen(camera, rear), PARAMS).label.tolist() == ["van"]
+    assert fuse(seen(camera, whole), PARAMS).label.tolist() == ["truck"]
+
+
+@pytest.mark.parametrize(
+    ("by_lidar", "score", "by_camera", "expected"),
+    [("truck", 0.9, "van", "truck"), ("truck", 0.7, "van", "van"), ("car", 0.9, "truck", "truck"),
+     ("truck", 0.9, "pedestrian", "pedestrian")],
+)  # fmt: skip
+def test_a_surer_lidar_is_believed_that_a_vehicle_is_larger(by_lidar, score, by_camera, expected):
+    box = car(20.0, 2.0, size=(5.0, 2.0, 2.1))
+    lidar = named(lidar_view(box, score=score), by_lidar)
+    assert fuse(seen(outline(box, label=by_camera), lidar), PARAMS).label.tolist() == [expected]
 
 
 def test_radar_that_sees_the_rear_of_a_truck_does_not_pull_it_nearer():

@@ -1,0 +1,135 @@
+"""Long vehicles put together again: at a grazing angle their sides fall apart into stripes."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fbench.pipelines.points.lidar import LidarView
+from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.vehicle import completed
+from fbench.replay.arrays import Bool, Float64, Int64
+
+_LABEL = "truck"
+_LEAST_SCORE = 0.2
+"""What is less likely a road user doesn't take other clusters."""
+_GAP_M = 1.8
+"""Stripes of one side are at most this far apart."""
+_COLUMN_RAD = np.radians(1.3)
+"""Columns of points are at most this far apart, seen from the LiDAR: farther ahead, or from nearly behind, such columns
+hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck."""
+_OFF_SIDE_M, _HIGH_M = 0.5, 2.0
+_ASIDE_M = 0.3
+"""Points of a vehicle lie at most this far beside the box that what is seen of it was completed to."""
+_LONGEST_M = 18.0
+_MOST = 0.8
+"""A cluster of which at least this share lies where the vehicle goes on is a part of it."""
+_VEHICLES = ("car", "van", "truck")
+_ROUNDS = 3
+"""The more of a side is known, the better its heading, and the more of it is found."""
+_TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
+_NEAR_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    """A vehicle on the ground."""
+
+    center_m: Float64
+    """(2,) [m]."""
+    size_lw_m: Float64
+    """(2,) [m]."""
+    yaw_rad: float
+
+
+def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
+    """Let trucks and buses take what continues them away from the viewer at `viewpoint` (2,), the likeliest first.
+
+    Beams that graze a side hit it farther and farther apart, until each column of them is a cluster of its own. A
+    cluster is taken if nearly all of it lies in line with the vehicle and no gap is wider than such columns are apart,
+    unless it looks more like a vehicle itself. Boxes get as long as what they took.
+    """
+    boxes = view.boxes
+    if boxes.label is None or boxes.score is None:
+        return view
+    score, owner = boxes.score, np.arange(len(boxes))
+    center, size, yaw = boxes.center_m.copy(), boxes.size_lwh_m.copy(), boxes.yaw_rad.copy()
+    rows = np.flatnonzero((boxes.label == _LABEL) & (score >= _LEAST_SCORE))
+    for at in rows[np.lexsort((rows, -score[rows]))].tolist():
+        box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
+        for _ in range(_ROUNDS if owner[at] == at else 0):
+            taken = _taken(view, owner, at, _strip(view, owner, at, box, viewpoint))
+            if not taken.any():
+                break
+            owner[taken[owner]] = at
+            box = _around(view, owner, at, box, viewpoint)
+        center[at, :2], size[at, :2], yaw[at] = box.center_m, box.size_lw_m, box.yaw_rad
+    return _merged(replace(view, boxes=replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)), owner)
+
+
+def _strip(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64) -> Bool:
+    """Tell which points (N,) lie where a vehicle is or goes on."""
+    axis = np.array([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
+    if (box.center_m - viewpoint) @ axis < 0:
+        axis = -axis
+    left = np.array([-axis[1], axis[0]])
+    along, across = (view.xyz[:, :2] - viewpoint) @ axis, (view.xyz[:, :2] - viewpoint) @ left
+    own = _own(view, owner, at)
+    near, far = float(along[own].min()), float(along[own].max())
+    beside = np.abs(across - (box.center_m - viewpoint) @ left) < box.size_lw_m[1] / 2 + _ASIDE_M
+    rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
+    rows = rows[np.argsort(along[rows], kind="stable")]
+    side = across[own][np.argmin(np.abs(across[own]))] * float((across[own] > 0).all() or (across[own] < 0).all())
+    before = np.append(far, along[rows[:-1]])
+    on_side = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0)
+    turn = np.abs(np.arctan2(side, before) - np.arctan2(side, along[rows]))
+    adjoins = along[rows] - before <= _GAP_M
+    goes_on = np.logical_and.accumulate(adjoins | (on_side & (turn <= _COLUMN_RAD)))
+    firm = goes_on & (np.logical_and.accumulate(adjoins) | _is_high(view)[rows])
+    end = along[rows[firm]].max(initial=far)
+    return np.asarray(beside & (along >= near) & (along <= end), np.bool_)
+
+
+def _is_high(view: LidarView) -> Bool:
+    """Tell which points (N,) belong to something as high as a truck."""
+    if view.plane is None:
+        return np.zeros(len(view.xyz), np.bool_)
+    height, top = view.xyz[:, 2] - view.plane.z_m(view.xyz[:, :2]), np.zeros(len(view.boxes) + 1)
+    np.maximum.at(top, view.cluster, np.where(view.cluster >= 0, height, 0.0))
+    return np.asarray(top[view.cluster] > _HIGH_M, np.bool_)
+
+
+def _own(view: LidarView, owner: Int64, at: int) -> Bool:
+    """Tell which points (N,) are a vehicle's."""
+    return np.asarray((view.cluster >= 0) & (owner[view.cluster] == at), np.bool_)
+
+
+def _around(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64) -> _Box:
+    """Box around all points of a vehicle, turned at most a little and at least as large as before."""
+    xy = np.ascontiguousarray(view.xyz[_own(view, owner, at), :2])
+    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, _NEAR_M)
+    whole = completed(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
+    return _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
+
+
+def _taken(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
+    """Tell which clusters (K,) belong to a vehicle."""
+    boxes, num = view.boxes, len(view.boxes)
+    clustered = view.cluster >= 0
+    total = np.bincount(view.cluster[clustered], minlength=num)
+    share = np.bincount(view.cluster[clustered & inside], minlength=num) / np.maximum(total, 1)
+    free = (owner == np.arange(num)) & (np.arange(num) != at)
+    if boxes.label is None or boxes.score is None:
+        return np.zeros(num, np.bool_)
+    itself = np.isin(boxes.label, _VEHICLES) & (boxes.score > boxes.score[at])
+    return np.asarray((share >= _MOST) & free & ~itself, np.bool_)
+
+
+def _merged(view: LidarView, owner: Int64) -> LidarView:
+    """Number clusters anew without those that were taken; points stay sorted by cluster."""
+    kept = np.flatnonzero(owner == np.arange(len(owner)))
+    number = np.searchsorted(kept, owner)
+    cluster = np.full(len(view.cluster), -1)
+    clustered = view.cluster >= 0
+    cluster[clustered] = number[view.cluster[clustered]]
+    order = np.argsort(cluster, kind="stable")
+    return LidarView(view.plane, view.xyz[order], cluster[order], view.boxes[kept])
