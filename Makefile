@@ -18,7 +18,7 @@ detector: $(VENV)/ready
 	$(BIN)/fbench weights train runs/training -o runs/city.onnx
 
 test: lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: $(VENV)/ready
 	$(BIN)/ruff format --check .

@@ -9,6 +9,12 @@ from hypothesis import settings
 settings.register_profile("fbench", deadline=None, derandomize=True)
 settings.load_profile("fbench")
 
+LONGEST = (
+    "test_docs.py", "test_verify.py", "test_city_recording.py", "test_every_pipeline_on_recordings.py",
+    "test_suite.py", "test_city_cli.py", "test_every_pipeline.py", "test_replayed.py",
+)  # fmt: skip
+"""Files that take more than half a minute. They come first, or else one processor would end with them alone."""
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -19,3 +25,8 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real recordings are not at {folder}")
     return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    order = {name: i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))

@@ -26,13 +26,12 @@ MISSING = {
 def require_runs_or_says_why(
     log: Path, pipeline: str, sensors: Collection[str], num_frames: int, shared: Path, said: pytest.CaptureFixture[str]
 ) -> Run | None:
-    """Replay a log whose sensors are `sensors`, and return the run, or nothing where it rightly was refused."""
+    """Replay the first frames of a log whose sensors are `sensors`; returns nothing where it rightly was refused."""
     needed, out = ALONE.get(pipeline, "lidar"), log.parent / pipeline.replace("/", "-")
     weights = shared / "weights/deimv2_femto/deimv2_hgnetv2_femto_coco.onnx"
     uses_camera = needed == "camera" or pipeline.endswith(("-stereo", *FUSIONS))
-    code = fbench(
-        "replay", log, "-p", pipeline, *(["--set", f"camera.weights={weights}"] if uses_camera else []), "-o", out
-    )
+    settings = ["--set", f"camera.weights={weights}"] if uses_camera else []
+    code = fbench("replay", log, "-p", pipeline, *settings, "--frames", f":{num_frames}", "-o", out)
     if needed not in sensors:
         assert code == 3
         assert MISSING[needed] in said.readouterr().err

@@ -2,15 +2,19 @@
 
 A block's commands must succeed, unless the line ends with a comment `# exit N`. Python blocks whose first line is a
 comment with a file name are written there first. Commands that need recordings or weights skip where there are none.
+Those of fbench run in this process, as to start 150 others takes minutes.
 """
 
 import os
 import re
+import shlex
 import subprocess
 import sys
+from glob import glob
 from pathlib import Path
 
 import pytest
+from tests.program import fbench
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -56,21 +60,34 @@ def workplace(tmp_path):
     return tmp_path
 
 
+def exit_code(command: str) -> int:
+    """Run a command as a shell does; `fbench WORDS` needs none."""
+    if not command.startswith("fbench "):
+        return subprocess.run(command, shell=True).returncode
+    words = shlex.split(command)[1:]
+    return fbench(*(name for word in words for name in sorted(glob(word)) or [word]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", with_commands(), ids=lambda page: page.name)
-def test_commands_of_a_page_work(page, workplace):
+def test_commands_of_a_page_work(page, workplace, monkeypatch, capfd):
     for body in (*blocks(page, "python"), *blocks(page, "toml")):
         if name := re.match(r"# (\S+\.(?:py|toml))\n", body):
             (workplace / name[1]).write_text(body)
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    monkeypatch.chdir(workplace)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     for command, code in commands(page):
         needs = [name for name in BESIDE if re.search(rf"(?<![\w./-]){re.escape(name)}(?![\w.-])", command)]
         if any(not (workplace / need).exists() for need in needs):
             pytest.skip(f"`{command}` needs {needs}, which aren't beside this repository")
-        result = subprocess.run(
-            command, shell=True, cwd=workplace, env={**os.environ, "PATH": path}, capture_output=True, text=True
-        )
-        assert result.returncode == code, f"{command}\n{result.stdout}{result.stderr}"
+        found = exit_code(command)
+        said = capfd.readouterr()
+        assert found == code, f"{command}\n{said.out}{said.err}"
+
+
+def test_the_installed_program_is_found():
+    program = Path(sys.executable).parent / "fbench"
+    assert subprocess.run([program, "--version"], capture_output=True, text=True).stdout.startswith("0.")
 
 
 def test_links_between_pages_lead_somewhere():

@@ -10,11 +10,11 @@ from tests.recordings import PIPELINES, require_runs_or_says_why
 pytestmark = pytest.mark.slow
 RECORDINGS = {
     "astyx": (("log", "import", "astyx", "astyx", "--frames", "57:60"), {"camera", "lidar", "radar"}, 3),
-    "radiate": (("log", "import", "radiate", "radiate_tiny_foggy"), {"camera", "lidar", "radar", "stereo"}, 18),
+    "radiate": (("log", "import", "radiate", "radiate_tiny_foggy"), {"camera", "lidar", "radar", "stereo"}, 6),
     "kitti": (("log", "import", "kitti", "kitti_object"), {"camera", "lidar"}, 3),
-    "foreign": ((), {"camera", "lidar"}, 12),
+    "foreign": ((), {"camera", "lidar"}, 4),
 }
-"""How each is imported, the kinds of its sensors, and its frames."""
+"""How each is imported, the kinds of its sensors, and how many frames are replayed: tracks are kept and lost in six."""
 
 
 @pytest.fixture(scope="module", params=RECORDINGS)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import SMALL_RIG
+from tests.kept_cities import CITIES
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec
@@ -43,7 +44,8 @@ def drive(tmp_path_factory):
     left, right = (CameraSpec(translation_m=(2.0, y, 1.0), size_wh=(320, 240)) for y in (0.2, -0.2))
     cameras = {"stereo_left": left, "stereo_right": right}
     rig = RigSpec(cameras=cameras, lidars=SMALL_RIG.lidars, radars=SMALL_RIG.radars, pose_rate_hz=10.0)
-    write_recording(CityRecording(CitySpec("urban", seconds=0.5, rig=rig), "drive"), Target(path), lambda *_: None)
+    spec = CitySpec("urban", seconds=0.5, rig=rig)
+    write_recording(CityRecording(spec, "drive", cities=CITIES), Target(path), lambda *_: None)
     return path
 
 

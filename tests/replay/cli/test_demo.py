@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import SMALL_RIG
+from tests.kept_cities import kept_cities
 
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.spec import CitySpec
@@ -17,6 +18,12 @@ from fbench.replay.imports.claim import claimed
 from fbench.replay.store import Run
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
+
+
+@pytest.fixture(autouse=True)
+def cities():
+    with kept_cities():
+        yield
 
 
 def small(folder, *pipelines, conditions=("clear", "fog"), **fields):

@@ -58,9 +58,9 @@ def by_name(result):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pipeline", ["lidar3d", "late3d"])
-def test_builtin_pipelines_are_identical_under_all_circumstances(fbench, log, pipeline):
-    result = fbench("verify", log.name, "-p", pipeline)
+def test_a_builtin_pipeline_is_identical_under_all_circumstances(fbench, log):
+    """`docs/determinism.md`, whose commands are run, has one of a single sensor."""
+    result = fbench("verify", log.name, "-p", "late3d")
     assert result.code == 0, result.out
     assert [line for line in result.out.splitlines() if line.endswith(": identical")] == [
         f"{name}: identical" for name in VARIANTS
