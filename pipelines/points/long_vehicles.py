@@ -54,10 +54,13 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     score, owner = boxes.score, np.arange(len(boxes))
     center, size, yaw = boxes.center_m.copy(), boxes.size_lwh_m.copy(), boxes.yaw_rad.copy()
     rows = np.flatnonzero((boxes.label == _LABEL) & (score >= _LEAST_SCORE))
+    if not len(rows):
+        return view
+    high = _is_high(view)
     for at in rows[np.lexsort((rows, -score[rows]))].tolist():
         box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
         for _ in range(_ROUNDS if owner[at] == at else 0):
-            taken = _taken(view, owner, at, _strip(view, owner, at, box, viewpoint))
+            taken = _taken(view, owner, at, _strip(view, high, _own(view, owner, at), box, viewpoint))
             if not taken.any():
                 break
             owner[taken[owner]] = at
@@ -66,14 +69,13 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     return _merged(replace(view, boxes=replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)), owner)
 
 
-def _strip(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64) -> Bool:
-    """Tell which points (N,) lie where a vehicle is or goes on."""
+def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
+    """Tell which points (N,) lie where a vehicle is or goes on; `own` are its, `high` what may be a truck's."""
     axis = np.array([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
     if (box.center_m - viewpoint) @ axis < 0:
         axis = -axis
     left = np.array([-axis[1], axis[0]])
     along, across = (view.xyz[:, :2] - viewpoint) @ axis, (view.xyz[:, :2] - viewpoint) @ left
-    own = _own(view, owner, at)
     near, far = float(along[own].min()), float(along[own].max())
     beside = np.abs(across - (box.center_m - viewpoint) @ left) < box.size_lw_m[1] / 2 + _ASIDE_M
     rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
@@ -84,7 +86,7 @@ def _strip(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64
     turn = np.abs(np.arctan2(side, before) - np.arctan2(side, along[rows]))
     adjoins = along[rows] - before <= _GAP_M
     goes_on = np.logical_and.accumulate(adjoins | (on_side & (turn <= _COLUMN_RAD)))
-    firm = goes_on & (np.logical_and.accumulate(adjoins) | _is_high(view)[rows])
+    firm = goes_on & (np.logical_and.accumulate(adjoins) | high[rows])
     end = along[rows[firm]].max(initial=far)
     return np.asarray(beside & (along >= near) & (along <= end), np.bool_)
 
