@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.kept_cities import CITIES
+from tests.kept_cities import kept
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RadarSpec, RigSpec
@@ -39,5 +39,5 @@ def _content(seconds: float, seed: int, world: WorldName) -> bytes:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "city.mcap"
         spec = CitySpec(world, seconds=seconds, seed=seed, rig=SMALL_RIG)
-        write_recording(CityRecording(spec, "city", cities=CITIES), Target(path), lambda name, done, total: None)
+        write_recording(CityRecording(spec, "city", cities=kept()), Target(path), lambda name, done, total: None)
         return path.read_bytes()

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import pytest
 
@@ -10,22 +10,26 @@ from fbench.datasets.city import recording
 from fbench.datasets.city.city import Cities
 from fbench.datasets.city.world.worlds import layout
 
-CITIES = Cities()
-"""The last few, as drives of an experiment share them; `test_city_shared` shows that this changes no log."""
 _layout = lru_cache(4)(layout)
 _of = Cities.of
 
 
+@cache
+def kept() -> Cities:
+    """The last few, as drives of an experiment share them; `test_city_shared` shows that this changes no log."""
+    return Cities()
+
+
 @contextmanager
-def kept_cities() -> Iterator[None]:
-    """Take cities from those that are kept."""
+def shared_cities() -> Iterator[None]:
+    """Let the program, too, take cities from those that are kept."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Cities, "of", lambda _, spec: _of(CITIES, spec))
+        patch.setattr(Cities, "of", lambda _, spec: _of(kept(), spec))
         patch.setattr(recording, "layout", _layout)
         yield
 
 
 def forget_cities() -> None:
     """So that the next ones are built anew."""
-    CITIES._kept.clear()
+    kept.cache_clear()
     _layout.cache_clear()

@@ -13,9 +13,9 @@ def fbench(*args: object) -> int:
     with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         patch.setattr(sys, "argv", ["fbench", *map(str, args)])
         if args[:2] == ("log", "simulate"):
-            from tests.kept_cities import kept_cities
+            from tests.kept_cities import shared_cities
 
-            stack.enter_context(kept_cities())
+            stack.enter_context(shared_cities())
         try:
             main()
         except SystemExit as stop:

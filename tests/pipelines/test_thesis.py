@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import SMALL_RIG
-from tests.kept_cities import CITIES
+from tests.kept_cities import kept
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec
@@ -45,7 +45,7 @@ def drive(tmp_path_factory):
     cameras = {"stereo_left": left, "stereo_right": right}
     rig = RigSpec(cameras=cameras, lidars=SMALL_RIG.lidars, radars=SMALL_RIG.radars, pose_rate_hz=10.0)
     spec = CitySpec("urban", seconds=0.5, rig=rig)
-    write_recording(CityRecording(spec, "drive", cities=CITIES), Target(path), lambda *_: None)
+    write_recording(CityRecording(spec, "drive", cities=kept()), Target(path), lambda *_: None)
     return path
 
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from tests.city_log import SMALL_RIG
-from tests.kept_cities import CITIES
+from tests.kept_cities import kept
 from tests.program import fbench as run
 
 from fbench.datasets.city.conditions import condition
@@ -25,7 +25,7 @@ def replayed(tmp_path_factory):
         if not out.exists():
             lidar = SMALL_RIG.lidars["lidar"].model_copy(update={"loss": loss})
             spec = CitySpec("urban", condition(name), 1.0, 3, RigSpec(lidars={"lidar": lidar}, pose_rate_hz=10.0))
-            write_recording(CityRecording(spec, name, cities=CITIES), Target(folder / f"{name}.mcap"), lambda *_: None)
+            write_recording(CityRecording(spec, name, cities=kept()), Target(folder / f"{name}.mcap"), lambda *_: None)
             assert run("replay", folder / f"{name}.mcap", "-p", "lidar3d", "-o", out) == 0
         return out
 

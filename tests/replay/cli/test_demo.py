@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.city_log import SMALL_RIG
-from tests.kept_cities import kept_cities
+from tests.kept_cities import shared_cities
 
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.spec import CitySpec
@@ -22,7 +22,7 @@ MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report
 
 @pytest.fixture(autouse=True)
 def cities():
-    with kept_cities():
+    with shared_cities():
         yield
 
 
