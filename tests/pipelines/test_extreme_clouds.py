@@ -63,7 +63,7 @@ def _require_sound(boxes: object) -> None:
 
 
 @pytest.mark.parametrize("num", [0, 1, 1000, pytest.param(1_000_000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", KINDS[:-1])  # a million everywhere: see test_every_pipeline
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("make", [Lidar3D, Radar3D, Early3D])
 def test_from_no_point_to_a_million(make: type[Lidar3D | Radar3D | Early3D], kind: str, num: int):
     xyz = _many(kind, num)
