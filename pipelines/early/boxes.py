@@ -10,15 +10,13 @@ from fbench.pipelines.early.groups import Counts, Groups
 from fbench.pipelines.fusion.lift import SIZES, Sighting
 from fbench.pipelines.fusion.outlines import outline_overlaps
 from fbench.pipelines.points.ground import Plane
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.rectangle_kernel import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import VehicleSize, completed, half_turn
 from fbench.replay.arrays import Bool, Float64, Text
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Rig, Source
 from fbench.replay.geometry.transforms import wrap_angle
 
-_HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
-_NEAR_M = 0.05
 _SIDE = 1.25
 """An edge is a side where it is so many times longer than the object is wide."""
 _WIDEST = 1.6
@@ -61,7 +59,7 @@ def shapes(cloud: Cloud, groups: Groups, counts: Counts, least: float) -> Shapes
     used = dense | ~by_shape[groups.number]
     rows, number = groups.rows[used], groups.number[used]
     first = np.searchsorted(number, np.arange(len(groups) + 1))
-    rectangles = fit_rectangles(np.ascontiguousarray(cloud.xyz[rows, :2]), first, _HEADINGS_RAD, _NEAR_M)
+    rectangles = fit_rectangles(np.ascontiguousarray(cloud.xyz[rows, :2]), first, HEADINGS_RAD, NEAR_M)
     if not len(rows):
         return Shapes(rectangles, by_shape, np.zeros(0), np.zeros(0))
     top, bottom = (reduce.reduceat(cloud.height_m[rows], first[:-1]) for reduce in (np.maximum, np.minimum))

@@ -16,11 +16,11 @@ from fbench.replay.data import VEHICLES
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
-_LARGEST_M = {"car": (5.6, 2.1), "van": (7.0, 2.8)}
-"""No car is longer or higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
+_LARGEST_M = {"car": (LONG_CAR_M, 2.1), "van": (LONG_VAN_M, 2.8)}
+"""No car is longer or higher, and no van [m]; cameras mistake one for the other, and trucks for both."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion.lift import SIZES
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.rectangle_kernel import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import VehicleSize, complete
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
 
-_HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
-_NEAR_M = 0.05
 _ENOUGH = 300
 _TELLING_M = 2.2
 _SURE_M = 0.15
@@ -55,7 +53,7 @@ def lidar_shape(points: Float64, box: Boxes3D, label: str, eye_m: Float64, is_pa
 def _completed(points: Float64, label: str, eye_m: Float64, top_m: float) -> tuple[Float64, Float64, float]:
     length, width, height, spread = SIZES[label or "car"]
     xy = np.ascontiguousarray(points[:: 1 + len(points) // _ENOUGH, :2])
-    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), _HEADINGS_RAD, _NEAR_M)
+    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), HEADINGS_RAD, NEAR_M)
     whole = complete(rectangle, eye_m, VehicleSize(length, width, height))
     high = max(top_m, height) if spread > 0.3 else height
     return whole.center_m[0], np.array([*whole.size_lw_m[0], high]), float(whole.yaw_rad[0])

@@ -6,12 +6,11 @@ import numpy as np
 
 from fbench.pipelines.imaging.cloud import Cloud
 from fbench.pipelines.imaging.params import ShapeParams
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.rectangle_kernel import NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import VehicleSize, complete, fading
 from fbench.replay.arrays import Bool, Float64, Int64
 
 _HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
-_NEAR_M = 0.05
 _OVER_MARGIN_M = 0.3
 _CAR = VehicleSize()
 
@@ -31,7 +30,7 @@ class Groups:
     def of(cls, cloud: Cloud, cluster: Int64) -> "Groups":
         """Groups of points whose clusters (N,) ascend from 0."""
         first = np.append(np.flatnonzero(np.diff(cluster, prepend=-1)), len(cluster))
-        return cls(cloud, first, fit_rectangles(np.ascontiguousarray(cloud.xyz[:, :2]), first, _HEADINGS_RAD, _NEAR_M))
+        return cls(cloud, first, fit_rectangles(np.ascontiguousarray(cloud.xyz[:, :2]), first, _HEADINGS_RAD, NEAR_M))
 
     def __len__(self) -> int:
         return len(self.first) - 1

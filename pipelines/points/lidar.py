@@ -11,15 +11,12 @@ from fbench.pipelines.points.clustering import Grouping
 from fbench.pipelines.points.features import Standing
 from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
 from fbench.pipelines.points.judging import Seen, like_cars, road_users
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.rectangle_kernel import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import OtherSizes, VehicleSize
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import LogInfo
 from fbench.replay.log_keys import SIMULATED
-
-_HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
-_NEAR_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -164,7 +161,7 @@ def arranged(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Floa
     if found.plane is None or loose == len(cluster):
         return xyz, cluster, None
     first = np.append(loose + np.flatnonzero(np.diff(cluster[loose:], prepend=-1)), len(cluster))
-    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, _HEADINGS_RAD, _NEAR_M)
+    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, HEADINGS_RAD, NEAR_M)
     height = np.column_stack([xyz[:, :2], found.height_m[by_cluster]])
     tall = np.column_stack([found.tall[:, :2], found.tall[:, 2] - found.plane.z_m(found.tall)])
     return xyz, cluster, Seen(Standing(height, first, tall), rectangles, found.plane, viewpoint)

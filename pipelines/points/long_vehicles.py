@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.pipelines.points.lidar import LidarView
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.points.rectangle_kernel import NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import completed
 from fbench.replay.arrays import Bool, Float64, Int64
 
@@ -17,17 +17,21 @@ _GAP_M = 1.8
 _COLUMN_RAD = np.radians(1.3)
 """Columns of points are at most this far apart, seen from the LiDAR: farther ahead, or from nearly behind, such columns
 hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck."""
-_OFF_SIDE_M, _HIGH_M = 0.5, 2.0
+_OFF_SIDE_M = 0.5
+"""Such columns lie at most this far off the side that is seen."""
+_HIGH_M = 2.0
+"""No car is as high above the ground."""
 _ASIDE_M = 0.3
 """Points of a vehicle lie at most this far beside the box that what is seen of it was completed to."""
 _LONGEST_M = 18.0
+"""No vehicle is longer."""
 _MOST = 0.8
 """A cluster of which at least this share lies where the vehicle goes on is a part of it."""
-_VEHICLES = ("car", "van", "truck")
+_SOLID = ("car", "van", "truck")
+"""What doesn't look like a column of points, as people and two-wheelers do."""
 _ROUNDS = 3
 """The more of a side is known, the better its heading, and the more of it is found."""
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
-_NEAR_M = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +112,7 @@ def _own(view: LidarView, owner: Int64, at: int) -> Bool:
 def _around(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float64) -> _Box:
     """Box around all points of a vehicle, turned at most a little and at least as large as before."""
     xy = np.ascontiguousarray(view.xyz[_own(view, owner, at), :2])
-    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, _NEAR_M)
+    rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
     whole = completed(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
     return _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
 
@@ -122,7 +126,7 @@ def _taken(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
     free = (owner == np.arange(num)) & (np.arange(num) != at)
     if boxes.label is None or boxes.score is None:
         return np.zeros(num, np.bool_)
-    itself = np.isin(boxes.label, _VEHICLES) & (boxes.score > boxes.score[at])
+    itself = np.isin(boxes.label, _SOLID) & (boxes.score > boxes.score[at])
     return np.asarray((share >= _MOST) & free & ~itself, np.bool_)
 
 

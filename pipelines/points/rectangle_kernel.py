@@ -5,6 +5,11 @@ import numpy as np
 from fbench.replay.arrays import Float64, Int64
 from fbench.replay.kernels import kernel
 
+HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
+"""Headings of rectangles in space that are tried; by then a rectangle looks as at the first again [rad]."""
+NEAR_M = 0.05
+"""Distances from an edge below this [m] are noise."""
+
 
 @kernel
 def fit_rectangles(xy: Float64, first: Int64, headings_rad: Float64, near_m: float) -> Float64:
