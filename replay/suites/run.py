@@ -3,7 +3,7 @@
 import glob
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,9 @@ def run_suite(
 
     A cell is there if its folder holds a whole run of equal content: log, files beside it, pipeline, parameters with
     weights, options of scoring, code and versions. What is damaged or of other content is replaced. A cell that fails
-    doesn't stop the others. Runs are equal for any number of workers, apart from what is measured.
+    doesn't stop the others; nor does one that somebody changes before the suite ends, such as by `fbench score` with
+    other options: its numbers would be of other rules than the rest. Runs are equal for any number of workers, apart
+    from what is measured.
 
     Args:
         cells: With different folders.
@@ -45,10 +47,10 @@ def run_suite(
     told(0, len(cells))
     contents = Contents()
     with _suite(num_workers, module) as suite:
-        futures = [suite.pool.submit(suite.result, cell, _planned(cell, contents)) for cell in cells]
-        for num, _ in enumerate(as_completed(futures), 1):
+        begun = [suite.begin(cell, _planned(cell, contents)) for cell in cells]
+        for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
             told(num, len(cells))
-        return [future.result() for future in futures]
+        return [_checked(future.result(), planned) for future, planned in begun]
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,11 @@ class _Planned:
 
     content: Content | None = None
     error: str | None = None
+
+    @property
+    def key(self) -> str | None:
+        """Of the run that it gives; `None` where nobody can tell."""
+        return None if self.content is None else key_of(self.content)
 
 
 def _planned(cell: Cell, contents: Contents) -> _Planned:
@@ -76,6 +83,10 @@ class _Suite:
     workers: Workers
     interrupted: Event
 
+    def begin(self, cell: Cell, planned: _Planned) -> tuple[Future[CellResult], _Planned]:
+        """Hand a cell to the threads."""
+        return self.pool.submit(self.result, cell, planned), planned
+
     def result(self, cell: Cell, planned: _Planned) -> CellResult:
         """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
         try:
@@ -90,7 +101,7 @@ class _Suite:
     def _replayed(self, cell: Cell, planned: _Planned) -> CellResult:
         if planned.error is not None:
             return CellResult(cell, "failed", planned.error)
-        key = None if planned.content is None else key_of(planned.content)
+        key = planned.key
         if key is not None and is_sealed_run(cell.folder, key):
             return CellResult(cell, "there")
         _clear(cell.folder)
@@ -104,6 +115,14 @@ class _Suite:
         if key is not None and planned.content is not None:
             seal_run(cell.folder, key, planned.content)
         return CellResult(cell, "replayed")
+
+
+def _checked(result: CellResult, planned: _Planned) -> CellResult:
+    """Fail a run that isn't as it was replayed any more."""
+    key = planned.key
+    if not result.has_run or key is None or is_sealed_run(result.cell.folder, key):
+        return result
+    return CellResult(result.cell, "failed", f"{result.cell.folder} was changed meanwhile; the same command redoes it")
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from fbench.replay.cli.scoring import score_folder
 from fbench.replay.config.source import NO_CONFIG, LogWish
 from fbench.replay.data import Rig
 from fbench.replay.errors import ConfigError
@@ -152,6 +153,24 @@ def test_what_is_damaged_or_missing_is_made_anew(log):
     assert all(contents(one.folder) == whole for one in cells)
     assert not left.exists()
     assert states(run_suite(cells, 2)) == ["there"] * 6
+
+
+@pytest.mark.parametrize("state", ["replayed", "there"])
+def test_a_run_that_somebody_scores_otherwise_meanwhile_fails_and_is_made_anew(log, state):
+    """Else the suite's tables would hold numbers by different rules, and nobody would know."""
+    cells = [cell(log, "mine.py:Mine"), cell(log, "mine.py:Mine", folder=Path("runs/other"))]
+    if state == "there":
+        run_suite(cells, 1)
+
+    def score_otherwise(done, of):
+        if done == of:
+            score_folder(cells[0].folder, ScoreOptions(range_m=20))
+
+    scored, other = run_suite(cells, 1, score_otherwise)
+    assert (scored.state, other.state) == ("failed", state)
+    assert scored.reason == "runs/mine.py-Mine was changed meanwhile; the same command redoes it"
+    assert states(run_suite(cells, 1)) == ["replayed", "there"]
+    assert Path("runs/mine.py-Mine/scores.json").read_bytes() == Path("runs/other/scores.json").read_bytes()
 
 
 @pytest.mark.slow
