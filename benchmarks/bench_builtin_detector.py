@@ -6,14 +6,16 @@ The tables of docs/detector.md are its output for the test seeds.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 from made_city import images_and_truth
 
+from fbench.datasets.city.city import Cities
 from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
@@ -55,13 +57,16 @@ class Number:
         return f"{'-' if self.value is None else f'{self.value:.3f}'} ({self.num_truth})"
 
 
-def drives(detector: CameraDetector, weather: str, seeds: Sequence[int]) -> Iterator[Drive]:
-    """Yield what is true and what is found along drives in both worlds."""
+def drives(detector: CameraDetector, weathers: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Drive]]:
+    """Return by weather what is true and what is found along drives in both worlds."""
     camera = thesis_rig().cameras["camera"].model_copy(update={"rate_hz": RATE_HZ})
-    for world in WORLDS:
-        for seed in seeds:
-            spec = CitySpec(world, condition(weather), SECONDS, seed, RigSpec(cameras={"camera": camera}))
-            yield drive(detector, CityRecording(spec, f"{world}-{weather}-{seed}"))
+    cities, found = Cities(), {weather: list[Drive]() for weather in weathers}
+    # Weathers last, as they share a city, which takes seconds to build.
+    for world, seed, weather in product(WORLDS, seeds, weathers):
+        spec = CitySpec(world, condition(weather), SECONDS, seed, RigSpec(cameras={"camera": camera}))
+        log = CityRecording(spec, f"{world}-{weather}-{seed}", cities=cities)
+        found[weather].append(drive(detector, log))
+    return found
 
 
 def drive(detector: CameraDetector, log: CityRecording) -> Drive:
@@ -152,17 +157,15 @@ def main() -> None:
     print(f"AP50 of {asked.weights.name}, seeds {', '.join(map(str, seeds))}, urban and highway, {SECONDS:g} s each "
           f"with {RATE_HZ:g} images a second; vehicles (as one class) nearer than {FAR_M:g} m of which at least "
           f"{SEEN:.0%} are visible, unless said otherwise; in brackets how many")  # fmt: skip
-    clear: list[Drive] = []
     print("\n| condition | both | urban | highway | best F1 |\n|---|---|---|---|---|")
-    for weather in asked.conditions:
-        found = list(drives(detector, weather, seeds))
-        clear = found if weather == "clear" else clear
+    of_weather = drives(detector, asked.conditions, seeds)
+    for weather, found in of_weather.items():
         parts = [[one for one in found if one.name.startswith(world)] for world in WORLDS]
         f1, score = best_f1(found)
         worlds = " | ".join(str(ap50(part)) for part in parts)
-        print(f"| {weather} | {ap50(found)} | {worlds} | {f1:.3f} at {score:.2f} |", flush=True)
-    if clear:
-        details(clear)
+        print(f"| {weather} | {ap50(found)} | {worlds} | {f1:.3f} at {score:.2f} |")
+    if "clear" in of_weather:
+        details(of_weather["clear"])
 
 
 def details(clear: Sequence[Drive]) -> None:

@@ -49,19 +49,22 @@ def groups(
     for i, a in enumerate(seen):
         for j, b in enumerate(seen[:i]):
             matrix[j, i] = pairs.between_cameras(b, a, params)
-    _add_cuts(matrix, ratio, cuts, size - len(cuts), num, whole)
+    _add_cuts(matrix, ratio, cuts, [s.camera for s in seen], num, whole)
     for begin, end in ((num, whole), (whole, size - len(cuts))):
         matrix[begin:end, begin:end] = pairs.NEVER
     upper = np.triu(matrix, 1)
     return _as_groups(agglomerate(upper + upper.T), num, whole, size - len(cuts), cuts)
 
 
-def _add_cuts(matrix: Float64, ratio: Float64, cuts: Int64, begin: int, num: int, whole: int) -> None:
-    """Let each cut cluster belong to the sighting that cuts it, and to nothing else that LiDAR sees."""
-    matrix[:num, begin:] = pairs.NEVER
+def _add_cuts(matrix: Float64, ratio: Float64, cuts: Int64, cameras: list[str], num: int, whole: int) -> None:
+    """Let each cut cluster belong to the sighting that cuts it and those of other cameras, and to nothing else that
+    LiDAR sees.
+    """
+    begin, camera = len(matrix) - len(cuts), np.array(cameras)
     matrix[num:whole, begin:] = pairs.NEVER
     matrix[begin:, begin:] = pairs.NEVER
     for at, (s, k) in enumerate(cuts):
+        matrix[:num, begin + at] = np.where(camera == camera[s], pairs.NEVER, ratio[:, k])
         matrix[s, begin + at] = ratio[s, k]
 
 

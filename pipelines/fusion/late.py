@@ -94,7 +94,7 @@ def _scene(seen: Seen, params: FusionParams) -> Scene:
     lidar = clusters(seen.lidar.xyz, seen.lidar.cluster, seen.lidar.boxes)
     radar = clusters(seen.radar.xyz, seen.radar.cluster, seen.radar.boxes)
     near = standing_near_m(seen.rig, found, radar.loose, params.association)
-    return Scene(found, lidar, radar, seen.lidar.plane, _eye(seen.rig, "lidar"), near)
+    return Scene(seen.rig, found, lidar, radar, seen.lidar.plane, _eye(seen.rig, "lidar"), near)
 
 
 def _may_exist(group: Group, scene: Scene, params: FusionParams) -> bool:

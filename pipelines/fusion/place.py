@@ -12,10 +12,12 @@ from fbench.pipelines.fusion.shape import Shape, lidar_shape
 from fbench.pipelines.points.ground import Plane
 from fbench.replay.arrays import Float64
 from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import VEHICLES
+from fbench.replay.data import VEHICLES, Rig
+from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
+_MARGIN_PX = 2.0
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
@@ -51,6 +53,7 @@ class Placed:
 class Scene:
     """All measurements of a frame."""
 
+    rig: Rig
     sightings: list[Sighting]
     lidar: Clusters
     radar: Clusters
@@ -149,20 +152,21 @@ def _shape(group: Group, scene: Scene, seen: list[Sighting], label: str) -> Shap
     points, box = scene.lidar.points(group.lidar), scene.lidar.boxes[np.array([group.lidar])]
     if not group.is_cut:
         return lidar_shape(points, box, label, scene.lidar_eye_m, False)
-    return lidar_shape(_cut_out(points, seen[0]), box, label, scene.lidar_eye_m, True)
+    return lidar_shape(_cut_out(points, scene.rig, seen), box, label, scene.lidar_eye_m, True)
 
 
-def _cut_out(points: Float64, sighting: Sighting) -> Float64:
-    """Points in the direction of a sighting, from the nearest of them on as far as such an object reaches."""
-    off = points[:, :2] - sighting.eye_m[:2]
-    reach = np.hypot(off[:, 0], off[:, 1])
-    aside = np.abs(wrap_angle(np.arctan2(off[:, 1], off[:, 0]) - sighting.bearing_rad))
-    half = float(sighting.size_lwh_m[:2].max()) / 2 / max(sighting.near_m, 1.0)
-    inside = aside < half
+def _cut_out(points: Float64, rig: Rig, seen: list[Sighting]) -> Float64:
+    """Points in the box of the surest sighting, from the nearest of them on as far as such an object reaches."""
+    surest = max(seen, key=lambda s: (s.score, s.camera))
+    uv, _ = project_body(rig, surest.camera, points)
+    left, top, right, bottom = surest.xyxy_px
+    with np.errstate(invalid="ignore"):
+        inside = (uv[:, 0] > left) & (uv[:, 0] < right) & (uv[:, 1] > top - _MARGIN_PX) & (uv[:, 1] < bottom + _MARGIN_PX)
     if not inside.any():
         return points
+    reach = np.hypot(*(points[:, :2] - surest.eye_m[:2]).T)
     near = np.sort(reach[inside])[int(inside.sum()) // 10]
-    return np.asarray(points[inside & (reach < near + 2 * sighting.depth_m + 0.5)], np.float64)
+    return np.asarray(points[inside & (reach < near + 2 * surest.depth_m + 0.5)], np.float64)
 
 
 def _by_shape(shape: Shape) -> Estimate:

@@ -85,14 +85,26 @@ def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64
     rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
     rows = rows[np.argsort(along[rows], kind="stable")]
     side = across[own][np.argmin(np.abs(across[own]))] * float((across[own] > 0).all() or (across[own] < 0).all())
-    before = np.append(far, along[rows[:-1]])
     on_side = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0)
-    turn = np.abs(np.arctan2(side, before) - np.arctan2(side, along[rows]))
-    adjoins = along[rows] - before <= _GAP_M
-    goes_on = np.logical_and.accumulate(adjoins | (on_side & (turn <= _COLUMN_RAD)))
-    firm = goes_on & (np.logical_and.accumulate(adjoins) | high[rows])
-    end = along[rows[firm]].max(initial=far)
+    end = _end(along[rows], on_side, high[rows], far, float(side))
     return np.asarray(beside & (along >= near) & (along <= end), np.bool_)
+
+
+def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> float:
+    """Where a vehicle that was seen up to `far` ends [m], by points (N,) from there on.
+
+    It goes on over gaps as wide as `_GAP_M`, or along its side over those between neighbouring columns, as far as what
+    follows is high; what is seen through it doesn't matter.
+    """
+    last = end = far
+    for at, is_side, is_high in zip(along.tolist(), on_side.tolist(), high.tolist(), strict=True):
+        turn = abs(np.arctan2(side, last) - np.arctan2(side, at))
+        if at - last <= _GAP_M or (is_side and turn <= _COLUMN_RAD):
+            last = at
+            end = at if is_high or at - end <= _GAP_M else end
+        elif is_side:
+            break
+    return end
 
 
 def _is_high(view: LidarView) -> Bool:

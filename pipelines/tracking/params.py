@@ -24,6 +24,8 @@ class TrackerParams:
     """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
     max_missed_shown: int = 2
     """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
+    hits_per_missed: int = 0
+    """So many measurements it takes for each step in a row in which a track is shown though nothing measured it."""
     max_coast_s: float = 0.5
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = 2
@@ -35,7 +37,7 @@ class TrackerParams:
 
     def __post_init__(self) -> None:
         self._check(("predicted_share",), 0.0, 1.0)
-        self._check(("max_missed", "max_missed_shown", "max_coast_s", "min_hits"), 0)
+        self._check(("max_missed", "max_missed_shown", "hits_per_missed", "max_coast_s", "min_hits"), 0)
         self._check(("max_mahalanobis",), MIN_STD)
         self._check(("min_giou",), -1.0, 1.0)
         self._check(("weak_score",), -LIMIT)

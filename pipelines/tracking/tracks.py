@@ -91,7 +91,10 @@ def shown(tracks: Tracks, stamp_ns: int, steps: int, params: TrackerParams) -> B
     """
     confirmed = tracks.hits >= min(params.min_hits, steps)
     coasted_s = (stamp_ns - tracks.updated_ns) * 1e-9
-    result: Bool = confirmed & (tracks.missed <= params.max_missed_shown) & (coasted_s <= params.max_coast_s)
+    is_proven = tracks.hits >= tracks.missed * params.hits_per_missed
+    result: Bool = (
+        confirmed & is_proven & (tracks.missed <= params.max_missed_shown) & (coasted_s <= params.max_coast_s)
+    )
     return result
 
 
