@@ -37,61 +37,55 @@ def groups(
     Sightings are in an order that doesn't depend on how they were listed, as clusters are.
     """
     num, whole = len(seen), len(seen) + len(lidar.boxes)
-    ratio, inside = _camera_ratios(rig, seen, lidar, radar, params)
-    is_cut = (inside < params.least_inside) & (lidar.score < _LOOKS_WHOLE) & (ratio[:, : len(lidar.boxes)] > 0)
+    part, inside = _camera_ratios(rig, seen, lidar, radar, params)
+    ratio = part + pairs.by_share(inside)
+    fits = part[:, : len(lidar.boxes)] > 0
+    is_cut = fits & (inside[:, : len(lidar.boxes)] < params.least_inside) & (lidar.score < _LOOKS_WHOLE)
     cuts = np.argwhere(is_cut)
     size = whole + len(radar.boxes) + len(cuts)
     matrix = np.zeros((size, size))
-    with_lidar = np.where(is_cut, pairs.NEVER, ratio[:, : len(lidar.boxes)])
-    matrix[:num, num:whole] = with_lidar
+    matrix[:num, num:whole] = np.where(is_cut, pairs.NEVER, ratio[:, : len(lidar.boxes)])
     matrix[:num, whole : size - len(cuts)] = ratio[:, len(lidar.boxes) :]
     matrix[num:whole, whole : size - len(cuts)] = pairs.between_clusters(lidar, radar, eye_m, params)
     for i, a in enumerate(seen):
         for j, b in enumerate(seen[:i]):
             matrix[j, i] = pairs.between_cameras(b, a, params)
-    _add_cuts(matrix, ratio, cuts, [s.camera for s in seen], num, whole)
+    _add_cuts(matrix, part, cuts, [s.camera for s in seen], num, whole)
     for begin, end in ((num, whole), (whole, size - len(cuts))):
         matrix[begin:end, begin:end] = pairs.NEVER
     upper = np.triu(matrix, 1)
     return _as_groups(agglomerate(upper + upper.T), num, whole, size - len(cuts), cuts)
 
 
-def _add_cuts(matrix: Float64, ratio: Float64, cuts: Int64, cameras: list[str], num: int, whole: int) -> None:
-    """Let each cut cluster belong to the sighting that cuts it and those of other cameras, and to nothing else that
-    LiDAR sees.
+def _add_cuts(matrix: Float64, part: Float64, cuts: Int64, cameras: list[str], num: int, whole: int) -> None:
+    """Let the part of a cluster that a sighting cuts out belong to it and to sightings of other cameras, but to nothing
+    else that LiDAR sees.
     """
     begin, camera = len(matrix) - len(cuts), np.array(cameras)
     matrix[num:whole, begin:] = pairs.NEVER
     matrix[begin:, begin:] = pairs.NEVER
     for at, (s, k) in enumerate(cuts):
-        matrix[:num, begin + at] = np.where(camera == camera[s], pairs.NEVER, ratio[:, k])
-        matrix[s, begin + at] = ratio[s, k]
+        matrix[:num, begin + at] = np.where(camera == camera[s], pairs.NEVER, part[:, k])
+        matrix[s, begin + at] = part[s, k]
 
 
 def _camera_ratios(
     rig: Rig, seen: list[Sighting], lidar: Clusters, radar: Clusters, params: AssociationParams
 ) -> tuple[Float64, Float64]:
-    """Ratios (S, K + M) of sightings and all clusters, and the share (S, K) of each LiDAR cluster that is inside."""
-    ratio = np.full((len(seen), len(lidar.boxes) + len(radar.boxes)), pairs.NEVER)
-    share = np.zeros((len(seen), len(lidar.boxes)))
+    """Ratios (S, K + M) of sightings and what is inside of all clusters, and the shares (S, K + M) that are inside."""
+    num_lidar, total = len(lidar.boxes), np.concatenate([lidar.num_points, radar.num_points])
+    ratio, share = np.full((len(seen), len(total)), pairs.NEVER), np.zeros((len(seen), len(total)))
     for camera in sorted({s.camera for s in seen}):
         rows = [i for i, s in enumerate(seen) if s.camera == camera]
         own = [seen[i] for i in rows]
         boxes = np.array([s.xyxy_px for s in own])
         points = _in_boxes(rig, camera, lidar, boxes)
         echoes = _beside_boxes(rig, camera, radar, boxes, params.bearing_margin_px)
-        share[rows] = points.num_inside / np.maximum(lidar.num_points, 1)
-        ratio[rows, : len(lidar.boxes)] = pairs.with_clusters(
-            own, points, lidar.num_points, params.lidar_std_m, 0.0, params.lidar_area_m2, params
-        ) + pairs.by_shape(lidar)
-        ratio[rows, len(lidar.boxes) :] = pairs.with_clusters(
-            own,
-            echoes,
-            radar.num_points,
-            params.radar_std_m,
-            params.radar_bearing_std_rad,
-            params.radar_area_m2,
-            params,
+        share[rows] = np.column_stack([points.num_inside, echoes.num_inside]) / np.maximum(total, 1)
+        by_lidar = pairs.with_clusters(own, points, params.lidar_std_m, 0.0, params.lidar_area_m2, params)
+        ratio[rows, :num_lidar] = by_lidar + pairs.by_shape(lidar)
+        ratio[rows, num_lidar:] = pairs.with_clusters(
+            own, echoes, params.radar_std_m, params.radar_bearing_std_rad, params.radar_area_m2, params
         )
     return ratio, share
 

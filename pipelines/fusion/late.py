@@ -12,6 +12,7 @@ from fbench.pipelines.fusion.existence import Evidence, lidar_weight, probabilit
 from fbench.pipelines.fusion.found import Found, one_object, to_boxes
 from fbench.pipelines.fusion.groups import Group, groups
 from fbench.pipelines.fusion.lift import sightings
+from fbench.pipelines.fusion.nested import less_sure_of_parts
 from fbench.pipelines.fusion.params import FusionParams
 from fbench.pipelines.fusion.place import Placed, Scene, boxes_of, place
 from fbench.pipelines.fusion.standing import standing_echoes, standing_near_m
@@ -90,6 +91,7 @@ def _scene(seen: Seen, params: FusionParams) -> Scene:
         for name in sorted(seen.cameras)
         for sighting in sightings(seen.rig, name, seen.cameras[name], seen.lidar.plane, params.association)
     ]
+    found = less_sure_of_parts(found)
     found.sort(key=lambda s: (s.camera, *s.xyxy_px.tolist(), s.label, s.score))
     lidar = clusters(seen.lidar.xyz, seen.lidar.cluster, seen.lidar.boxes)
     radar = clusters(seen.radar.xyz, seen.radar.cluster, seen.radar.boxes)

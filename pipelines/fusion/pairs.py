@@ -17,14 +17,13 @@ _SHAPELESS, _SHAPELY = 0.5, 10.0
 
 
 def with_clusters(
-    seen: list[Sighting], inside: Overlap, num_points: Float64, std_m: float, bearing_std_rad: float, area_m2: float,
+    seen: list[Sighting], inside: Overlap, std_m: float, bearing_std_rad: float, area_m2: float,
     params: AssociationParams,
 ) -> Float64:  # fmt: skip
     """Ratios (S, K) of what one camera sees and clusters, by the near sides of what lies in its boxes.
 
     Directions are normally distributed, the logarithms of distances as Student's t: guesses from images are far off
-    now and then. The share of the cluster that is inside counts, too: what reaches far beyond the box is something
-    else.
+    now and then.
     """
     near = np.array([s.near_m for s in seen])[:, None]
     std = np.hypot(np.array([s.std for s in seen])[:, None], std_m / near)
@@ -32,10 +31,16 @@ def with_clusters(
     aside = np.hypot(half / 2, np.hypot(params.bearing_std_rad, bearing_std_rad))
     off = np.log(np.maximum(inside.near_m, 0.1) / near) / std
     square = _heavy(off**2) + (inside.bearing_rad / aside) ** 2
-    share = np.clip(inside.num_inside / np.maximum(num_points, 1), _LEAST_SHARE, 1.0)
     doubt = np.array([_doubt(s) for s in seen])[:, None]
-    ratio = np.log(area_m2 / (near**2 * 2 * np.pi * std * aside)) - square / 2 + np.log(share) - doubt
+    ratio = np.log(area_m2 / (near**2 * 2 * np.pi * std * aside)) - square / 2 - doubt
     return np.where(inside.num_inside >= _FEWEST, ratio, NEVER)
+
+
+def by_share(share: Float64) -> Float64:
+    """What the share of a whole cluster that is in a camera's box adds to their ratio: what reaches far beyond the box
+    is something else.
+    """
+    return np.asarray(np.log(np.clip(share, _LEAST_SHARE, 1.0)), np.float64)
 
 
 def between_clusters(lidar: Clusters, radar: Clusters, eye_m: Float64, params: AssociationParams) -> Float64:

@@ -161,7 +161,9 @@ def _cut_out(points: Float64, rig: Rig, seen: list[Sighting]) -> Float64:
     uv, _ = project_body(rig, surest.camera, points)
     left, top, right, bottom = surest.xyxy_px
     with np.errstate(invalid="ignore"):
-        inside = (uv[:, 0] > left) & (uv[:, 0] < right) & (uv[:, 1] > top - _MARGIN_PX) & (uv[:, 1] < bottom + _MARGIN_PX)
+        inside = (
+            (uv[:, 0] > left) & (uv[:, 0] < right) & (uv[:, 1] > top - _MARGIN_PX) & (uv[:, 1] < bottom + _MARGIN_PX)
+        )
     if not inside.any():
         return points
     reach = np.hypot(*(points[:, :2] - surest.eye_m[:2]).T)

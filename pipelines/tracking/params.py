@@ -25,7 +25,7 @@ class TrackerParams:
     max_missed_shown: int = 2
     """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
     hits_per_missed: int = 0
-    """So many measurements it takes for each step in a row in which a track is shown though nothing measured it."""
+    """So many measurements a track takes for each step in a row in which it is shown though nothing measured it."""
     max_coast_s: float = 0.5
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = 2
@@ -82,6 +82,13 @@ class Tracker3DParams(TrackerParams):
         self._check(("min_iou", "size_share", "yaw_share"), 0.0, 1.0)
         self._check(("gate_mps", "new_gate_mps", "rate_std_mps", "drift_std_mps"), 0)
         self._check(("gate_m", "measured_std_m"), MIN_STD)
+
+
+def steady() -> Tracker3DParams:
+    """Parameters for what fbench's own 3D pipelines detect: places are half a metre off now and then, road users change
+    their speed slowly, and what was measured often is still there after half a second without a measurement.
+    """
+    return Tracker3DParams(max_missed=5, max_missed_shown=5, hits_per_missed=3, measured_std_m=0.5, drift_std_mps=2.0)
 
 
 @dataclass(frozen=True)

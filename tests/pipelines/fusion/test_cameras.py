@@ -1,5 +1,6 @@
 """What several cameras see of one object is one object."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -48,6 +49,19 @@ def test_one_car(names, sensors):
     assert len(found) == 1
     assert found.sources.tolist() == [1 + 2 * (lidar is not None) + 4 * (radar is not None)]
     assert found.center_m[0, :2] == pytest.approx([25, 1], abs=0.5)
+
+
+@pytest.mark.parametrize("names", [("middle",), ("left", "right"), ("left", "middle", "right")])
+def test_every_camera_may_cut_a_car_out_of_a_tree(names):
+    """One cluster of which most is a tree beside and above the car; its middle is 2.5 m off the car's."""
+    box = car(25.0, 1.0)
+    view = lidar_view(box, score=0.0)
+    tree = np.column_stack([np.linspace(22.9, 25.0, 60), np.linspace(2.2, 6.0, 60), np.linspace(-0.2, 1.0, 60)])
+    joined = replace(view, xyz=np.concatenate([view.xyz, tree]), cluster=np.zeros(90, np.int64))
+    found = fused({name: outline(name, box) for name in names}, joined)
+    assert found.sources.tolist() == [3]
+    assert found.center_m[0, :2] == pytest.approx([25, 1], abs=0.3)
+    assert found.score[0] > 0.7
 
 
 def test_cameras_are_not_independent_so_the_better_score_counts():

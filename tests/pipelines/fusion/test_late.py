@@ -110,7 +110,7 @@ def test_long_objects_without_camera_are_trucks():
 
 
 def test_the_nearer_of_two_cars_in_one_direction_takes_its_points_first():
-    near, far = car(15.0, 0.0), car(28.0, 0.6)
+    near, far = car(15.0, 0.0), car(28.0, 1.6)
     found = fuse(seen(outline(near, far), lidar_view(near, far), radar_view(near, far)), PARAMS)
     assert sorted(found.center_m[:, 0]) == pytest.approx([15.0, 28.0], abs=0.5)
     assert found.sources.tolist() == [7, 7]

@@ -141,3 +141,21 @@ def test_a_truck_ends_where_it_was_last_seen_to_be_high():
 def test_a_column_that_was_not_hit_ends_the_truck():
     seen = with_height(with_height(truck(stripes=[23.5, 33.0]), 1, 2.4), 2, 2.4)
     assert with_whole_trucks(seen, EYE).boxes.size_lwh_m[0, 0] == pytest.approx(8.5)
+
+
+def test_wheels_right_behind_what_is_high_are_the_trucks():
+    seen = truck(stripes=[23.5, 27.5, 29.0])
+    whole = with_whole_trucks(with_height(with_height(seen, 2, 2.4), 3, 0.9), EYE)
+    assert len(whole.boxes) == 1
+    assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("under", [[[25.0, 4.5, 0.9]], [[20.5, 5.0, 0.9], [25.0, 5.2, 0.9], [29.0, 4.4, 0.9]]])
+def test_what_is_seen_under_a_truck_does_not_end_it(under):
+    seen = with_height(with_height(truck(stripes=RARE), 2, 2.4), 3, 2.4)
+    seen = replace(
+        seen, xyz=np.concatenate([under, seen.xyz]), cluster=np.append(np.full(len(under), -1), seen.cluster)
+    )
+    whole = with_whole_trucks(seen, EYE)
+    assert len(whole.boxes) == 1
+    assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)

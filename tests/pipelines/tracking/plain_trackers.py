@@ -118,6 +118,7 @@ class PlainTracker:
             for t in self.tracks
             if t.hits >= min(p.min_hits, self.steps)
             and t.missed <= p.max_missed_shown
+            and t.missed * p.hits_per_missed <= t.hits
             and (self.stamp_ns - t.stamp_ns) * 1e-9 <= p.max_coast_s
         ]
 

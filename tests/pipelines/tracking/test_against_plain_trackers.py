@@ -55,7 +55,7 @@ def choices(rng):
     return {
         "min_hits": int(rng.integers(1, 4)), "max_missed": int(rng.integers(0, 4)),
         "weak_score": float(rng.choice([-1e6, 0.4])), "max_coast_s": float(rng.choice([0.2, 0.5])),
-        "max_missed_shown": int(rng.integers(0, 3)),
+        "max_missed_shown": int(rng.integers(0, 3)), "hits_per_missed": int(rng.integers(0, 3)),
     }  # fmt: skip
 
 

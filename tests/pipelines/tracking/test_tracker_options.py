@@ -52,6 +52,14 @@ def test_every_association_follows_two_cars(association):
     assert ids(empty) == [[], [1], [1]]
 
 
+@pytest.mark.parametrize(("per_missed", "shown"), [(0, 3), (1, 3), (2, 2), (3, 1), (4, 1), (5, 0)])
+def test_the_oftener_it_was_measured_the_longer_a_track_is_shown_without(per_missed, shown):
+    """Four measurements, then none; with 0 only `max_missed_shown` counts."""
+    found = [*[cars((1.0 * i, 0.0)) for i in range(4)], *[cars()] * 4]
+    options = {"hits_per_missed": per_missed, "max_missed": 3, "max_missed_shown": 3}
+    assert ids(tracked(found, **options)) == [[1]] * (4 + shown) + [[]] * (4 - shown)
+
+
 @pytest.mark.parametrize("association", ["iou", "giou", "mahalanobis"])
 def test_every_association_follows_two_boxes(association):
     found = [flat(10.0 + 4 * i, 400.0 - 4 * i) for i in range(12)]

@@ -1,0 +1,57 @@
+"""Parts of objects that a detector takes for objects are believed less."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fbench.pipelines.fusion.lift import sightings
+from fbench.pipelines.fusion.nested import less_sure_of_parts
+from fbench.pipelines.fusion.params import AssociationParams
+
+from .views import PLANE, RIG, car, outline
+
+SIGHTING = sightings(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
+
+
+def boxed(left, right, score, camera="cam", label="car"):
+    edges = np.array([left, 100.0, right, 200.0])
+    return replace(SIGHTING, xyxy_px=edges, score=score, is_sure=score >= 0.55, camera=camera, label=label)
+
+
+def told(*seen):
+    return {(s.camera, *s.xyxy_px[[0, 2]].tolist()): (round(s.score, 6), s.is_sure) for s in less_sure_of_parts(seen)}
+
+
+@pytest.mark.parametrize(
+    ("right", "score", "is_sure"),
+    [(250.0, 0.6, True), (200.0, 0.6, True), (175.0, 0.3, False), (160.0, 0.12, False), (149.0, 0.012, False)],
+)  # fmt: skip
+def test_what_lies_in_a_surer_box_counts_less_the_more_of_it_does(right, score, is_sure):
+    """The part is 100 px wide; of it 0, 50, 75, 90 and 99 px lie in the other, and up to 50 px nothing is lost."""
+    part = boxed(right - 100, right, 0.6)
+    whole = boxed(50.0, 150.0, 0.9)
+    assert told(whole, part)["cam", right - 100, right] == (score, is_sure)
+    assert told(whole, part)["cam", 50.0, 150.0] == (0.9, True)
+
+
+def test_a_large_box_around_a_surer_small_one_stays():
+    small, large = boxed(100.0, 140.0, 0.9), boxed(50.0, 250.0, 0.6, label="truck")
+    assert told(small, large) == {("cam", 100.0, 140.0): (0.9, True), ("cam", 50.0, 250.0): (0.6, True)}
+
+
+def test_other_images_say_nothing():
+    assert told(boxed(0.0, 100.0, 0.9), boxed(0.0, 100.0, 0.6, "other"))["other", 0.0, 100.0] == (0.6, True)
+
+
+def test_of_equal_boxes_one_stays_whatever_their_order():
+    twins = [boxed(0.0, 100.0, 0.7), boxed(10.0, 100.0, 0.7)]
+    assert (
+        told(*twins)
+        == told(*reversed(twins))
+        == {("cam", 0.0, 100.0): (0.7, True), ("cam", 10.0, 100.0): (0.007, False)}
+    )
+
+
+def test_nothing_seen():
+    assert less_sure_of_parts([]) == []
