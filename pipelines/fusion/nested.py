@@ -23,7 +23,7 @@ def less_sure_of_parts(seen: Sequence[Sighting]) -> list[Sighting]:
     The order in which they were listed doesn't matter: of equal scores the box that is first by its edges is the surer.
     The result is ordered by camera and certainty.
     """
-    ordered = sorted(seen, key=lambda s: (s.camera, -s.score, *s.xyxy_px.tolist()))
+    ordered = sorted(seen, key=lambda s: (s.camera, -s.score, *s.xyxy_px.tolist(), s.label))
     found = list[Sighting]()
     for _, group in groupby(ordered, key=lambda s: s.camera):
         own = list(group)
