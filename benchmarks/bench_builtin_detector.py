@@ -158,7 +158,7 @@ def main() -> None:
           f"with {RATE_HZ:g} images a second; vehicles (as one class) nearer than {FAR_M:g} m of which at least "
           f"{SEEN:.0%} are visible, unless said otherwise; in brackets how many")  # fmt: skip
     print("\n| condition | both | urban | highway | best F1 |\n|---|---|---|---|---|")
-    of_weather = drives(detector, asked.conditions, seeds)
+    of_weather = drives(detector, list(dict.fromkeys(asked.conditions)), seeds)
     for weather, found in of_weather.items():
         parts = [[one for one in found if one.name.startswith(world)] for world in WORLDS]
         f1, score = best_f1(found)

@@ -18,7 +18,7 @@ from fbench.pipelines.stages import StageClock
 from fbench.pipelines.stereo.params import StereoParams
 from fbench.pipelines.stereo.stage import NOISE
 from fbench.pipelines.tracked import Detected, Tracked3D
-from fbench.pipelines.tracking.params import Tracker3DParams, steady
+from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
@@ -39,7 +39,7 @@ class Early3DParams(AllSensorsParams):
     """Depth by stereo."""
     fusion: EarlyParams = field(default_factory=EarlyParams)
     """How one cloud becomes objects."""
-    tracking: Tracker3DParams = field(default_factory=steady)
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)
     """The tracker."""
 
 

@@ -13,7 +13,7 @@ from fbench.pipelines.points.radar_stage import RadarStage
 from fbench.pipelines.side_by_side import SideBySide
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracked import Detected, Tracked3D
-from fbench.pipelines.tracking.params import Tracker3DParams, steady
+from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Fault, Frame, LogInfo, Output, Rig
 from fbench.replay.sensor_settings import SensorSettings
@@ -25,7 +25,7 @@ class Late3DParams(AllSensorsParams):
 
     fusion: FusionParams = field(default_factory=FusionParams)
     """How the sensors' objects become one."""
-    tracking: Tracker3DParams = field(default_factory=steady)
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)
     """The tracker."""
 
 

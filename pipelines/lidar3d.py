@@ -8,7 +8,7 @@ from fbench.pipelines.points.merged import require
 from fbench.pipelines.points.reported import reported
 from fbench.pipelines.stages import StageClock
 from fbench.pipelines.tracked import Detected, Tracked3D
-from fbench.pipelines.tracking.params import Tracker3DParams, steady
+from fbench.pipelines.tracking.params import Tracker3DParams, steady_tracking
 from fbench.replay.boxes import Boxes3D
 from fbench.replay.data import Frame, LogInfo, Output, Rig, Source
 from fbench.replay.sensor_settings import SensorSettings
@@ -18,7 +18,7 @@ from fbench.replay.sensor_settings import SensorSettings
 class Lidar3DParams(LidarAloneParams):
     """Parameters of `lidar3d`."""
 
-    tracking: Tracker3DParams = field(default_factory=steady)
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)
     """The tracker."""
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion import pairs
-from fbench.pipelines.fusion.clusters import Clusters, Overlap, overlap
+from fbench.pipelines.fusion.clusters import Clusters, Overlap, edges_for_points, overlap
 from fbench.pipelines.fusion.fusion_kernels import agglomerate
 from fbench.pipelines.fusion.lift import Sighting
 from fbench.pipelines.fusion.params import AssociationParams
@@ -66,7 +66,8 @@ def _add_cuts(matrix: Float64, part: Float64, cuts: Int64, cameras: list[str], n
     matrix[begin:, begin:] = pairs.NEVER
     for at, (s, k) in enumerate(cuts):
         matrix[:num, begin + at] = np.where(camera == camera[s], pairs.NEVER, part[:, k])
-        matrix[s, begin + at] = part[s, k]
+        # A little more, lest another camera takes what it cuts out of the cluster for itself.
+        matrix[s, begin + at] = np.nextafter(part[s, k], np.inf)
 
 
 def _camera_ratios(
@@ -79,7 +80,7 @@ def _camera_ratios(
         rows = [i for i, s in enumerate(seen) if s.camera == camera]
         own = [seen[i] for i in rows]
         boxes = np.array([s.xyxy_px for s in own])
-        points = _in_boxes(rig, camera, lidar, boxes)
+        points = overlap(rig, camera, lidar, edges_for_points(boxes))
         echoes = _beside_boxes(rig, camera, radar, boxes, params.bearing_margin_px)
         share[rows] = np.column_stack([points.num_inside, echoes.num_inside]) / np.maximum(total, 1)
         by_lidar = pairs.with_clusters(own, points, params.lidar_std_m, 0.0, params.lidar_area_m2, params)
@@ -88,12 +89,6 @@ def _camera_ratios(
             own, echoes, params.radar_std_m, params.radar_bearing_std_rad, params.radar_area_m2, params
         )
     return ratio, share
-
-
-def _in_boxes(rig: Rig, camera: str, lidar: Clusters, xyxy: Float64) -> Overlap:
-    inset = 0.05 * (xyxy[:, 2] - xyxy[:, 0])
-    edges = [xyxy[:, 0] + inset, xyxy[:, 1] - 5, xyxy[:, 2] - inset, xyxy[:, 3] + 5]
-    return overlap(rig, camera, lidar, np.column_stack(edges))
 
 
 def _beside_boxes(rig: Rig, camera: str, radar: Clusters, xyxy: Float64, margin_px: float) -> Overlap:

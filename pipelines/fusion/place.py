@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.clusters import Clusters
+from fbench.pipelines.fusion.clusters import Clusters, edges_for_points
 from fbench.pipelines.fusion.groups import Group
 from fbench.pipelines.fusion.lift import SIZES, Sighting
 from fbench.pipelines.fusion.params import AssociationParams
@@ -17,7 +17,7 @@ from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
-_MARGIN_PX = 2.0
+_FEWEST = 3
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
@@ -148,24 +148,24 @@ def _by_size(size: Float64) -> str:
     return "van" if size[0] > LONG_CAR_M and size[2] > HIGH_VAN_M else "car"
 
 
-def _shape(group: Group, scene: Scene, seen: list[Sighting], label: str) -> Shape:
+def _shape(group: Group, scene: Scene, seen: list[Sighting], label: str) -> Shape | None:
+    """By LiDAR; `None` where so little is cut out of a cluster that it tells nothing."""
     points, box = scene.lidar.points(group.lidar), scene.lidar.boxes[np.array([group.lidar])]
     if not group.is_cut:
         return lidar_shape(points, box, label, scene.lidar_eye_m, False)
-    return lidar_shape(_cut_out(points, scene.rig, seen), box, label, scene.lidar_eye_m, True)
+    part = _cut_out(points, scene.rig, seen)
+    return None if len(part) < _FEWEST else lidar_shape(part, box, label, scene.lidar_eye_m, True)
 
 
 def _cut_out(points: Float64, rig: Rig, seen: list[Sighting]) -> Float64:
     """Points in the box of the surest sighting, from the nearest of them on as far as such an object reaches."""
     surest = max(seen, key=lambda s: (s.score, s.camera))
     uv, _ = project_body(rig, surest.camera, points)
-    left, top, right, bottom = surest.xyxy_px
-    with np.errstate(invalid="ignore"):
-        inside = (
-            (uv[:, 0] > left) & (uv[:, 0] < right) & (uv[:, 1] > top - _MARGIN_PX) & (uv[:, 1] < bottom + _MARGIN_PX)
-        )
+    left, top, right, bottom = edges_for_points(surest.xyxy_px[None])[0]
+    with np.errstate(invalid="ignore"):  # what is beside the camera has no pixel
+        inside = (uv[:, 0] > left) & (uv[:, 0] < right) & (uv[:, 1] > top) & (uv[:, 1] < bottom)
     if not inside.any():
-        return points
+        return points[:0]
     reach = np.hypot(*(points[:, :2] - surest.eye_m[:2]).T)
     near = np.sort(reach[inside])[int(inside.sum()) // 10]
     return np.asarray(points[inside & (reach < near + 2 * surest.depth_m + 0.5)], np.float64)

@@ -16,7 +16,7 @@ _GAP_M = 1.8
 """Stripes of one side are at most this far apart."""
 _COLUMN_RAD = np.radians(1.3)
 """Columns of points are at most this far apart, seen from the LiDAR: farther ahead, or from nearly behind, such columns
-hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck."""
+hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck, or right behind."""
 _OFF_SIDE_M = 0.5
 """Such columns lie at most this far off the side that is seen."""
 _HIGH_M = 2.0
@@ -64,7 +64,7 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     for at in rows[np.lexsort((rows, -score[rows]))].tolist():
         box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
         for _ in range(_ROUNDS if owner[at] == at else 0):
-            taken = _taken(view, owner, at, _strip(view, high, _own(view, owner, at), box, viewpoint))
+            taken = _taken(view, owner, at, _strip(view, high, view.cluster == at, box, viewpoint))
             if not taken.any():
                 break
             owner[taken[owner]] = at
@@ -74,7 +74,9 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
 
 
 def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
-    """Tell which points (N,) lie where a vehicle is or goes on; `own` are its, `high` what may be a truck's."""
+    """Tell which points (N,) lie where a vehicle is or goes on; `own` are its to begin with, `high` what may be a
+    truck's.
+    """
     axis = np.array([np.cos(box.yaw_rad), np.sin(box.yaw_rad)])
     if (box.center_m - viewpoint) @ axis < 0:
         axis = -axis
@@ -83,25 +85,27 @@ def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64
     near, far = float(along[own].min()), float(along[own].max())
     beside = np.abs(across - (box.center_m - viewpoint) @ left) < box.size_lw_m[1] / 2 + _ASIDE_M
     rows = np.flatnonzero(beside & (along > far) & (along < near + _LONGEST_M))
-    rows = rows[np.argsort(along[rows], kind="stable")]
     side = across[own][np.argmin(np.abs(across[own]))] * float((across[own] > 0).all() or (across[own] < 0).all())
     on_side = (np.abs(across[rows] - side) < _OFF_SIDE_M) & (side != 0)
-    end = _end(along[rows], on_side, high[rows], far, float(side))
+    order = np.lexsort((~high[rows], ~on_side, along[rows]))
+    end = _end(along[rows][order], on_side[order], high[rows][order], far, float(side))
     return np.asarray(beside & (along >= near) & (along <= end), np.bool_)
 
 
 def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> float:
     """Where a vehicle that was seen up to `far` ends [m], by points (N,) from there on.
 
-    It goes on over gaps as wide as `_GAP_M`, or along its side over those between neighbouring columns, as far as what
-    follows is high; what is seen through it doesn't matter.
+    It goes on over gaps up to `_GAP_M`, or along its side over those between neighbouring columns. Behind the first of
+    these it ends that near to the last point that is high. What is seen through it doesn't matter.
     """
-    last = end = far
+    last = end = last_high = far
+    has_jumped = False
     for at, is_side, is_high in zip(along.tolist(), on_side.tolist(), high.tolist(), strict=True):
         turn = abs(np.arctan2(side, last) - np.arctan2(side, at))
         if at - last <= _GAP_M or (is_side and turn <= _COLUMN_RAD):
-            last = at
-            end = at if is_high or at - end <= _GAP_M else end
+            has_jumped |= at - last > _GAP_M
+            last, last_high = at, at if is_high else last_high
+            end = at if is_high or at - (last_high if has_jumped else end) <= _GAP_M else end
         elif is_side:
             break
     return end

@@ -25,7 +25,8 @@ class TrackerParams:
     max_missed_shown: int = 2
     """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
     hits_per_missed: int = 0
-    """So many measurements a track takes for each step in a row in which it is shown though nothing measured it."""
+    """So many measurements a track takes for each step in a row in which it is shown though nothing measured it;
+    0: only these limits count."""
     max_coast_s: float = 0.5
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = 2
@@ -84,11 +85,13 @@ class Tracker3DParams(TrackerParams):
         self._check(("gate_m", "measured_std_m"), MIN_STD)
 
 
-def steady() -> Tracker3DParams:
-    """Parameters for what fbench's own 3D pipelines detect: places are half a metre off now and then, road users change
-    their speed slowly, and what was measured often is still there after half a second without a measurement.
+def steady_tracking() -> Tracker3DParams:
+    """Return parameters for what fbench's own 3D pipelines detect: places are half a metre off now and then, road users
+    change their speed slowly, and what was measured often is still there after up to five steps without a measurement.
     """
-    return Tracker3DParams(max_missed=5, max_missed_shown=5, hits_per_missed=3, measured_std_m=0.5, drift_std_mps=2.0)
+    return Tracker3DParams(
+        max_missed=5, max_missed_shown=5, hits_per_missed=3, max_coast_s=0.55, measured_std_m=0.5, drift_std_mps=2.0,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

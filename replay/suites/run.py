@@ -28,9 +28,9 @@ def run_suite(
 
     A cell is there if its folder holds a whole run of equal content: log, files beside it, pipeline, parameters with
     weights, options of scoring, code and versions. What is damaged or of other content is replaced. A cell that fails
-    doesn't stop the others; nor does one that somebody changes before the suite ends, such as by `fbench score` with
-    other options: its numbers would be of other rules than the rest. Runs are equal for any number of workers, apart
-    from what is measured.
+    doesn't stop the others; nor does one of known content that somebody changes before the suite ends, such as by
+    `fbench score` with other options: its numbers would be of other rules than the rest. Runs are equal for any number
+    of workers, apart from what is measured.
 
     Args:
         cells: With different folders.
@@ -50,7 +50,8 @@ def run_suite(
         begun = [suite.begin(cell, _planned(cell, contents)) for cell in cells]
         for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
             told(num, len(cells))
-        return [_checked(future.result(), planned) for future, planned in begun]
+        results = [future.result() for future, _ in begun]
+        return list(suite.pool.map(_checked, results, [planned for _, planned in begun]))
 
 
 @dataclass(frozen=True)

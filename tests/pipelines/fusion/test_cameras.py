@@ -53,15 +53,44 @@ def test_one_car(names, sensors):
 
 @pytest.mark.parametrize("names", [("middle",), ("left", "right"), ("left", "middle", "right")])
 def test_every_camera_may_cut_a_car_out_of_a_tree(names):
-    """One cluster of which most is a tree beside and above the car; its middle is 2.5 m off the car's."""
+    """One cluster of which two thirds are a tree beside the car; its box is that of both."""
     box = car(25.0, 1.0)
-    view = lidar_view(box, score=0.0)
-    tree = np.column_stack([np.linspace(22.9, 25.0, 60), np.linspace(2.2, 6.0, 60), np.linspace(-0.2, 1.0, 60)])
-    joined = replace(view, xyz=np.concatenate([view.xyz, tree]), cluster=np.zeros(90, np.int64))
-    found = fused({name: outline(name, box) for name in names}, joined)
+    found = fused({name: outline(name, box) for name in names}, in_a_tree(box))
     assert found.sources.tolist() == [3]
     assert found.center_m[0, :2] == pytest.approx([25, 1], abs=0.3)
+    assert found.size_lwh_m[0, :2] == pytest.approx([4.2, 1.8], abs=0.2)
     assert found.score[0] > 0.7
+
+
+def test_too_few_points_of_a_cluster_place_nothing():
+    """Two of its points are in the camera's box: the car is where the camera guesses it, and of its usual size."""
+    box = car(25.0, 1.0)
+    few = in_a_tree(box)
+    rows = np.append([0, 29], np.arange(30, 90))
+    few = replace(few, xyz=few.xyz[rows], cluster=few.cluster[rows])
+    found = fused({"middle": outline("middle", box)}, few)
+    assert (found.size_lwh_m[:, 0] < 5).all()
+
+
+def in_a_tree(box):
+    """A LiDAR's view of a car whose points are in one cluster with those of a tree beside it."""
+    view = lidar_view(box, score=0.0)
+    tree = np.column_stack([np.linspace(22.9, 25.0, 60), np.linspace(2.2, 6.0, 60), np.linspace(-0.2, 1.0, 60)])
+    whole = replace(view.boxes, center_m=np.array([[24.0, 3.0, 0.0]]), size_lwh_m=np.array([[4.2, 6.0, 2.5]]))
+    return replace(view, xyz=np.concatenate([view.xyz, tree]), cluster=np.zeros(90, np.int64), boxes=whole)
+
+
+def test_two_cars_in_one_cluster_keep_the_cameras_that_see_them():
+    """Each camera's boxes cut out the same cluster; whose part comes first mustn't part the cameras of a car."""
+    cars = car(25.0, 3.0), car(25.0, -3.0)
+    views = [lidar_view(box, score=0.0) for box in cars]
+    between = np.column_stack([np.full(60, 23.0), np.linspace(-2, 2, 60), np.zeros(60)])
+    xyz = np.concatenate([*(view.xyz for view in views), between])
+    whole = replace(views[0].boxes, center_m=np.array([[24.0, 0.0, 0.0]]), size_lwh_m=np.array([[4.2, 8.0, 1.6]]))
+    joined = replace(views[0], xyz=xyz, cluster=np.zeros(len(xyz), np.int64), boxes=whole)
+    found = fused({name: outline(name, *cars) for name in ("left", "right")}, joined)
+    assert sorted(found.center_m[:, 1].tolist()) == pytest.approx([-3, 3], abs=0.4)
+    assert found.sources.tolist() == [3, 3]
 
 
 def test_cameras_are_not_independent_so_the_better_score_counts():

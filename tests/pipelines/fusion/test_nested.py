@@ -40,6 +40,35 @@ def test_a_large_box_around_a_surer_small_one_stays():
     assert told(small, large) == {("cam", 100.0, 140.0): (0.9, True), ("cam", 50.0, 250.0): (0.6, True)}
 
 
+def boxed_upright(left, top, right, bottom, score, label):
+    return replace(SIGHTING, xyxy_px=np.array([left, top, right, bottom], np.float64), score=score, label=label)
+
+
+@pytest.mark.parametrize(("bottom", "score"), [(210.0, 0.8), (201.0, 0.8 * 0.02), (190.0, 0.8 * 0.01)])
+def test_who_stands_in_front_of_a_bus_is_no_part_of_it(bottom, score):
+    """By the lower edge, which may be a pixel off."""
+    bus, person = (
+        boxed_upright(0, 0, 300, 200, 0.9, "bus"),
+        boxed_upright(100, bottom - 100, 140, bottom, 0.8, "person"),
+    )
+    assert sorted(s.score for s in less_sure_of_parts([bus, person])) == pytest.approx([score, 0.9])
+
+
+def test_a_box_that_is_doubted_itself_says_less():
+    """In a row each overlaps the next by 70 of 100 px; only the first of them counts for the second, which then has a
+    lower score than the third, so that the third loses nothing to it and 40 px to the first.
+    """
+    assert told(boxed(0.0, 100.0, 0.9), boxed(30.0, 130.0, 0.8), boxed(60.0, 160.0, 0.7)) == {
+        ("cam", 0.0, 100.0): (0.9, True), ("cam", 30.0, 130.0): (0.48, False), ("cam", 60.0, 160.0): (0.7, True),
+    }  # fmt: skip
+
+
+def test_scores_that_are_no_probabilities_never_rise():
+    assert told(boxed(0.0, 100.0, -1.0), boxed(0.0, 100.0, -3.0, label="van"))["cam", 0.0, 100.0] == (-3.0, False)
+    low = [replace(boxed(left, 100.0, score), is_sure=True) for left, score in ((0.0, 0.3), (4.0, 0.29), (10.0, 0.2))]
+    assert [s.is_sure for s in less_sure_of_parts(low)] == [True, False, False]
+
+
 def test_other_images_say_nothing():
     assert told(boxed(0.0, 100.0, 0.9), boxed(0.0, 100.0, 0.6, "other"))["other", 0.0, 100.0] == (0.6, True)
 

@@ -150,6 +150,29 @@ def test_wheels_right_behind_what_is_high_are_the_trucks():
     assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.0)
 
 
+def test_low_columns_farther_behind_what_is_high_may_be_a_car_ahead():
+    """At 27.5 m it is high; of what follows 1.5 m apart only the first column is its own."""
+    seen = truck(stripes=[23.5, 27.5, 29.0, 30.5, 32.0])
+    for number, top_m in ((2, 2.4), (3, 0.9), (4, 0.9), (5, 0.9)):
+        seen = with_height(seen, number, top_m)
+    whole = with_whole_trucks(seen, EYE)
+    assert len(whole.boxes) == 3
+    assert whole.boxes.size_lwh_m[0, 0] == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_points_changes_nothing(seed):
+    """Of points at one distance, of which one is under the truck and one on its side."""
+    seen = with_height(with_height(truck(stripes=RARE), 2, 2.4), 3, 2.4)
+    under = np.array([[27.5, 4.5, 0.9], [33.0, 4.5, 0.9]])
+    seen = replace(seen, xyz=np.concatenate([under, seen.xyz]), cluster=np.append([-1, -1], seen.cluster))
+    order = np.random.default_rng(seed).permutation(len(seen.xyz))
+    order = order[np.argsort(seen.cluster[order], kind="stable")]
+    mixed = with_whole_trucks(replace(seen, xyz=seen.xyz[order], cluster=seen.cluster[order]), EYE)
+    assert len(mixed.boxes) == 1
+    assert mixed.boxes.size_lwh_m[0, 0] == pytest.approx(13.0)
+
+
 @pytest.mark.parametrize("under", [[[25.0, 4.5, 0.9]], [[20.5, 5.0, 0.9], [25.0, 5.2, 0.9], [29.0, 4.4, 0.9]]])
 def test_what_is_seen_under_a_truck_does_not_end_it(under):
     seen = with_height(with_height(truck(stripes=RARE), 2, 2.4), 3, 2.4)
