@@ -10,7 +10,8 @@ from fbench.replay.data import VEHICLES
 from fbench.replay.geometry.transforms import wrap_angle
 
 NEVER = -np.inf
-_FEWEST = 3
+FEWEST = 3
+"""With fewer points of a cluster in its box a camera and the cluster have nothing to do with each other."""
 _LEAST_SHARE = 0.05
 _TAILS = 3.0
 _SHAPELESS, _SHAPELY = 0.5, 10.0
@@ -33,7 +34,7 @@ def with_clusters(
     square = _heavy(off**2) + (inside.bearing_rad / aside) ** 2
     doubt = np.array([_doubt(s) for s in seen])[:, None]
     ratio = np.log(area_m2 / (near**2 * 2 * np.pi * std * aside)) - square / 2 - doubt
-    return np.where(inside.num_inside >= _FEWEST, ratio, NEVER)
+    return np.where(inside.num_inside >= FEWEST, ratio, NEVER)
 
 
 def by_share(share: Float64) -> Float64:

@@ -7,6 +7,7 @@ import numpy as np
 from fbench.pipelines.fusion.clusters import Clusters, edges_for_points
 from fbench.pipelines.fusion.groups import Group
 from fbench.pipelines.fusion.lift import SIZES, Sighting
+from fbench.pipelines.fusion.pairs import FEWEST
 from fbench.pipelines.fusion.params import AssociationParams
 from fbench.pipelines.fusion.shape import Shape, lidar_shape
 from fbench.pipelines.points.ground import Plane
@@ -17,7 +18,6 @@ from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.transforms import wrap_angle
 
 _MOST_STRETCH = 2.0
-_FEWEST = 3
 LONG_CAR_M, LONG_VAN_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects without a camera's label are called trucks where they are longer than a van [m], vans where they are longer
 and higher than a car, else cars."""
@@ -154,7 +154,7 @@ def _shape(group: Group, scene: Scene, seen: list[Sighting], label: str) -> Shap
     if not group.is_cut:
         return lidar_shape(points, box, label, scene.lidar_eye_m, False)
     part = _cut_out(points, scene.rig, seen)
-    return None if len(part) < _FEWEST else lidar_shape(part, box, label, scene.lidar_eye_m, True)
+    return None if len(part) < FEWEST else lidar_shape(part, box, label, scene.lidar_eye_m, True)
 
 
 def _cut_out(points: Float64, rig: Rig, seen: list[Sighting]) -> Float64:

@@ -26,7 +26,7 @@ class TrackerParams:
     """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
     hits_per_missed: int = 0
     """So many measurements a track takes for each step in a row in which it is shown though nothing measured it;
-    0: only these limits count."""
+    0: any number will do, as long as `max_missed_shown` and `max_coast_s` allow it."""
     max_coast_s: float = 0.5
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
     min_hits: int = 2
