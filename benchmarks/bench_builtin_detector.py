@@ -6,14 +6,19 @@ The tables of docs/detector.md are its output for the test seeds.
 """
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 from made_city import images_and_truth
+from rich.console import Console
+from rich.progress import track
 
 from fbench.datasets.city.city import Cities
 from fbench.datasets.city.conditions import condition
@@ -57,16 +62,30 @@ class Number:
         return f"{'-' if self.value is None else f'{self.value:.3f}'} ({self.num_truth})"
 
 
-def drives(detector: CameraDetector, weathers: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Drive]]:
+@dataclass(frozen=True)
+class City:
+    """One city's drives, all weathers, since it takes seconds to build."""
+
+    params: CameraParams
+    world: WorldName
+    seed: int
+    weathers: tuple[str, ...]
+
+    def drives(self) -> list[Drive]:
+        detector, cities = CameraDetector(self.params), Cities()
+        camera = thesis_rig().cameras["camera"].model_copy(update={"rate_hz": RATE_HZ})
+        rig = RigSpec(cameras={"camera": camera})
+        specs = [CitySpec(self.world, condition(weather), SECONDS, self.seed, rig) for weather in self.weathers]
+        names = [f"{self.world}-{weather}-{self.seed}" for weather in self.weathers]
+        return [drive(detector, CityRecording(s, n, cities=cities)) for s, n in zip(specs, names, strict=True)]
+
+
+def drives(params: CameraParams, weathers: Sequence[str], seeds: Sequence[int]) -> dict[str, list[Drive]]:
     """Return by weather what is true and what is found along drives in both worlds."""
-    camera = thesis_rig().cameras["camera"].model_copy(update={"rate_hz": RATE_HZ})
-    cities, found = Cities(), {weather: list[Drive]() for weather in weathers}
-    # Weathers last, as they share a city, which takes seconds to build.
-    for world, seed, weather in product(WORLDS, seeds, weathers):
-        spec = CitySpec(world, condition(weather), SECONDS, seed, RigSpec(cameras={"camera": camera}))
-        log = CityRecording(spec, f"{world}-{weather}-{seed}", cities=cities)
-        found[weather].append(drive(detector, log))
-    return found
+    cities = [City(params, world, seed, tuple(weathers)) for world, seed in product(WORLDS, seeds)]
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), get_context("spawn")) as pool:
+        found = list(track(pool.map(City.drives, cities), "cities", len(cities), console=Console(stderr=True)))
+    return {weather: list(of_weather) for weather, of_weather in zip(weathers, zip(*found, strict=True), strict=True)}
 
 
 def drive(detector: CameraDetector, log: CityRecording) -> Drive:
@@ -153,12 +172,11 @@ def main() -> None:
     parser.add_argument("--conditions", nargs="*", default=WEATHERS)
     asked = parser.parse_args()
     seeds = asked.seeds or SEEDS[asked.split]
-    detector = CameraDetector(CameraParams(asked.weights, MIN_SCORE))
     print(f"AP50 of {asked.weights.name}, seeds {', '.join(map(str, seeds))}, urban and highway, {SECONDS:g} s each "
           f"with {RATE_HZ:g} images a second; vehicles (as one class) nearer than {FAR_M:g} m of which at least "
           f"{SEEN:.0%} are visible, unless said otherwise; in brackets how many")  # fmt: skip
     print("\n| condition | both | urban | highway | best F1 |\n|---|---|---|---|---|")
-    of_weather = drives(detector, list(dict.fromkeys(asked.conditions)), seeds)
+    of_weather = drives(CameraParams(asked.weights, MIN_SCORE), list(dict.fromkeys(asked.conditions)), seeds)
     for weather, found in of_weather.items():
         parts = [[one for one in found if one.name.startswith(world)] for world in WORLDS]
         f1, score = best_f1(found)
