@@ -13,9 +13,10 @@ def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]
     pairs, by row.
     """
     allowed = similarity >= min_similarity if min_similarity > 0 else similarity > 0
-    rows, columns = np.nonzero(allowed)
-    if len(rows) <= min(allowed.shape) and len(set(rows.tolist())) == len(set(columns.tolist())) == len(rows):
-        return rows, columns  # nothing to choose
+    if np.count_nonzero(allowed) <= min(allowed.shape):
+        rows, columns = np.nonzero(allowed)
+        if len(set(rows.tolist())) == len(set(columns.tolist())) == len(rows):
+            return rows, columns  # nothing to choose
     # Forbidden pairs are worth nothing, so they never push out an allowed pair.
     rows, columns = linear_sum_assignment(np.where(allowed, similarity, 0.0), maximize=True)
     made = allowed[rows, columns]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Array, Float64
+from fbench.replay.arrays import Float64, Int64
 
 PLACE, RATE, PLACE_VAR, COVARIANCE, RATE_VAR = range(5)
 """Rows of `States.values`: of each component its value, its rate, and the block of P: of both variances and covariance.
@@ -45,11 +45,11 @@ class States:
         place_var: Float64 = self.values[PLACE_VAR]
         return place_var
 
-    def rows(self, rows: Array) -> "States":
-        """Select tracks by mask or index array."""
-        return States(self.values[:, rows])
+    def rows(self, rows: Int64) -> "States":
+        """Select tracks by index."""
+        return States(self.values.take(rows, axis=1))
 
-    def overwritten(self, at: Array, new: "States") -> "States":
+    def overwritten(self, at: Int64, new: "States") -> "States":
         """Replace the tracks `at`."""
         values = self.values.copy()
         values[:, at] = new.values
@@ -69,29 +69,28 @@ def predict(states: States, dt_s: float, drift_std: Float64) -> States:
     Rates do a random walk with a standard deviation of `drift_std` (m,) or (T, m) after one second: for each
     component Q = drift_std^2 [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] (Bar-Shalom et al., Estimation, 2001, 6.2.2).
     """
-    place, rate, place_var, covariance, rate_var = states.values
-    q = drift_std**2
-    values = np.empty_like(states.values)
-    values[PLACE], values[RATE] = place + dt_s * rate, rate
-    shared = dt_s * covariance
-    values[PLACE_VAR] = place_var + shared + shared + dt_s * rate_var * dt_s + q * dt_s**3 / 3
-    values[COVARIANCE] = covariance + dt_s * rate_var + q * dt_s**2 / 2
-    values[RATE_VAR] = rate_var + q * dt_s
-    return States(values)
+    from fbench.pipelines.tracking.kalman_kernel import predicted  # numba takes a while to import
+
+    return States(predicted(_steady(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
 
 
 def update(states: States, measured: Float64, measured_std: Float64) -> States:
     """Correct each state with one measurement, (T, m)."""
-    before, place_var, covariance = states.values, states.values[PLACE_VAR], states.values[COVARIANCE]
-    gains = before[PLACE_VAR : COVARIANCE + 1] * (1 / (place_var + measured_std**2))
-    gain, rate_gain = gains
-    values = np.empty_like(before)
-    values[: RATE + 1] = before[: RATE + 1] + gains * (measured - states.place)
-    values[PLACE_VAR : COVARIANCE + 1] = before[PLACE_VAR : COVARIANCE + 1] - gain * before[PLACE_VAR : COVARIANCE + 1]
-    # Both are the same but for rounding: so the block stays symmetric.
-    values[COVARIANCE] = (values[COVARIANCE] + (covariance - rate_gain * place_var)) / 2
-    values[RATE_VAR] = before[RATE_VAR] - rate_gain * covariance
-    return States(values)
+    from fbench.pipelines.tracking.kalman_kernel import corrected  # numba takes a while to import
+
+    return States(corrected(_steady(states.values), _steady(measured), _each(measured_std, states)))
+
+
+def _each(std: Float64, states: States) -> Float64:
+    """Give each track its own standard deviations (T, m)."""
+    each = np.empty(states.values.shape[1:])
+    each[:] = std
+    return each
+
+
+def _steady(values: Float64) -> Float64:
+    """One kind of array, for which the kernels are compiled once."""
+    return np.array(values, np.float64, order="C")
 
 
 def join(first: States, second: States) -> States:

@@ -39,7 +39,7 @@ def footprint_iou(a: Float64, b: Float64) -> Float64:
 
 def image_iou(a: Array, b: Array) -> Float64:
     """Overlap (N, M) of rectangles (N, 4) and (M, 4): left, top, right, bottom."""
-    from fbench.pipelines.tracking.overlap_kernel import overlaps  # numba takes a while to import
+    from fbench.pipelines.tracking.rectangle_kernel import overlaps  # numba takes a while to import
 
     return overlaps(np.array(a, np.float64, order="C"), np.array(b, np.float64, order="C"))
 

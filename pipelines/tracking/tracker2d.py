@@ -181,21 +181,16 @@ def _complete(boxes: Boxes2D) -> Columns:
 
 def _measure(boxes: Columns) -> Float64:
     """Centre x, y, area s and aspect ratio r (N, 4)."""
-    low, high = boxes["xyxy_px"][:, :2], boxes["xyxy_px"][:, 2:]
-    measured = np.empty((len(low), 4))
-    measured[:, :2] = (low + high) / 2
-    width, height = np.maximum(high - low, MIN_SHAPE).T
-    measured[:, 2], measured[:, 3] = width * height, width / height
-    return measured
+    from fbench.pipelines.tracking.rectangle_kernel import as_measured  # numba takes a while to import
+
+    return as_measured(np.array(boxes["xyxy_px"], np.float64, order="C"), MIN_SHAPE)
 
 
 def _boxes(measured: Float64) -> Float64:
     """Left, top, right, bottom (N, 4) of centre, area and aspect ratio."""
-    x, y, area, aspect = measured.T
-    across, down = np.sqrt(area * aspect) / 2, np.sqrt(area / aspect) / 2
-    xyxy = np.empty((len(measured), 4))
-    xyxy[:, 0], xyxy[:, 1], xyxy[:, 2], xyxy[:, 3] = x - across, y - down, x + across, y + down
-    return xyxy
+    from fbench.pipelines.tracking.rectangle_kernel import as_corners  # numba takes a while to import
+
+    return as_corners(np.array(measured, np.float64, order="C"))
 
 
 def _unit(measured: Float64) -> Float64:

@@ -8,7 +8,7 @@ from fbench.pipelines.tracking import columns, kalman
 from fbench.pipelines.tracking.columns import Columns
 from fbench.pipelines.tracking.kalman import States
 from fbench.pipelines.tracking.params import TrackerParams
-from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data import LABELS, VEHICLES
 from fbench.replay.errors import DataError
 
@@ -41,8 +41,8 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.track_id)
 
-    def rows(self, at: Array) -> "Tracks":
-        """Select tracks by mask or index array."""
+    def rows(self, at: Int64) -> "Tracks":
+        """Select tracks by index."""
         return Tracks(
             self.track_id[at], self.hits[at], self.missed[at], self.updated_ns[at], self.votes[at],
             self.states.rows(at), columns.rows(self.last, at),
@@ -77,7 +77,7 @@ def measured_tracks(tracks: Tracks, at: Int64, detections: Columns, states: Stat
 
 def selected(tracks: Tracks, which: Bool) -> Tracks:
     """Tracks of a mask (T,)."""
-    return tracks if which.all() else tracks.rows(which)
+    return tracks if which.all() else tracks.rows(np.flatnonzero(which))
 
 
 def shown(tracks: Tracks, stamp_ns: int, steps: int, params: TrackerParams) -> Bool:
