@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.imaging.params import RadarImageParams
-from fbench.pipelines.points.ground import Plane, fit_plane, height_above_ground, lowest_points
+from fbench.pipelines.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
 from fbench.pipelines.points.lidar import Obstacles
 from fbench.pipelines.points.ordering import lexicographic_order
 from fbench.pipelines.points.radar import Compensated
@@ -72,12 +72,12 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
         return empty_cloud()
     order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
     xyz = echoes.xyz[order]
-    lowest = lowest_points(xyz, params.ground)
+    around = surroundings(xyz, params.ground)
+    lowest, near = lowest_points(around, params.ground), around.is_near
     plane = fit_plane(lowest, params.ground)
     if plane is None:
         return empty_cloud()
-    height = height_above_ground(xyz, lowest, plane, params.ground)
-    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.ground.range_m
+    height = height_above_ground(around, lowest, plane, params.ground)
     tall = near & (height >= params.max_height_m) & (height < _TALL * params.max_height_m)
     rate = echoes.range_rate_mps[order]
     whole = Cloud(

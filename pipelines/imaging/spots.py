@@ -9,6 +9,7 @@ from fbench.pipelines.imaging.outline import outlines
 from fbench.pipelines.imaging.params import FOCAL_PX, ShapeParams
 from fbench.pipelines.imaging.shape import Groups, footprints, likeness
 from fbench.pipelines.points.image_clusters import ImageClusterParams, cluster_in_image
+from fbench.pipelines.points.ordering import median
 from fbench.pipelines.points.radar import median_rate
 from fbench.replay.arrays import Array, Float64, Int64
 from fbench.replay.data import CameraModel, Rig
@@ -137,6 +138,7 @@ def _rates(groups: Groups) -> Float64:
     for at in range(len(groups)):
         rows = slice(int(groups.first[at]), int(groups.first[at + 1]))
         own = cloud.own_mps[rows]
-        if np.isfinite(own).any():
-            result[at] = median_rate(cloud.over_ground_mps[rows], cloud.period_mps[rows]) - np.nanmedian(own)
+        known = own[~np.isnan(own)]
+        if np.isfinite(known).any():
+            result[at] = median_rate(cloud.over_ground_mps[rows], cloud.period_mps[rows]) - median(known)
     return result

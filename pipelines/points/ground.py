@@ -7,8 +7,8 @@ import numpy as np
 from scipy import ndimage
 
 from fbench.pipelines.checks import require_ranges
-from fbench.pipelines.points.ground_kernel import fullest_bands, lowest_rows
-from fbench.replay.arrays import Float64
+from fbench.pipelines.points.ground_kernel import fullest_bands, heights, lowest_rows
+from fbench.replay.arrays import Bool, Float64, Int64
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,34 @@ class Plane:
         return z
 
 
-def lowest_points(xyz: Float64, params: GroundParams) -> Float64:
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Points that tell of the ground, and in which cells they lie."""
+
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, all points."""
+    is_near: Bool
+    """(N,) which of them lie within `range_m`."""
+    cell: Int64
+    """(M, 2) cells of those."""
+
+
+def surroundings(xyz: Float64, params: GroundParams) -> Surroundings:
+    """Tell which points (N, 3) [m] in body coordinates are near, and put those into cells."""
+    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
+    return Surroundings(xyz, near, np.floor(xyz[near, :2] / params.cell_m).astype(np.int64))
+
+
+def lowest_points(around: Surroundings, params: GroundParams) -> Float64:
     """Return the lowest point (M, 3) of each cell, cells in lexicographic order.
 
-    Points (N, 3) are in lexicographic order, which decides between equally low ones. In cells with many points the
-    lowest `outliers` of them are passed over: reflections from below the road.
+    Points are in lexicographic order, which decides between equally low ones. In cells with many points the lowest
+    `outliers` of them are passed over: reflections from below the road.
     """
-    near = xyz[np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m]
+    near = around.xyz[around.is_near]
     if not len(near):
         return near
-    cells = np.floor(near[:, :2] / params.cell_m).astype(np.int64)
-    lowest: Float64 = near[lowest_rows(cells, near[:, 2], params.outliers)]
+    lowest: Float64 = near[lowest_rows(around.cell, near[:, 2], params.outliers)]
     return lowest
 
 
@@ -108,13 +125,12 @@ def _refined(plane: Plane, lowest: Float64, band_m: float) -> Plane:
     return Plane(a, b, float(middle[2] - a * middle[0] - b * middle[1]))
 
 
-def height_above_ground(xyz: Float64, lowest: Float64, plane: Plane, params: GroundParams) -> Float64:
-    """Height (N,) [m] of points (N, 3) above the highest surface under `lowest` (M, 3) that keeps to `max_slope`.
+def height_above_ground(around: Surroundings, lowest: Float64, plane: Plane, params: GroundParams) -> Float64:
+    """Height (N,) [m] of all points above the highest surface under `lowest` (M, 3) that keeps to `max_slope`.
 
     The surface may deviate from the plane; points too far below the plane (mirrored by puddles and glass) are not
     taken for ground. Beyond `range_m` the plane counts.
     """
-    over_plane = xyz[:, 2] - plane.z_m(xyz)
     deviation = lowest[:, 2] - plane.z_m(lowest)
     ground = np.abs(deviation) < 0.3 + params.max_slope * np.hypot(lowest[:, 0], lowest[:, 1])
     half = int(np.ceil(params.range_m / params.cell_m))
@@ -126,8 +142,5 @@ def height_above_ground(xyz: Float64, lowest: Float64, plane: Plane, params: Gro
     cone = params.max_slope * np.hypot(offset[:, None], offset[None, :])
     surface = ndimage.grey_erosion(grid, structure=-cone, mode="constant", cval=np.inf)
     surface = np.where(np.isfinite(surface), surface, 0.0)
-    inside = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
-    cell = np.floor(xyz[inside, :2] / params.cell_m).astype(np.int64) + half
-    result = over_plane.copy()
-    result[inside] -= surface[cell[:, 0], cell[:, 1]]
-    return result
+    shape = np.array([plane.slope_x, plane.slope_y, plane.height_m])
+    return heights(around.xyz, around.is_near, around.cell + half, shape, surface)

@@ -2,8 +2,24 @@
 
 import numpy as np
 
-from fbench.replay.arrays import Float64, Int64
+from fbench.replay.arrays import Bool, Float64, Int64
 from fbench.replay.kernels import kernel
+
+
+@kernel
+def _at_rank(values: Float64, rank: int) -> int:
+    """Return where the value lies that has this rank in ascending order; of equal ones the first has the lowest."""
+    value = np.partition(values, rank)[rank]
+    left = rank
+    for one in values:
+        if one < value:
+            left -= 1
+    for at, one in enumerate(values):
+        if one == value:
+            if left == 0:
+                return at
+            left -= 1
+    return 0  # never: the value is one of them
 
 
 @kernel
@@ -29,9 +45,24 @@ def lowest_rows(cell: Int64, z_m: Float64, outliers: float) -> Int64:
     for one in range(len(first) - 1):
         own = rows[first[one] : first[one + 1]]
         if len(own):
-            result[num] = own[np.argsort(z_m[own], kind="mergesort")[int(outliers * len(own))]]
+            result[num] = own[_at_rank(z_m[own], int(outliers * len(own)))]
             num += 1
     return result[:num]
+
+
+@kernel
+def heights(xyz: Float64, is_near: Bool, cell: Int64, plane: Float64, surface: Float64) -> Float64:
+    """Height (N,) [m] of points (N, 3) above a plane, and, of those that are near, above a surface on it.
+
+    `plane` holds its slopes and its height, `cell` (M, 2) the cells of `surface` (R, C) [m] under the near points.
+    """
+    result, num = np.empty(len(xyz)), 0
+    for row in range(len(xyz)):
+        result[row] = xyz[row, 2] - (plane[0] * xyz[row, 0] + plane[1] * xyz[row, 1] + plane[2])
+        if is_near[row]:
+            result[row] -= surface[cell[num, 0], cell[num, 1]]
+            num += 1
+    return result
 
 
 @kernel

@@ -9,7 +9,14 @@ from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.car_shape import CarShapeParams
 from fbench.pipelines.points.clustering import Grouping
 from fbench.pipelines.points.features import Standing
-from fbench.pipelines.points.ground import GroundParams, Plane, fit_plane, height_above_ground, lowest_points
+from fbench.pipelines.points.ground import (
+    GroundParams,
+    Plane,
+    fit_plane,
+    height_above_ground,
+    lowest_points,
+    surroundings,
+)
 from fbench.pipelines.points.judging import Seen, like_cars, road_users
 from fbench.pipelines.points.rectangle_kernel import HEADINGS_RAD, NEAR_M, fit_rectangles
 from fbench.pipelines.points.vehicle import OtherSizes, VehicleSize
@@ -130,13 +137,13 @@ def judging(params: LidarParams, log_info: LogInfo) -> LidarParams:
 
 def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
     """Take the ground away from points (N, 3) in body coordinates."""
-    lowest = lowest_points(xyz, params.ground)
+    around = surroundings(xyz, params.ground)
+    lowest, near = lowest_points(around, params.ground), around.is_near
     plane = fit_plane(lowest, params.ground)
-    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.ground.range_m
     if plane is None:
         near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
     else:
-        height = height_above_ground(xyz, lowest, plane, params.ground)
+        height = height_above_ground(around, lowest, plane, params.ground)
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
     return Obstacles(plane, xyz[standing], height[standing], xyz[near & (height >= top) & (height < 2.5 * top)])

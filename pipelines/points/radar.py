@@ -10,6 +10,7 @@ from fbench.pipelines.checks import require_between, require_ranges
 from fbench.pipelines.points.clustering import Grouping
 from fbench.pipelines.points.doppler import DopplerParams, over_ground, own_velocity
 from fbench.pipelines.points.merged import Echoes
+from fbench.pipelines.points.ordering import median
 from fbench.pipelines.points.unmeasured import UnmeasuredParams, add_unmeasured, strong
 from fbench.pipelines.points.vehicle import VehicleSize
 from fbench.replay.arrays import Bool, Float64, Int64
@@ -232,5 +233,5 @@ def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
         return math.nan
     rate_mps, period_mps = rate_mps[known], period_mps[known]
     period = 0.0 if np.any(period_mps <= 0) else float(period_mps.max())
-    rate = float(np.median(_unbroken(rate_mps[period_mps == period], period)))
+    rate = median(_unbroken(rate_mps[period_mps == period], period))
     return rate - period if period > 0 and rate > period / 2 else rate

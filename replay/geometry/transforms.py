@@ -6,6 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.arrays import Array, Float64
 
+_MANY = 2000
+"""From so many points on a compiled loop is faster, even if it has to be loaded."""
+
 
 def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
     """Return `dst_T_src` (4, 4) from the position (3,) and quaternion (4,) of `src` in `dst`.
@@ -48,8 +51,12 @@ def transform(dst_T_src: Float64, xyz: Array) -> Float64:
 
     Written as sums of products, so that the result doesn't depend on the BLAS in use.
     """
-    p = np.asarray(xyz, np.float64)
     m = dst_T_src
+    if len(xyz) >= _MANY and xyz.dtype in (np.float32, np.float64):
+        from fbench.replay.geometry.transform_kernel import moved  # numba takes a while to import
+
+        return moved(np.array(m, np.float64, order="C"), np.ascontiguousarray(xyz))
+    p = np.asarray(xyz, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):  # not finite in, not finite out: whoever needs more checks that
         return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from fbench.pipelines.points import dbscan as grids
 from fbench.pipelines.points.doppler_kernel import agreement
 from fbench.pipelines.points.grid_kernel import cell_bounds, cell_numbers, cells_of, lexicographic, row_starts
-from fbench.pipelines.points.ground_kernel import fullest_bands, lowest_rows
+from fbench.pipelines.points.ground_kernel import fullest_bands, heights, lowest_rows
 from fbench.pipelines.points.inside import SortedPoints
 from fbench.pipelines.points.rectangle_kernel import fit_rectangles
 from fbench.pipelines.points.touching_kernel import may_touch
@@ -130,6 +130,18 @@ def test_fullest_band(seed):
     for row in range(3):
         expected = [int((z[row, at:] <= z[row, at] + 0.5).sum()) for at in range(z.shape[1])]
         assert (num[row], begin[row]) == (max(expected), expected.index(max(expected)))
+
+
+@at_times
+@given(seeds)
+def test_heights_above_a_surface(seed):
+    rng = np.random.default_rng(seed)
+    num = int(rng.integers(0, 60))
+    xyz, near, plane = scattered(rng, num, 3), rng.random(num) < 0.7, rng.normal(0, 1, 3)
+    surface, cell = rng.normal(0, 1, (5, 7)), rng.integers(0, 5, (int(near.sum()), 2))
+    expected = xyz[:, 2] - (plane[0] * xyz[:, 0] + plane[1] * xyz[:, 1] + plane[2])
+    expected[near] -= surface[cell[:, 0], cell[:, 1]]
+    np.testing.assert_array_equal(heights(xyz, near, cell, plane, surface), expected)
 
 
 # --- the grid of DBSCAN

@@ -64,3 +64,17 @@ def test_chained_transforms_are_the_product_of_matrices():
     a = pose_matrix([1.0, -2, 3], [0.1, 0.2, 0.3, 0.9])
     b = pose_matrix([0.5, 4, -1], [-0.7, 0.1, 0.2, 0.4])
     np.testing.assert_allclose(chained(a, b), a @ b, atol=1e-15)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_many_points_move_as_few_do(dtype):
+    """Bit by bit, whatever holds them, and what isn't finite stays so."""
+    rng = np.random.default_rng(5)
+    matrix = pose_matrix(rng.normal(0, 100, 3), euler_xyzw(0.3, -0.1, 0.2))
+    xyz = (rng.normal(0, 50, (9000, 3)) * 10.0 ** rng.integers(-30, 30, (9000, 1))).astype(dtype)
+    xyz[5], xyz[7, 1], xyz[9, 2] = np.nan, np.inf, -np.inf
+    few = np.concatenate([transform(matrix, part) for part in np.split(xyz, 9000 // 500)])
+    frozen = xyz.copy()
+    frozen.flags.writeable = False
+    for points in (xyz, frozen, np.asfortranarray(xyz), np.repeat(xyz, 2, axis=0)[::2]):
+        np.testing.assert_array_equal(transform(matrix, points), few)
