@@ -41,9 +41,10 @@ class Cloud:
 
     def rows(self, rows: Array) -> "Cloud":
         """Select points by mask or index array."""
+        at = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         return Cloud(
-            self.plane, self.xyz[rows], self.height_m[rows], self.tall, self.viewpoint, self.moves[rows],
-            self.over_ground_mps[rows], self.own_mps[rows], self.period_mps[rows],
+            self.plane, self.xyz.take(at, axis=0), self.height_m.take(at), self.tall, self.viewpoint,
+            self.moves.take(at), self.over_ground_mps.take(at), self.own_mps.take(at), self.period_mps.take(at),
         )  # fmt: skip
 
 
@@ -71,7 +72,7 @@ def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: floa
     if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
         return empty_cloud()
     order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
-    xyz = echoes.xyz[order]
+    xyz = echoes.xyz.take(order, axis=0)
     around = surroundings(xyz, params.ground)
     lowest, near = lowest_points(around, params.ground), around.is_near
     plane = fit_plane(lowest, params.ground)

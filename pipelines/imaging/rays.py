@@ -33,8 +33,9 @@ class Rays:
             return cls(np.zeros((0, 2)), np.zeros(0))
         uv, depth = project_body(rig, camera, xyz)
         seen = np.flatnonzero(in_image(rig.cameras[camera], uv))
-        seen = seen[lexicographic_order(depth[seen], *uv[seen].T[::-1])]
-        return cls(uv[seen], depth[seen])
+        uv, depth = uv.take(seen, axis=0), depth.take(seen)
+        order = lexicographic_order(depth, *uv.T[::-1])
+        return cls(uv.take(order, axis=0), depth.take(order))
 
     def depths(self, xyxy_px: Float64) -> Float64:
         """Depths of the points in the middle of a box (4,), ascending."""

@@ -122,14 +122,16 @@ def _projected(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Point
     model = rig.cameras[camera]
     uv, depth = project_body(rig, camera, cloud.xyz)
     size = np.array(model.size_wh, np.float64)
-    seen = np.all((uv > -_BESIDE * size) & (uv < (1 + _BESIDE) * size), axis=1)  # NaN isn't
-    cloud, uv, depth = cloud.rows(seen), uv[seen], depth[seen]
+    low, high = -_BESIDE * size, (1 + _BESIDE) * size
+    u, v = uv.T
+    seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
+    cloud, uv, depth = cloud.rows(seen), uv.take(seen, axis=0), depth.take(seen)
     cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
     for part in (cloud.moves, ~cloud.moves):
         found = cluster_in_image(scaled[part], depth[part], params.cluster)
         cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
     order = np.argsort(cluster, kind="stable")
-    return Points(uv[order], depth[order], cluster[order], cloud.rows(order))
+    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud.rows(order))
 
 
 def _rates(groups: Groups) -> Float64:

@@ -61,14 +61,19 @@ class Surroundings:
     """(N, 3) [m] in body coordinates, all points."""
     is_near: Bool
     """(N,) which of them lie within `range_m`."""
+    near: Float64
+    """(M, 3) those."""
     cell: Int64
-    """(M, 2) cells of those."""
+    """(M, 2) their cells."""
 
 
 def surroundings(xyz: Float64, params: GroundParams) -> Surroundings:
     """Tell which points (N, 3) [m] in body coordinates are near, and put those into cells."""
-    near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
-    return Surroundings(xyz, near, np.floor(xyz[near, :2] / params.cell_m).astype(np.int64))
+    is_near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
+    near = xyz.take(np.flatnonzero(is_near), axis=0)
+    cell = np.empty((len(near), 2), np.int64)
+    cell[:, 0], cell[:, 1] = (np.floor(near[:, axis] / params.cell_m) for axis in (0, 1))
+    return Surroundings(xyz, is_near, near, cell)
 
 
 def lowest_points(around: Surroundings, params: GroundParams) -> Float64:
@@ -77,10 +82,9 @@ def lowest_points(around: Surroundings, params: GroundParams) -> Float64:
     Points are in lexicographic order, which decides between equally low ones. In cells with many points the lowest
     `outliers` of them are passed over: reflections from below the road.
     """
-    near = around.xyz[around.is_near]
-    if not len(near):
-        return near
-    lowest: Float64 = near[lowest_rows(around.cell, near[:, 2], params.outliers)]
+    if not len(around.near):
+        return around.near
+    lowest: Float64 = around.near[lowest_rows(around.cell, around.near[:, 2], params.outliers)]
     return lowest
 
 

@@ -146,7 +146,8 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
         height = height_above_ground(around, lowest, plane, params.ground)
     top = params.cluster.max_height_m
     standing = near & (height > params.ground.tolerance_m) & (height < top)
-    return Obstacles(plane, xyz[standing], height[standing], xyz[near & (height >= top) & (height < 2.5 * top)])
+    rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
+    return Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0))
 
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
@@ -163,7 +164,7 @@ def judged(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarPa
 def arranged(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
     """Sort obstacles by their clusters (N,), -1 for none, and fit rectangles; `None` where there are no clusters."""
     by_cluster = np.argsort(cluster, kind="stable")
-    xyz, cluster = found.xyz[by_cluster], cluster[by_cluster]
+    xyz, cluster = found.xyz.take(by_cluster, axis=0), cluster[by_cluster]
     loose = int(np.searchsorted(cluster, 0))
     if found.plane is None or loose == len(cluster):
         return xyz, cluster, None

