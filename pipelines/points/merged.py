@@ -137,11 +137,7 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     velocity = np.where(np.isfinite(velocity), velocity, np.nan)
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = lexicographic_order(*xyz.T, *columns)
+    velocity, magnitude = (column[order] for column in columns)
     return Echoes(
-        xyz.take(order, axis=0),
-        direction.take(order, axis=0),
-        columns[0][order],
-        columns[1][order],
-        period_mps,
-        scan.sensor,
-    )
+        xyz.take(order, axis=0), direction.take(order, axis=0), velocity, magnitude, period_mps, scan.sensor
+    )  # fmt: skip

@@ -27,10 +27,8 @@ def as_measured(xyxy: Float64, least: float) -> Float64:
     """Centre x, y, area and aspect ratio (N, 4) of left, top, right, bottom (N, 4); sides are `least` at least."""
     result = np.empty((len(xyxy), 4))
     for i in range(len(xyxy)):
-        across, down = xyxy[i, 2] - xyxy[i, 0], xyxy[i, 3] - xyxy[i, 1]
-        # Not `max`, which would make what isn't a number a side.
-        across = max(across, least)
-        down = max(down, least)
+        # Not `max`, which may make a side of what isn't a number.
+        across, down = np.maximum(xyxy[i, 2] - xyxy[i, 0], least), np.maximum(xyxy[i, 3] - xyxy[i, 1], least)
         result[i, 0], result[i, 1] = (xyxy[i, 0] + xyxy[i, 2]) / 2, (xyxy[i, 1] + xyxy[i, 3]) / 2
         result[i, 2], result[i, 3] = across * down, np.divide(across, down)
     return result

@@ -69,8 +69,10 @@ def test_rectangles_go_there_and_back() -> None:
 def test_what_is_not_a_number_stays_so_and_leaves_others_alone(at: int) -> None:
     xyxy = np.tile([10.0, 20.0, 50.0, 30.0], (2, 1))
     xyxy[0, at] = np.nan
-    got = as_corners(as_measured(xyxy, LEAST))
-    assert np.isnan(got[0]).any()
+    measured = as_measured(xyxy, LEAST)
+    assert np.isnan(measured[0, 2:]).all()
+    got = as_corners(measured)
+    assert np.isnan(got[0]).all()
     np.testing.assert_allclose(got[1], xyxy[1])
 
 
