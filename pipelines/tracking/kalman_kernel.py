@@ -1,4 +1,4 @@
-"""The compiled steps of `kalman`, where the closed forms are explained."""
+"""The compiled steps of `kalman`, where the closed forms and the five rows of states are explained."""
 
 import numpy as np
 

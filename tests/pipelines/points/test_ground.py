@@ -12,6 +12,14 @@ def road(slope_x=0.0, slope_y=0.0, height_m=-1.6, extent_m=40.0, step_m=0.8):
     return np.column_stack([x, y, slope_x * x + slope_y * y + height_m])
 
 
+def lowest(points):
+    return lowest_points(surroundings(points, PARAMS), PARAMS)
+
+
+def heights(points, plane):
+    return height_above_ground(surroundings(points, PARAMS), lowest(points), plane, PARAMS)
+
+
 def wall(x_m=10.0, base_m=-1.6):
     y, z = (a.ravel() for a in np.meshgrid(np.arange(-30, 30, 0.2), np.arange(base_m, base_m + 6, 0.4)))
     return np.column_stack([np.full(len(y), x_m), y, z])
@@ -19,7 +27,7 @@ def wall(x_m=10.0, base_m=-1.6):
 
 @pytest.mark.parametrize(("slope_x", "slope_y", "height_m"), [(0, 0, -1.6), (0.05, -0.09, -1.6), (-0.1, 0.1, 0.4)])
 def test_tilted_road(slope_x, slope_y, height_m):
-    plane = fit_plane(lowest_points(surroundings(road(slope_x, slope_y, height_m), PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(road(slope_x, slope_y, height_m)), PARAMS)
     assert plane is not None
     assert [plane.slope_x, plane.slope_y, plane.height_m] == pytest.approx([slope_x, slope_y, height_m], abs=1e-9)
 
@@ -27,7 +35,7 @@ def test_tilted_road(slope_x, slope_y, height_m):
 def test_walls_and_points_under_the_road_change_little():
     mirrored = np.column_stack([np.full(50, 6.0), np.linspace(-5, 5, 50), np.full(50, -4.0)])
     points = np.concatenate([road(0.03), wall(), mirrored])
-    plane = fit_plane(lowest_points(surroundings(points, PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(points), PARAMS)
     assert plane is not None
     assert [plane.slope_x, plane.slope_y, plane.height_m] == pytest.approx([0.03, 0, -1.6], abs=0.02)
 
@@ -36,56 +44,44 @@ def test_heights_follow_a_slope_that_leaves_the_plane():
     points = road()
     far = np.abs(points[:, 0]) > 20
     points[far, 2] += 0.04 * (np.abs(points[far, 0]) - 20)
-    plane = fit_plane(lowest_points(surroundings(points, PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(points), PARAMS)
     assert plane is not None
-    assert (
-        height_above_ground(
-            surroundings(points, PARAMS), lowest_points(surroundings(points, PARAMS), PARAMS), plane, PARAMS
-        ).max()
-        < PARAMS.tolerance_m
-    )
+    assert heights(points, plane).max() < PARAMS.tolerance_m
 
 
 def test_height_of_a_box_on_the_road():
     box = np.array([[10.0, 2.0, -0.6], [10.5, 2.0, -1.0]])
     points = np.concatenate([road(), box])
-    plane = fit_plane(lowest_points(surroundings(points, PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(points), PARAMS)
     assert plane is not None
-    assert height_above_ground(
-        surroundings(points, PARAMS), lowest_points(surroundings(points, PARAMS), PARAMS), plane, PARAMS
-    )[-2:] == pytest.approx([1.0, 0.6], abs=0.02)
+    assert heights(points, plane)[-2:] == pytest.approx([1.0, 0.6], abs=0.02)
 
 
 def test_far_points_are_measured_from_the_plane():
     points = np.concatenate([road(), [[500.0, 0, 0.4]]])
-    plane = fit_plane(lowest_points(surroundings(points, PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(points), PARAMS)
     assert plane is not None
-    assert height_above_ground(
-        surroundings(points, PARAMS), lowest_points(surroundings(points, PARAMS), PARAMS), plane, PARAMS
-    )[-1] == pytest.approx(2.0)
+    assert heights(points, plane)[-1] == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("points", [np.zeros((0, 3)), np.ones((1, 3)), np.ones((9, 3)), np.full((5, 3), 1000.0)])
 def test_too_few_places_give_no_ground(points):
-    assert fit_plane(lowest_points(surroundings(points, PARAMS), PARAMS), PARAMS) is None
+    assert fit_plane(lowest(points), PARAMS) is None
 
 
 def test_ground_seen_on_one_line_keeps_its_tilt():
     line = np.column_stack([np.arange(2, 40, 1.0), np.zeros(38), np.full(38, -1.5)])
-    plane = fit_plane(lowest_points(surroundings(line, PARAMS), PARAMS), PARAMS)
+    plane = fit_plane(lowest(line), PARAMS)
     assert plane is not None
     assert (plane.slope_x, plane.slope_y, plane.height_m) == (0.0, 0.0, pytest.approx(-1.5))
 
 
 def test_lowest_point_of_each_cell_and_ties_by_place():
     points = np.array([[0.5, 0.5, 1.0], [1.5, 0.5, 1.0], [0.2, 1.0, 1.5], [2.5, 0.0, 7.0]])
-    assert lowest_points(surroundings(points[np.lexsort(points.T[::-1])], PARAMS), PARAMS).tolist() == [
-        [0.5, 0.5, 1.0],
-        [2.5, 0.0, 7.0],
-    ]
+    assert lowest(points[np.lexsort(points.T[::-1])]).tolist() == [[0.5, 0.5, 1.0], [2.5, 0.0, 7.0]]
 
 
 def test_reflections_below_the_road_are_passed_over_where_there_are_many_points():
     points = np.column_stack([np.linspace(0, 1.9, 100), np.zeros(100), np.full(100, -1.6)])
     points[3, 2] = -4.0
-    assert lowest_points(surroundings(points, PARAMS), PARAMS)[0, 2] == -1.6
+    assert lowest(points)[0, 2] == -1.6
