@@ -17,11 +17,12 @@ from pathlib import Path
 
 from made_frames import frames_of, write_drive
 
-from fbench.replay.data import Frame, LogInfo, Rig
-from fbench.replay.digest import digest
-from fbench.replay.plugins import make_pipeline
-from fbench.replay.protocols import Pipeline
-from fbench.replay.threads import VARIABLE
+from fbench.replay.contracts.plugins import make_pipeline
+from fbench.replay.contracts.protocols import Pipeline
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.runs.digest import digest
 
 
 @contextmanager

@@ -20,23 +20,21 @@ from made_city import images_and_truth
 from rich.console import Console
 from rich.progress import track
 
-from fbench.datasets.city.city import Cities
-from fbench.datasets.city.conditions import condition
-from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.recording import Cities, CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
-from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.datasets.city.suite import SEEDS
-from fbench.metrics.coco.profile import CocoProfile
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence as Drive
-from fbench.metrics.sequence import Steps
-from fbench.pipelines.camera.builtin import CITY_WEIGHTS
-from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
-from fbench.replay.arrays import Array, Bool
-from fbench.replay.data import VEHICLES, Boxes2D, Image
-from fbench.replay.images import decode
+from fbench.metrics.core.sequence import Objects, Steps
+from fbench.metrics.core.sequence import Sequence as Drive
+from fbench.metrics.profiles.coco.profile import CocoProfile
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.profile import Match
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
+from fbench.replay.data.arrays import Array, Bool
+from fbench.replay.data.boxes import VEHICLES, Boxes2D
+from fbench.replay.data.images import decode
+from fbench.replay.data.messages import Image
 
 FAR_M, SEEN = 50.0, 0.5
 """Vehicles count up to this distance, and where at least so much of them is visible."""

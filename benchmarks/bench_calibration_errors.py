@@ -19,16 +19,15 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.city.conditions import condition
+from fbench.cli.replay_job import Job, run_job
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
-from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.datasets.city.spec import CitySpec, WorldName, condition
+from fbench.datasets.importing.run import write_recording
 from fbench.metrics.robustness import ScoredRun, pooled
-from fbench.replay.cli.job import Job, run_job
-from fbench.replay.config.source import NO_CONFIG, LogWish, log_source
-from fbench.replay.draws import generator
-from fbench.replay.imports.run import write_recording
+from fbench.replay.conditions.generators import generator
 from fbench.replay.logs.convert.target import Target
+from fbench.replay.setup.source import NO_CONFIG, LogWish, log_source
 
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 MOUNTING = ((0.0, 0.0), (0.25, 0.02), (0.5, 0.05), (1.0, 0.10), (2.0, 0.20), (3.0, 0.50))

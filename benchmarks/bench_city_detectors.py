@@ -8,16 +8,16 @@ from typing import TypeAlias
 import numpy as np
 from made_city import images_and_truth
 
-from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
-from fbench.datasets.city.spec import CitySpec, WorldName
+from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.datasets.city.suite import SEEDS
-from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
-from fbench.replay.arrays import Array, Bool
-from fbench.replay.data import VEHICLES, Boxes2D, Image
-from fbench.replay.geometry.boxes import iou_2d
-from fbench.replay.images import decode
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.replay.data.arrays import Array, Bool
+from fbench.replay.data.boxes import VEHICLES, Boxes2D
+from fbench.replay.data.images import decode
+from fbench.replay.data.messages import Image
+from fbench.replay.geometry.iou import iou_2d
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 NEAR_M, SEEN, IOU, SCORE = 30.0, 0.5, 0.5, 0.4

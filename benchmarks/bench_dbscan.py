@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from sklearn.cluster import DBSCAN
 
-from fbench.pipelines.points.dbscan import dbscan
+from fbench.pipelines.sensors.points.dbscan import dbscan
 
 EPS_M, MIN_POINTS = 0.6, 5
 SIZES = (3_000, 10_000, 30_000, 100_000, 300_000)

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from made_frames import write_drive
 
-from fbench.metrics.combine import combined, measure_run
-from fbench.replay.cli.job import Job, run_job
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
+from fbench.cli.replay_job import Job, run_job
+from fbench.metrics.runs.combine import combined, measure_run
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+from fbench.replay.setup.source import LogWish, log_source
 
 PIPELINES = "camera2d,lidar3d,radar3d,late3d"
 SEEDS = (101, 102)

@@ -9,11 +9,11 @@ from unittest.mock import patch
 
 from made_city import write_city_log
 
-from fbench.replay.digest import START
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.plugins import make_pipeline
+from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import make_pipeline
-from fbench.replay.run import Plan, replay
+from fbench.replay.runs.digest import START
 
 LOG_S = 10.0
 """100 frames."""
@@ -28,7 +28,10 @@ class NoDigest:
 
 @contextmanager
 def without_digests() -> Iterator[None]:
-    with patch("fbench.replay.frames.Digest", NoDigest), patch("fbench.replay.run.digest", lambda content: START):
+    with (
+        patch("fbench.replay.engine.frames.Digest", NoDigest),
+        patch("fbench.replay.engine.loop.digest", lambda content: START),
+    ):
         yield
 
 

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.external.pipeline import Exec, ExecParams
-from fbench.replay.data import Boxes3D, Frame, LogInfo, Mount, Output, PointCloud, Rig
-from fbench.replay.protocols import Pipeline
+from fbench.replay.contracts.protocols import Pipeline
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 NUM_POINTS, NUM_FRAMES = 50_000, 300
 SOURCES = Path(__file__).resolve().parents[1] / "examples" / "exec" / "cpp"

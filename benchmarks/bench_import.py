@@ -18,17 +18,17 @@ from typing import Any
 
 from made_datasets import make_kitti, make_nuscenes
 
-from fbench.replay.imports.run import import_one
+from fbench.datasets.importing.run import import_one
+from fbench.replay.contracts.plugins import make_importer
 from fbench.replay.logs.container import Channel
+from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 from fbench.replay.logs.header import LogHeader
-from fbench.replay.logs.mcap.raw_write import RawMcapWriter
-from fbench.replay.plugins import make_importer
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 REPEATS = 3
 CHILD = """
 import resource, sys
-from fbench.replay.cli import main
+from fbench.cli import main
 try:
     main()
 except SystemExit as end:

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Pose, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.check.survey import Survey, survey
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
-from fbench.replay.survey import Survey, survey
-from fbench.replay.sync import SyncParams
 
 NUM_POINTS, IMAGE_BYTES, POSES_A_FRAME = 50_000, 400_000, 10
 UPRIGHT = np.array([0.0, 0, 0, 1])

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import shapely
 
-from fbench.replay.arrays import Float64
-from fbench.replay.geometry.rotated import flat_iou
+from fbench.replay.data.arrays import Float64
+from fbench.replay.geometry.iou import flat_iou
 
 NUM = 100_000
 SIGNS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2

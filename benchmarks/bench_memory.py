@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 from made_city import write_city_log
 
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Image, PointCloud
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 STEP_NS, NUM_POINTS = 100_000_000, 50_000
@@ -25,7 +26,7 @@ RIG = Rig(
 )
 CHILD = """
 import resource, sys
-from fbench.replay.cli import main
+from fbench.cli import main
 try:
     main()
 except SystemExit as end:

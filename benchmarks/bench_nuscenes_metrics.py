@@ -14,11 +14,10 @@ import time
 
 import numpy as np
 
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.nuscenes.detection import NuscenesDetection
-from fbench.metrics.nuscenes.rules import DETECTION_RULES
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
+from fbench.metrics.profiles.nuscenes.settings import DETECTION_RULES
 
 NUM_SCENES, NUM_STEPS, NUM_TRUTH, NUM_RESULTS = 25, 40, 40, 100
 """The last two are per sample: 100,000 results in all."""

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.data import CameraModel, Image, LogInfo, Message, Mount, PointCloud, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap.file import McapFile
-from fbench.replay.logs.mcap.write import McapWriter
-from fbench.replay.logs.parquet.folder import ParquetFolder
-from fbench.replay.logs.parquet.write import ParquetWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, Message, PointCloud
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.containers.parquet.folder import ParquetFolder
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
 from fbench.replay.logs.reader import LogReader
 
 NUM_FRAMES, NUM_POINTS, NUM_RUNS = 200, 50_000, 5

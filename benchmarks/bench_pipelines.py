@@ -20,13 +20,13 @@ import numpy as np
 import pandas as pd
 from made_frames import write_drive
 
+from fbench.cli.replay_job import Job, run_job
 from fbench.metrics.latency import stage_latency
-from fbench.replay.cli.job import Job, run_job
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.host import describe_host
-from fbench.replay.store import Run
-from fbench.replay.threads import VARIABLE
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import describe_host
+from fbench.replay.setup.source import LogWish, log_source
 
 PIPELINES = ("early2d", "early3d", "late2d", "late3d")
 SEED, STEREO_S, STEREO = 101, 2.0, ("stereo_left", "stereo_right")

@@ -10,10 +10,11 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud as CloudProto
 from mcap.reader import make_reader
 
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, PointCloud
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 NUM_FRAMES, NUM_POINTS = 850, 50_000

@@ -13,11 +13,12 @@ from functools import partial
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.geometry.boxes import distance_bev, iou_2d
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.geometry.iou import distance_bev, iou_2d
 
 NUM_OBJECTS, NUM_FRAMES, PERIOD_NS = 50, 300, 100_000_000
 DT_S = 0.1

@@ -11,12 +11,11 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.files.pairing import Choice
-from fbench.metrics.files.sequences import open_files
-from fbench.metrics.sequence import Sequence
-from fbench.metrics.tracking.trackeval import TRACKEVAL_KITTI
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.files.sequences import Choice, open_files
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
+from fbench.replay.data.scores import Score
 
 ROOT = Path(__file__).resolve().parents[2] / "shared/data/kitti_tracking"
 TRACKER = "GT-SORT"

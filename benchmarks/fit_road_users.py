@@ -1,4 +1,4 @@
-"""Fit the model that tells road users by LiDAR: writes `pipelines/points/road_users.json`, which fbench ships.
+"""Fit the model that tells road users by LiDAR: writes `pipelines/sensors/lidar/road_users.json`, which fbench ships.
 
 Drives of development seeds are simulated with four LiDARs of 16 to 128 channels, which look one after the other. Each
 cluster is described by `features`, and is a road user where it holds most of what the LiDAR sees of one. The model is
@@ -14,19 +14,17 @@ from pathlib import Path
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 
-from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RigSpec
-from fbench.datasets.city.spec import CitySpec, WorldName
-from fbench.pipelines.points.features import FEATURES, features
-from fbench.pipelines.points.judging import Seen
-from fbench.pipelines.points.lidar import LidarParams, arranged, obstacles
-from fbench.pipelines.points.lidar import clusters as clustered
-from fbench.pipelines.points.merged import Outline
-from fbench.pipelines.points.road_users import FITTED, interpolated
-from fbench.replay.arrays import Array, Bool, Float64, Int64
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import PointCloud, Rig, Truth
+from fbench.datasets.city.spec import CitySpec, WorldName, condition
+from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen, features, interpolated
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, arranged, obstacles
+from fbench.pipelines.sensors.lidar.lidar import clusters as clustered
+from fbench.pipelines.sensors.points.merged import Outline
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import PointCloud, Truth
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import transform
 
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.wish import CityWish
-from fbench.replay.data import Boxes2D, Image, Truth
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.city.request import CityWish
+from fbench.datasets.importing.run import write_recording
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.messages import Image, Truth
 from fbench.replay.logs.convert.target import Target
 
 

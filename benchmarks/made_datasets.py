@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from fbench.replay.images import encode_jpeg
+from fbench.replay.data.images import encode_jpeg
 
 RNG = np.random.Generator(np.random.Philox(1))
 Rows = list[dict[str, Any]]

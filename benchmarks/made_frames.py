@@ -4,17 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.wish import CityWish
-from fbench.replay.clock import VirtualClock
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.data import Frame, LogInfo, Rig
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
-from fbench.replay.frames import FrameStream
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.city.request import CityWish
+from fbench.datasets.importing.run import write_recording
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.restamp import StampParams
-from fbench.replay.sync import SyncParams
+from fbench.replay.logs.setup import StampParams
+from fbench.replay.setup.source import LogWish, log_source
 
 SENSORS = ("camera", "lidar", "radar")
 

@@ -17,11 +17,12 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Image, PointCloud, Pose, RadarScan, Rig, RigChange, Truth
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, Rig, RigChange
 from fbench.replay.logs.open import open_log
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
 _VISION = {
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fbench.replay.data import ClockName
+from fbench.replay.data.frames import ClockName
 
 _NS_PER_MS = 1e6
 _WHOLE = "total"

@@ -1,4 +1,4 @@
-"""Robustness: how F1 changes, relative to clear weather, under other conditions on the same scenes.
+"""Robustness: how F1 changes, relative to clear weather, under other conditions on the same scene.
 
 Runs of several scenes are put together by adding raw counts, never by averaging ratios.
 """
@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from fbench.replay.result_table import Figure
-from fbench.replay.scores import Score
+from fbench.replay.data.scores import Figure, Score
 
 Space = str
 """`image` or `3D`."""

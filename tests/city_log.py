@@ -9,7 +9,7 @@ from tests.kept_cities import kept
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RadarSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec, WorldName
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.importing.run import write_recording
 from fbench.replay.logs.convert.target import Target
 
 SMALL_RIG = RigSpec(

@@ -7,8 +7,8 @@ from functools import cache, lru_cache
 import pytest
 
 from fbench.datasets.city import recording
-from fbench.datasets.city.city import Cities
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.recording import Cities
+from fbench.datasets.city.world.urban import layout
 
 _layout = lru_cache(4)(layout)
 _of = Cities.of

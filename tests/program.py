@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from fbench.replay.cli import main
+from fbench.cli import main
 
 
 def fbench(*args: object) -> int:

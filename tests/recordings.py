@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.program import fbench
 
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
 ALONE = {
     "camera2d": "camera", "lidar2d": "lidar", "radar2d": "radar", "lidar3d": "lidar", "radar3d": "radar",

@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from tests.program import fbench
 
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
 pytestmark = pytest.mark.slow
 SKETCH_F1 = {"camera2d": 0.62, "lidar3d": 0.19, "radar3d": 0.26, "late3d": 0.35}

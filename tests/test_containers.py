@@ -3,16 +3,15 @@
 import pytest
 from mcap.writer import CompressionType
 from tests.city_log import write_city_log
+from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
+from tests.replay.logs.convert.helpers import converted
 
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.plugins import make_pipeline
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import make_pipeline
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
-
-from .replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
-from .replay.logs.convert.helpers import converted
+from fbench.replay.runs.folder import Run
 
 REWRITTEN = {
     "not in chunks": {"use_chunking": False},

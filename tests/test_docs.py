@@ -98,7 +98,7 @@ def test_links_between_pages_lead_somewhere():
 
 
 def test_fault_table_of_the_docs_is_the_one_in_the_code():
-    from fbench.replay.faults import FAULTS
+    from fbench.replay.contracts.faults import FAULTS
 
     rows = [f"| {code} | {kind.behaviour} | {kind.text} |" for code, kind in FAULTS.items()]
     assert "\n".join(rows) in (ROOT / "docs" / "faults.md").read_text()

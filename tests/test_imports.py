@@ -4,13 +4,21 @@ import ast
 import subprocess
 import sys
 import zipfile
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
 from tests.city_log import write_city_log
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("replay", "datasets", "pipelines", "metrics", "reports")
+WINGS = ("datasets", "pipelines", "metrics", "reports")
+FOLDERS = ("replay", *WINGS, "api", "cli")
+MAY_IMPORT = {
+    "replay": {"replay"},
+    **{wing: {wing, "replay"} for wing in WINGS},
+    "api": {"api", *WINGS, "replay"},
+    "cli": {"cli", "api", *WINGS, "replay"},
+}
 
 
 def sources(folder: str) -> list[Path]:
@@ -27,30 +35,33 @@ def imported(tree: ast.AST) -> list[str]:
     return names
 
 
-def inside_functions(tree: ast.AST) -> list[str]:
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
-    return [name for function in functions for name in imported(function)]
-
-
-def type_checking_only(tree: ast.AST) -> list[str]:
-    blocks = [n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
-    return [name for block in blocks for name in imported(block)]
-
-
-def foreign(folder: str, name: str) -> bool:
-    allowed = {folder, "replay"}
-    return any(name.startswith(f"fbench.{other}") for other in FOLDERS if other not in allowed)
-
-
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_imports_form_a_star(folder):
+def test_imports_form_a_star_under_one_roof(folder):
+    others = set(FOLDERS) - MAY_IMPORT[folder]
     for path in sources(folder):
-        tree = ast.parse(path.read_text())
-        bad = [name for name in imported(tree) if foreign(folder, name)]
-        if path.is_relative_to(ROOT / "replay" / "cli"):
-            free = inside_functions(tree) + type_checking_only(tree)
-            bad = [name for name in bad if name not in free]
+        bad = [
+            name
+            for name in imported(ast.parse(path.read_text()))
+            if name.split(".")[:2] in [["fbench", o] for o in others]
+        ]
         assert not bad, f"{path.relative_to(ROOT)} imports {bad}"
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(("fbench", *(parts[:-1] if parts[-1] == "__init__" else parts)))
+
+
+def test_imports_make_no_circle():
+    """Imports within functions count, too."""
+    trees = {name_of(path): ast.parse(path.read_text()) for folder in FOLDERS for path in sources(folder)}
+    graph: dict[str, set[str]] = {name: set() for name in trees}
+    for name, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module in trees:
+                found = {f"{node.module}.{alias.name}" for alias in node.names}
+                graph[name] |= {one if one in trees else node.module for one in found}
+    assert list(TopologicalSorter(graph).static_order())
 
 
 def opens_text(node: ast.Call) -> bool:
@@ -86,7 +97,7 @@ def loaded_by(*arguments: str) -> set[str]:
     """Modules that a command loads, itself being `fbench`."""
     code = (
         f"import sys; sys.argv = ['fbench', *{arguments!r}]\n"
-        "from fbench.replay.cli import main\n"
+        "from fbench.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "print('LOADED', *sorted(sys.modules))"

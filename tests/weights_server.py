@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from fbench.pipelines.weights.catalogue import Entry
+from fbench.pipelines.models.weights import Entry
 
 CONTENT = bytes(range(256)) * 9000
 """What the right file holds: 2.3 MB, several blocks."""

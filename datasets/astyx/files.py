@@ -1,20 +1,25 @@
-"""What the files of the Astyx HiRes2019 set hold, turned into fbench's types."""
+"""Files of the Astyx HiRes2019 set, turned into fbench's types."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import csv
 from pydantic import BaseModel, Field, FiniteFloat
 
-from fbench.replay.data import Boxes3D, CameraModel, Image, Kind, Mount, Rig
-from fbench.replay.errors import LogError
+from fbench.datasets.importing.files import numbered, read_bytes, read_image, read_json, require_folder
+from fbench.datasets.importing.summary import is_rotation, mount_of
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image
+from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
 from fbench.replay.geometry.transforms import yaw_pitch_roll
-from fbench.replay.imports.files import read_image, require_folder
-from fbench.replay.imports.listing import numbered
-from fbench.replay.imports.models import read_json
-from fbench.replay.imports.rigs import is_rotation, mount_of
-from fbench.replay.imports.wish import FrameRange
 
 CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
 CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
@@ -169,3 +174,93 @@ def _angles(path: Path, wxyz: tuple[float, float, float, float]) -> tuple[float,
     if abs(w * w + x * x + y * y + z * z - 1) > _TOLERANCE:
         raise LogError(f"{path}: orientation_quat isn't a unit quaternion: {w} {x} {y} {z}")
     return yaw_pitch_roll((x, y, z, w))
+
+
+_LIDAR_HEADER = "X Y Z Reflectivity LaserID Timestamp"
+_RADAR_HEADER = "X Y Z V_r Mag"
+HOUR_US = 3_600_000_000
+_BLOCK = 128 * 1024
+"""Files are parsed in blocks of so many bytes, as many at a time as there are cores."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarTable:
+    """One file of `lidar_vlp16/`: xyz (N, 3) [m] and intensity, ring, time within the hour (N,) [us]."""
+
+    xyz: Float64
+    intensity: Float64
+    ring: Int64
+    time_us: Int64
+
+
+def read_lidar(path: Path) -> LidarTable:
+    """Read one sweep, in the LiDAR's coordinate frame.
+
+    Raises:
+        LogError: naming file and line.
+    """
+    table = _table(path, _LIDAR_HEADER)
+    ring, time_us = table[:, 4], table[:, 5]
+    if not (np.all((ring >= 0) & (ring < 2**16)) and np.all((time_us >= 0) & (time_us < HOUR_US))):
+        raise LogError(f"{path}: expected LaserID from 0 to 65535 and Timestamp within one hour [us]")
+    return LidarTable(table[:, :3], table[:, 3], ring.astype(np.int64), time_us.astype(np.int64))
+
+
+def read_radar(path: Path) -> Float64:
+    """Read one scan (N, 5): x, y, z [m], V_r [m/s], magnitude [dB], in the radar's coordinate frame.
+
+    Raises:
+        LogError: naming file and line.
+    """
+    return _table(path, _RADAR_HEADER)
+
+
+def _table(path: Path, header: str) -> Float64:
+    """Parse numbers under a header; some files have an empty line above it."""
+    data, names = read_bytes(path), header.encode().split()
+    top, _, body = data.lstrip().partition(b"\n")
+    if top.split() == names and (values := _plain_values(body, len(names))) is not None:
+        return values
+    return _values(path, [line.split() for line in data.splitlines()], names)
+
+
+def _plain_values(body: bytes, num: int) -> Float64 | None:
+    """Parse rows of numbers with one space between them; `None` where they are anything else."""
+    columns = [str(i) for i in range(num)]
+    try:
+        table = csv.read_csv(
+            pa.BufferReader(body),
+            csv.ReadOptions(block_size=_BLOCK, column_names=columns),
+            csv.ParseOptions(delimiter=" ", quote_char=False),
+            csv.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64()), null_values=[]),
+        )
+    except pa.ArrowInvalid:
+        return None
+    return np.column_stack([column.to_numpy() for column in table.columns])
+
+
+def _values(path: Path, rows: list[list[bytes]], names: list[bytes]) -> Float64:
+    """Parse what isn't plain, or say where it is wrong."""
+    top = next((i for i, row in enumerate(rows) if row), 0)
+    if rows[top : top + 1] != [names]:
+        raise LogError(f"{path}: line {top + 1}: expected the header '{b' '.join(names).decode()}'")
+    body = [row for row in rows[top + 1 :] if row]
+    try:
+        values = np.fromiter(map(float, chain.from_iterable(body)), np.float64)
+    except ValueError as error:
+        raise _malformed(path, rows, top, len(names)) from error
+    if any(len(row) != len(names) for row in body):
+        raise _malformed(path, rows, top, len(names))
+    return values.reshape(-1, len(names))
+
+
+def _malformed(path: Path, rows: list[list[bytes]], top: int, num: int) -> LogError:
+    bad = next(i for i, row in enumerate(rows) if i > top and row and not _is_numeric(row, num))
+    return LogError(f"{path}: line {bad + 1}: expected {num} numbers")
+
+
+def _is_numeric(row: list[bytes], num: int) -> bool:
+    try:
+        return len([float(value) for value in row]) == num
+    except ValueError:
+        return False

@@ -15,24 +15,27 @@ import numpy as np
 from fbench.datasets.astyx.files import (
     CALIBRATION,
     CAMERA,
+    HOUR_US,
     KINDS,
     LABELS,
     LIDAR,
     RADAR,
     TRUTH,
     Files,
+    LidarTable,
     read_boxes,
     read_jpeg,
+    read_lidar,
+    read_radar,
     read_rig,
     scan,
 )  # fmt: skip
-from fbench.datasets.astyx.tables import HOUR_US, LidarTable, read_lidar, read_radar
-from fbench.replay.data import Image, LogInfo, Message, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import require_folder
-from fbench.replay.imports.identity import file_facts, log_id
-from fbench.replay.imports.wish import BadInput, ImportWish
-from fbench.replay.imports.words import counted, listed
+from fbench.datasets.importing.files import file_facts, log_id, require_folder
+from fbench.datasets.importing.summary import counted, listed
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Rig
 
 VELOCITY_PERIOD_MPS = 10.3936
 """The radar's velocities come in 128 bins of 0.0812 m/s; faster ones alias with this period."""

@@ -1,4 +1,4 @@
-"""What a sensor needs to know of the world to measure once."""
+"""The world at the instant of one measurement."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from fbench.datasets.city.motion import EGO, BodyStates
 from fbench.datasets.city.rays.hits import RayCaster
-from fbench.replay.arrays import Float64
-from fbench.replay.draws import generator
+from fbench.replay.conditions.generators import generator
+from fbench.replay.conditions.weather import Weather
+from fbench.replay.data.arrays import Float64
 from fbench.replay.geometry.transforms import chained
-from fbench.replay.weather import Weather
 
 
 @dataclass(frozen=True, eq=False)

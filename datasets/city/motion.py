@@ -1,11 +1,11 @@
-"""Where all bodies are at an instant, in world coordinates: x east, y north, z up."""
+"""Poses of all bodies at an instant, in world coordinates: x east, y north, z up."""
 
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from fbench.replay.arrays import Array, Bool, Float64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float64, freeze_fields
 
 EGO = 0
 """Index of the vehicle that carries the sensors; all others are track ids too."""

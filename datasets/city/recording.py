@@ -2,25 +2,146 @@
 
 import heapq
 import os
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from fbench.datasets.city.city import Cities, City
-from fbench.datasets.city.measure import Surroundings
-from fbench.datasets.city.periods import Period, periods
-from fbench.datasets.city.spec import VERSION, CitySpec
-from fbench.datasets.city.world.layout import Layout
-from fbench.datasets.city.world.worlds import layout
-from fbench.replay.data import LogInfo, Message, Rig, Truth
-from fbench.replay.log_keys import REGIONS, SCENE_ID
-from fbench.replay.regions import Region, regions_text
+import numpy as np
+
+from fbench.datasets.city.measure import Measured, Plan, Slot, Surroundings, measure, plans, time_s
+from fbench.datasets.city.motion import EGO, BodyStates, Motion
+from fbench.datasets.city.rays.caster import EmbreeCaster
+from fbench.datasets.city.rays.hits import RayCaster
+from fbench.datasets.city.scenery.scenery import scenery
+from fbench.datasets.city.spec import VERSION, CitySpec, WorldName
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.truth import truth_at
+from fbench.datasets.city.world.city_map import Layout
+from fbench.datasets.city.world.urban import layout
+from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.data.metadata import REGIONS, SCENE_ID, Region, regions_text
+from fbench.replay.data.rig import LogInfo, Rig
+
+_NUM_KEPT = 4
+"""Both worlds of a seed, with normal and dense traffic."""
+
+
+@dataclass(frozen=True, eq=False)
+class City:
+    """A world and the traffic that goes on in it."""
+
+    layout: Layout
+    caster: RayCaster
+    traffic: Traffic
+
+    def rewound(self) -> "City":
+        """Return the same city with its traffic at the beginning again."""
+        return replace(self, traffic=self.traffic.rewound())
+
+
+class Cities:
+    """Keeps the last few cities: weathers of one scene share one, and a city takes seconds to build."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[WorldName, bool, int], City] = {}
+
+    def of(self, spec: CitySpec) -> City:
+        """Return the city of a drive, with its traffic at the beginning."""
+        key = (spec.world, spec.condition.is_dense, spec.seed)
+        if key not in self._kept:
+            if len(self._kept) == _NUM_KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = build_city(layout(spec.world, spec.seed), *key)
+        return self._kept[key].rewound()
+
+
+def build_city(plan: Layout, world: WorldName, is_dense: bool, seed: int) -> City:
+    """Build the world of a plan with all who move in it; weather, sensors and length play no part in it."""
+    traffic = Traffic(plan, TrafficParams.of(world, "dense" if is_dense else "normal"), seed)
+    return City(plan, EmbreeCaster(scenery(plan, seed), traffic.actors), traffic)
+
+
+_AHEAD = 2
+"""Periods under way beside the one that is awaited, so that no thread idles at its end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Period:
+    """All that belongs to one instant of the reference sensor."""
+
+    from_ns: int
+    """Nothing in it, or after it, was measured before: nothing arrives before."""
+    measured: tuple[Measured, ...]
+    poses: tuple[Pose, ...]
+    truth: Truth
+    num_lost: int
+
+
+@dataclass(frozen=True, eq=False)
+class _UnderWay:
+    plan: Plan
+    states: BodyStates
+    futures: tuple[Future[Measured], ...]
+    poses: tuple[Pose, ...]
+
+
+def periods(spec: CitySpec, city: City, around: Surroundings, num_threads: int) -> Iterator[Period]:
+    """Yield all periods of a log, whose messages are made at the same time."""
+    waiting: deque[_UnderWay] = deque()
+    with ThreadPoolExecutor(num_threads, "fbench-city") as pool:
+        try:
+            for plan in plans(spec.rig, spec.seconds, spec.seed):
+                waiting.append(_begun(plan, spec, city, around, pool))
+                if len(waiting) > _AHEAD:
+                    yield _finished(waiting.popleft(), city, spec)
+            while waiting:
+                yield _finished(waiting.popleft(), city, spec)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _begun(plan: Plan, spec: CitySpec, city: City, around: Surroundings, pool: ThreadPoolExecutor) -> _UnderWay:
+    motion = city.traffic.motion(time_s(plan.from_ns), time_s(plan.to_ns))
+    futures = []
+    for slot in plan.slots:
+        if not slot.is_lost:
+            states = motion.at(time_s(slot.stamp_ns))
+            futures.append(pool.submit(measure, around, states, spec.rig.specs[slot.sensor], slot))
+    poses = tuple(_pose(motion, slot) for slot in plan.poses)
+    return _UnderWay(plan, motion.at(time_s(plan.stamp_ns)), tuple(futures), poses)
+
+
+def _finished(period: _UnderWay, city: City, spec: CitySpec) -> Period:
+    plan = period.plan
+    measured = tuple(future.result() for future in period.futures)
+    truth = truth_at(city.caster, period.states, plan.stamp_ns, _nearest(measured, plan.stamp_ns), spec.truth_range_m)
+    return Period(plan.from_ns, measured, period.poses, truth, sum(slot.is_lost for slot in plan.slots))
+
+
+def _nearest(measured: tuple[Measured, ...], stamp_ns: int) -> list[Measured]:
+    """Of each sensor the message nearest to an instant, the earlier one of two."""
+    best: dict[str, Measured] = {}
+    for one in measured:
+        name = one.message.sensor
+        far_ns = abs(one.message.stamp_ns - stamp_ns)
+        if name not in best or far_ns < abs(best[name].message.stamp_ns - stamp_ns):
+            best[name] = one
+    return list(best.values())
+
+
+def _pose(motion: Motion, slot: Slot) -> Pose:
+    states = motion.at(time_s(slot.stamp_ns))
+    half = float(states.yaw_rad[EGO]) / 2
+    rotation = np.array([0.0, 0.0, np.sin(half), np.cos(half)])
+    return Pose(slot.sensor, slot.stamp_ns, slot.log_ns, states.position_m[EGO].copy(), rotation)
 
 
 @dataclass(eq=False)
 class CityRecording:
-    """One simulated log; implements `fbench.replay.protocols.Recording`.
+    """One simulated log; implements `fbench.replay.contracts.protocols.Recording`.
 
     The same spec gives the same items in any process, with any number of threads.
     """

@@ -1,4 +1,4 @@
-"""The sensors of the ego vehicle and what each is like: the thesis's rig, or one from a TOML file."""
+"""The sensors of the ego vehicle and their properties: the thesis's rig."""
 
 from typing import Annotated, Self
 
@@ -6,10 +6,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.transforms import quaternion
-from fbench.replay.logs.coordinates import WORLDS
-from fbench.replay.logs.tree import BODIES
+from fbench.replay.logs.coordinate_frames import BODIES, WORLDS
 
 Number = Annotated[float, Field(ge=-1000, le=1000)]
 Altitude = Annotated[float, Field(ge=-90, le=90)]

@@ -1,5 +1,6 @@
-"""One log of a benchmark, made of numbered frames: what the tracking and the object benchmark have in common."""
+"""One log of a benchmark, made of numbered frames: what tracking and object benchmark share."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -7,19 +8,76 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from fbench.datasets.kitti.findings import Findings
-from fbench.datasets.kitti.labels import boxes_2d, boxes_3d
+from fbench.datasets.importing.files import log_id, read_floats, read_image
+from fbench.datasets.importing.summary import counted, listed, listed_runs, runs
+from fbench.datasets.kitti.labels import CLASSES, boxes_2d, boxes_3d
 from fbench.datasets.kitti.results import Results
 from fbench.datasets.kitti.rig import LIDAR
-from fbench.replay.boxfiles.rows import Labelled
-from fbench.replay.data import Image, LogInfo, PointCloud, Pose, Rig, RigChange, Truth
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import read_floats, read_image
-from fbench.replay.imports.identity import log_id
-from fbench.replay.imports.imported import Imported, OtherResult
-from fbench.replay.imports.wish import ImportWish
-from fbench.replay.log_keys import CAMERA0
-from fbench.replay.logs.tree import BODY
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.formats.kitti import DONT_CARE
+from fbench.replay.formats.objects import Labelled
+from fbench.replay.logs.coordinate_frames import BODY
+
+_LISTED = 20
+
+
+class Findings:
+    """Counts labels and results."""
+
+    def __init__(self) -> None:
+        self._classes: Counter[str] = Counter()
+        self._tracks: set[int] = set()
+        self._unlabelled = self._empty = 0
+        self._num_results: Counter[str] = Counter()
+        self._frames_with_results = 0
+
+    def add_labels(self, objects: Sequence[Labelled] | None) -> None:
+        """Count the objects of a frame, or a frame that isn't labelled."""
+        self._unlabelled += objects is None
+        self._empty += objects is not None and not objects
+        for row in objects or ():
+            self._classes[row.source_label] += 1
+            if row.track_id is not None and row.track_id >= 0:
+                self._tracks.add(row.track_id)
+
+    def add_results(self, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None) -> None:
+        """Count another system's boxes of a frame."""
+        self._frames_with_results += 1
+        self._num_results.update({"3D": 0 if boxes3d is None else len(boxes3d)})
+        self._num_results.update({"2D": 0 if boxes2d is None else len(boxes2d)})
+
+    def lines(self, numbers: Sequence[int], files: Mapping[str, Mapping[int, Path]]) -> Iterator[str]:
+        """Yield a line about each thing that was found or is odd."""
+        yield f"frames: {len(numbers)}" + (f", {numbers[0]} to {numbers[-1]}" if numbers else "")
+        yield "files: " + (", ".join(f"{name} {len(paths)}" for name, paths in files.items()) or "none of sensors")
+        for name, paths in files.items():
+            if lost := [number for number in numbers if number not in paths]:
+                yield f"missing files: {name} {len(lost)} (frames {listed_runs(runs(lost), _LISTED)})"
+        yield from self._label_lines(len(numbers))
+        if self._frames_with_results:
+            counts = ", ".join(f"{num} in {kind}" for kind, num in self._num_results.items() if num) or "none"
+            yield f"detections: {counts}, for {self._frames_with_results} frames"
+
+    def _label_lines(self, num_frames: int) -> Iterator[str]:
+        if self._unlabelled == num_frames:
+            yield "boxes: no labels"
+            return
+        num = self._classes.total() - self._classes[DONT_CARE]
+        tracks = f", {len(self._tracks)} tracks" if self._tracks else ", without track ids"
+        yield f"boxes: {num}{tracks}; {self._classes[DONT_CARE]} DontCare regions"
+        classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
+        yield f"classes: {counted(classes) or 'none'}"
+        yield f"frames without boxes: {self._empty}"
+        if self._unlabelled:
+            yield f"unlabelled frames: {self._unlabelled}"
+        if unknown := sorted(name for name in self._classes if name not in CLASSES):
+            yield f"classes that the benchmark lacks, taken by their names: {listed(unknown, _LISTED)}"
+
 
 FACTS = {
     CAMERA0: BODY,

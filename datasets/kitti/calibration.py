@@ -1,17 +1,16 @@
-"""Calibration files of the object and tracking benchmarks: one line a matrix, `P2: 7.2e+02 ...`."""
+"""Calibration files of the object and tracking benchmarks: one line a matrix."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from fbench.datasets.importing.summary import is_pinhole, is_rotation
 from fbench.datasets.kitti.files import bounded_lines
 from fbench.datasets.kitti.rig import Calibration
-from fbench.replay.boxfiles.parse import number
-from fbench.replay.boxfiles.text import Line
-from fbench.replay.data import Float64
-from fbench.replay.errors import LogError
-from fbench.replay.imports.rigs import is_pinhole, is_rotation
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.formats.objects import Line, parse_number
 
 _RECTIFICATION = ("R0_rect", "R_rect")
 _LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
@@ -66,7 +65,7 @@ def _matrix(line: Line, key: str) -> Float64:
     texts = line.fields[1:]
     if len(texts) != rows * columns:
         raise LogError(f"{line.where}: {key} has {len(texts)} numbers, expected {rows * columns}")
-    values = np.array([number(text, line.where, key) for text in texts]).reshape(rows, columns)
+    values = np.array([parse_number(text, line.where, key) for text in texts]).reshape(rows, columns)
     if not np.all(np.abs(values) < _MAX):  # also false for NaN
         raise LogError(f"{line.where}: {key} has a number that isn't finite, or is beyond all reason")
     is_projection, square = key.startswith("P"), values[:, :3]

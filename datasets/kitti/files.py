@@ -1,13 +1,13 @@
-"""Finding the files of the object and tracking benchmarks."""
+"""Files and import parameters of the object and tracking benchmarks."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
+from fbench.datasets.importing.files import entries, is_number, require_file
 from fbench.datasets.kitti.rig import LIDAR, camera_name
-from fbench.replay.boxfiles.text import Line, lines
-from fbench.replay.errors import LimitError
-from fbench.replay.imports.files import require_file
-from fbench.replay.imports.listing import entries, is_number
+from fbench.replay.contracts.errors import LimitError
+from fbench.replay.formats.objects import Line, lines
 
 SPLITS = ("training", "testing")
 IMAGES = (".png", ".jpg")
@@ -44,3 +44,12 @@ def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
     if path.is_file() and (size := path.stat().st_size) > _MAX_TEXT_BYTES:
         raise LimitError(f"{path}: {size} bytes, more than {_MAX_TEXT_BYTES}; no such file of KITTI is that large")
     return lines(path, "," if comma else None)
+
+
+@dataclass(frozen=True)
+class KittiParams:
+    """Parameters of `Kitti`."""
+
+    detections: Path | None = None
+    """Folder with another system's results, `NNNN.txt` for each sequence of the tracking benchmark or `FFFFFF.txt` for
+    each frame of the object benchmark; they become recorded results."""

@@ -8,17 +8,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
+from fbench.datasets.importing.files import require_folder
 from fbench.datasets.kitti import raw
 from fbench.datasets.kitti.benchmark import BenchmarkRecording, FrameSet
-from fbench.datasets.kitti.files import split_folders
+from fbench.datasets.kitti.files import KittiParams, split_folders
 from fbench.datasets.kitti.object import ObjectFrames, has_frames
-from fbench.datasets.kitti.params import KittiParams
 from fbench.datasets.kitti.results import results_folder
 from fbench.datasets.kitti.tracking import TrackingFrames, sequences
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import require_folder
-from fbench.replay.imports.wish import ImportWish
-from fbench.replay.protocols import Recording
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.contracts.protocols import Recording
 
 _DEFAULTS = KittiParams()
 _Open = Callable[[ImportWish, Path | None], FrameSet]

@@ -6,13 +6,11 @@ from pathlib import Path
 
 from fbench.datasets.kitti.files import bounded_lines
 from fbench.datasets.kitti.rig import camera_name
-from fbench.replay.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
-from fbench.replay.boxfiles.kitti import tracked
-from fbench.replay.boxfiles.kitti_rows import DONT_CARE, labelled
-from fbench.replay.boxfiles.rows import Labelled, flats, solids
-from fbench.replay.boxfiles.text import Line, frame_number
-from fbench.replay.errors import LimitError, LogError
-from fbench.replay.imports.wish import BadInput, FrameRange
+from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.contracts.importing import BadInput, FrameRange
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
+from fbench.replay.formats.kitti import DONT_CARE, labelled, tracked
+from fbench.replay.formats.objects import Labelled, Line, flats, frame_number, solids
 
 CAMERA = camera_name(2)
 """Whose image labels and results belong to."""

@@ -1,4 +1,4 @@
-"""KITTI's object benchmark: `label_2/000000.txt`, `calib/000000.txt`, `image_2/000000.png`, `velodyne/000000.bin`.
+"""KITTI's object benchmark: `label_2/000000.txt`, `calib/000000.txt`, `image_2/000000.png`, ...
 
 A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KITTI Vision Benchmark Suite", CVPR 2012.
 """
@@ -8,19 +8,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+from fbench.datasets.importing.files import file_facts, numbered
 from fbench.datasets.kitti.calibration import read_calibration
 from fbench.datasets.kitti.files import IMAGES, POINTS
 from fbench.datasets.kitti.labels import CAMERA, frame_rows, object_label
 from fbench.datasets.kitti.results import OBJECT_DIGITS, FrameResults, frame_results
-from fbench.datasets.kitti.rig import LIDAR, camera_name, rig_of
-from fbench.datasets.kitti.sizes import first_size, size_without_images
-from fbench.replay.boxfiles.rows import Labelled
-from fbench.replay.data import Float64, Pose, Rig
-from fbench.replay.errors import LogError
-from fbench.replay.imports.identity import file_facts
-from fbench.replay.imports.listing import numbered
-from fbench.replay.imports.wish import BadInput, ImportWish
-from fbench.replay.log_keys import GAPS, MEANT
+from fbench.datasets.kitti.rig import LIDAR, camera_name, first_size, rig_of, size_without_images
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.messages import Pose
+from fbench.replay.data.metadata import GAPS, MEANT
+from fbench.replay.data.rig import Rig
+from fbench.replay.formats.objects import Labelled
 
 LABELS = "label_2"
 PERIOD_NS = 10_000_000_000

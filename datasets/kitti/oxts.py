@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.files import read_text
 from fbench.datasets.kitti.rig import Calibration, world_T_body
-from fbench.replay.boxfiles.parse import number
-from fbench.replay.data import Float64, Pose
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.messages import Pose
+from fbench.replay.formats.objects import parse_number
 from fbench.replay.geometry.transforms import quaternion
-from fbench.replay.imports.files import read_text
 
 SENSOR = "oxts"
 NUM_VALUES = 30
@@ -48,7 +49,7 @@ def fix_of(row: str, where: str) -> Fix:
     texts = row.split()
     if len(texts) != NUM_VALUES:
         raise LogError(f"{where}: {len(texts)} values, expected {NUM_VALUES}")
-    values = [number(text, where, _column(i)) for i, text in enumerate(texts)]
+    values = [parse_number(text, where, _column(i)) for i, text in enumerate(texts)]
     for i in np.flatnonzero(~np.isfinite(values)):
         raise LogError(f"{where}: {_column(int(i))} is '{texts[i][:40]}', expected a finite number")
     lat, lon, *others = values[:6]

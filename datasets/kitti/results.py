@@ -1,4 +1,4 @@
-"""What another system made of KITTI's sequences and frames: files named as those of the labels are."""
+"""Results of other systems on KITTI's sequences and frames."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
+from fbench.datasets.importing.files import numbered
 from fbench.datasets.kitti.labels import (
     CAMERA,
     Parse,
@@ -17,16 +18,13 @@ from fbench.datasets.kitti.labels import (
     sequence_rows,
     tracking_label,
 )
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.boxfiles.digest import digest_of
-from fbench.replay.boxfiles.json_file import head_of
-from fbench.replay.boxfiles.kitti_rows import ab3dmot
-from fbench.replay.boxfiles.recognise import recognised
-from fbench.replay.boxfiles.rows import Labelled
-from fbench.replay.boxfiles.text import Line
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.imports.listing import numbered
-from fbench.replay.imports.wish import BadInput, FrameRange
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.importing import BadInput, FrameRange
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.formats.documents import head_of
+from fbench.replay.formats.kitti import ab3dmot
+from fbench.replay.formats.objects import Labelled, Line, digest_of
+from fbench.replay.formats.open import recognised
 
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
 

@@ -1,29 +1,74 @@
-"""KITTI's tracking benchmark: `label_02/0000.txt`, `calib/0000.txt`, `image_02/0000/000000.png`,
+"""KITTI's tracking benchmark: `label_02/0000.txt`, `calib/0000.txt`, `image_02/0000/000000.png`, ...
+
 `velodyne/0000/000000.bin`, `oxts/0000.txt`.
 
 A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KITTI Vision Benchmark Suite", CVPR 2012.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+from fbench.datasets.importing.files import entries, file_facts, numbered
 from fbench.datasets.kitti.calibration import read_calibration
-from fbench.datasets.kitti.files import SENSORS, numbered_folders
+from fbench.datasets.kitti.files import SENSORS, bounded_lines, numbered_folders
 from fbench.datasets.kitti.labels import CAMERA, MAX_FRAMES, SequenceRows, sequence_rows, tracking_label
+from fbench.datasets.kitti.oxts import Fix, World, fix_of
 from fbench.datasets.kitti.results import TRACKING_DIGITS, SequenceResults, sequence_results
-from fbench.datasets.kitti.rig import LIDAR, Calibration, camera_name, rig_of
-from fbench.datasets.kitti.sizes import first_size, size_without_images
-from fbench.datasets.kitti.tracking_poses import SequencePoses
-from fbench.replay.boxfiles.rows import Labelled
-from fbench.replay.boxfiles.text import frame_number, lines
-from fbench.replay.data import Pose, Rig
-from fbench.replay.errors import LimitError, LogError
-from fbench.replay.imports.identity import file_facts
-from fbench.replay.imports.listing import entries, numbered
-from fbench.replay.imports.wish import ImportWish
+from fbench.datasets.kitti.rig import LIDAR, Calibration, camera_name, first_size, rig_of, size_without_images
+from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.data.messages import Pose
+from fbench.replay.data.rig import Rig
+from fbench.replay.formats.objects import Labelled, frame_number, lines
+
+
+class SequencePoses:
+    """Poses by frame; there are none without a file, or where the calibration doesn't tell where the IMU is."""
+
+    def __init__(self, path: Path, bad: BadInput) -> None:
+        self.path, self._bad = path, bad
+
+    @cached_property
+    def _fixes(self) -> Mapping[int, Fix]:
+        """Of all frames, as the first one is the origin of the world."""
+        return dict(self._read()) if self.path.is_file() else {}
+
+    def _read(self) -> Iterator[tuple[int, Fix]]:
+        for line in bounded_lines(self.path):
+            try:
+                yield line.number - 1, fix_of(" ".join(line.fields), line.where)
+            except LogError as error:
+                self._bad.met(error)
+
+    @cached_property
+    def _world(self) -> World | None:
+        first = next(iter(self._fixes.values()), None)
+        return None if first is None else World(first)
+
+    def pose(self, number: int, calibration: Calibration, stamp_ns: int) -> Pose | None:
+        """The body's pose at a frame, where it is known."""
+        if self._world is None or number not in self._fixes:
+            return None
+        return self._world.body_pose(self._fixes[number], calibration, stamp_ns, number)
+
+    def metadata(self, calibration: Calibration) -> Mapping[str, str]:
+        """Where the origin of the world is."""
+        return {} if self._world is None or calibration.body_T_imu is None else self._world.metadata()
+
+    def notes(self, calibration: Calibration, num_frames: int) -> Iterator[str]:
+        """Lines for the summary."""
+        if not self._fixes:
+            yield "poses: none"
+        elif calibration.body_T_imu is None:
+            yield "poses: left out, as the calibration doesn't tell where the IMU is"
+        else:
+            last = max(self._fixes) + 1
+            odd = "" if last == num_frames else f", though the sequence has {num_frames} frames"
+            yield f"poses: of frames 0 to {last - 1}{odd}"
+
 
 LABELS = "label_02"
 PERIOD_NS = 100_000_000

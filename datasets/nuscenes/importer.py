@@ -10,18 +10,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.nuscenes.findings import Findings, summary_lines
-from fbench.datasets.nuscenes.folder import TABLES, open_folder
-from fbench.datasets.nuscenes.messages import REFERENCE, Content, Rows, items
+from fbench.datasets.importing.files import described, file_facts, log_id
+from fbench.datasets.nuscenes.database import TABLES, open_folder
+from fbench.datasets.nuscenes.messages import REFERENCE, Content, Findings, Rows, items, summary_lines
 from fbench.datasets.nuscenes.opened import NuScenesSet
-from fbench.datasets.nuscenes.rig import rig_of
 from fbench.datasets.nuscenes.rows import Scene
-from fbench.datasets.nuscenes.scenes import read_scenes
+from fbench.datasets.nuscenes.sensors import rig_of
+from fbench.datasets.nuscenes.tables import read_scenes
 from fbench.datasets.nuscenes.truth import SceneTruth
-from fbench.replay.data import LogInfo, Message, Rig, Truth
-from fbench.replay.errors import LogError
-from fbench.replay.imports.identity import described, file_facts, log_id
-from fbench.replay.imports.wish import ImportWish
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.data.messages import Message, Truth
+from fbench.replay.data.rig import LogInfo, Rig
 
 TIMEOUT_MS = 100
 """How long frames wait: cameras measure up to 50 ms before the LiDAR's sweep ends, radars up to 80 ms away from it."""

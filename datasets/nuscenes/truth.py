@@ -12,15 +12,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.datasets.nuscenes.database import AnnotationRow
-from fbench.datasets.nuscenes.scenes import Instant
-from fbench.datasets.nuscenes.tables import Tables
-from fbench.replay.arrays import Float64, text_array
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.classes import label as fbench_label
-from fbench.replay.errors import LogError
-from fbench.replay.geometry.boxes import moved
+from fbench.datasets.nuscenes.tables import Instant, Tables
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import BadInput
+from fbench.replay.data.arrays import Float64, text_array
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.classes import label as fbench_label
+from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
-from fbench.replay.imports.wish import BadInput
 
 LABELS = {
     "animal": "other",

@@ -1,6 +1,6 @@
 """RADIATE."""
 
 from fbench.datasets.radiate.importer import Radiate
-from fbench.datasets.radiate.params import RadiateParams
+from fbench.datasets.radiate.radar import RadiateParams
 
 __all__ = ["Radiate", "RadiateParams"]

@@ -1,4 +1,4 @@
-"""Where the sensors of RADIATE's van are, from the SDK's `default-calib.yaml`."""
+"""Calibration of RADIATE's van, from the SDK's `default-calib.yaml`."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -7,13 +7,14 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.files import first_wrong
+from fbench.datasets.importing.summary import BODY_T_OPTICAL, is_rotation, mount_of
 from fbench.datasets.radiate.radar import SENSOR as RADAR
-from fbench.replay.data import CameraModel, Float64, Kind, Rig
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.rig import CameraModel, Kind, Rig
+from fbench.replay.formats.documents import YamlFileError, read_yaml
 from fbench.replay.geometry.transforms import inverse
-from fbench.replay.imports.models import first_wrong
-from fbench.replay.imports.rigs import BODY_T_OPTICAL, is_rotation, mount_of
-from fbench.replay.yaml_file import YamlFileError, read_yaml
 
 FILE_NAME = "default-calib.yaml"
 LIDAR, LEFT, RIGHT = "velo_lidar", "zed_left", "zed_right"

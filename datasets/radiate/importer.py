@@ -1,43 +1,183 @@
-"""Importer of RADIATE: a spinning Navtech radar, an HDL-32E LiDAR, a ZED stereo camera, GPS/IMU, labels with ids.
+"""Importer of RADIATE: a spinning Navtech radar, an HDL-32E LiDAR, a ZED stereo camera, GPS and IMU.
+
+A file has 18 lines (README of the SDK): latitude, longitude [deg] and altitude [m]; a covariance (3 lines); the IMU's
+quaternion x, y, z, w; turn rates; accelerations; covariances (9 lines); velocity; turn rates. The README doesn't say
+whose axes these are. In the sequence that came with the SDK the velocity is north, east, down: that is how positions
+move.
 
 M. Sheeny, E. De Pellegrin, S. Mukherjee, A. Ahrabian, S. Wang and A. Wallace, "RADIATE: A Radar Dataset for Automotive
 Perception in Bad Weather", ICRA 2021.
 """
 
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.files import described, file_facts, log_id, read_bytes, read_image, read_text
 from fbench.datasets.radiate.calibration import LIDAR, Calibration, read_calibration, rig_of
 from fbench.datasets.radiate.files import (
-    ANNOTATIONS,
-    GPS,
-    META,
-    Due,
-    SequenceFiles,
-    calibration_path,
-    dues,
-    scan,
-    sequences,
-)  # fmt: skip
-from fbench.datasets.radiate.findings import Findings
-from fbench.datasets.radiate.gps import Poses, read_fix
-from fbench.datasets.radiate.labels import Annotations, inside_bev, read_annotations
-from fbench.datasets.radiate.lidar import read_sweep
-from fbench.datasets.radiate.params import DEFAULTS, RadiateParams
+    ANNOTATIONS,  # fmt: skip
+    GPS,  # fmt: skip
+    META,  # fmt: skip
+    Due,  # fmt: skip
+    SequenceFiles,  # fmt: skip
+    calibration_path,  # fmt: skip
+    dues,  # fmt: skip
+    scan,  # fmt: skip
+    sequences,  # fmt: skip
+)
+from fbench.datasets.radiate.labels import Annotations, Findings, inside_bev, read_annotations
+from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams, read_polar, scan_of
 from fbench.datasets.radiate.radar import SENSOR as RADAR
-from fbench.datasets.radiate.radar import read_polar, scan_of
-from fbench.replay.data import LogInfo, Message, RadarScan, Rig, Truth
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import read_bytes, read_image
-from fbench.replay.imports.identity import described, file_facts, log_id
-from fbench.replay.imports.wish import ImportWish
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.formats.objects import parse_number
+
+COLUMNS = ("x", "y", "z", "intensity", "ring")
+_BLOCK = 2**18
+"""Bytes that one thread parses; small enough for several threads to have some of a sweep."""
+
+
+def read_sweep(path: Path, stamp_ns: int) -> PointCloud:
+    """Read rows `x,y,z,intensity,ring` without a header; x right, y forward, z up [m].
+
+    Raises:
+        LogError: where a row hasn't five numbers, one isn't finite, or a ring isn't 0 to 65535.
+    """
+    import pyarrow as pa
+    from pyarrow import csv
+
+    types = {name: pa.float32() for name in COLUMNS} | {"ring": pa.uint16()}
+    data = read_bytes(path)
+    try:
+        table = csv.read_csv(
+            pa.BufferReader(data),
+            csv.ReadOptions(use_threads=True, column_names=list(COLUMNS), block_size=_BLOCK),
+            convert_options=csv.ConvertOptions(column_types=types, null_values=[], check_utf8=False),
+        )
+    except pa.ArrowInvalid as error:
+        text = " ".join(str(error).split())[:200]
+        raise LogError(f"{path}: expected rows of {','.join(COLUMNS)} ({text})") from error
+    columns = [table.column(name).to_numpy() for name in COLUMNS]
+    for name, column in zip(COLUMNS, columns, strict=True):
+        if not np.isfinite(column).all():
+            row = int(np.flatnonzero(~np.isfinite(column))[0]) + 1
+            raise LogError(f"{path}: line {row}: {name} isn't a finite number")
+    return PointCloud(LIDAR, stamp_ns, stamp_ns, np.stack(columns[:3], axis=1), columns[3], columns[4])
+
+
+_COUNTS = (3, 3, 3, 3, 4, *[3] * 13)
+_PLACE, _QUATERNION, _VELOCITY = 0, 4, 16
+_EARTH_M = 6_378_137.0
+_FLATTENING = 1 / 298.257223563
+"""WGS 84 (NIMA TR8350.2, table 3.1)."""
+_UNIT = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Fix:
+    """What a file tells."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    quaternion_xyzw: Float64
+    north_east_mps: tuple[float, float]
+
+
+def read_fix(path: Path) -> Fix:
+    """Read a file.
+
+    Raises:
+        LogError: naming file and line that is missing or wrong.
+    """
+    lines = read_text(path, 100_000).splitlines()
+    if len(lines) < len(_COUNTS):
+        raise LogError(f"{path}: {len(lines)} lines, expected {len(_COUNTS)}, is it truncated?")
+    lat, lon, alt = _numbers(path, lines, _PLACE)
+    if not (abs(lat) < 90 and abs(lon) <= 180 and abs(alt) < _EARTH_M):
+        raise LogError(f"{path}: line 1: latitude {lat:g}, longitude {lon:g}, altitude {alt:g} is no place on Earth")
+    xyzw = _numbers(path, lines, _QUATERNION)
+    if abs(sum(q * q for q in xyzw) - 1) > _UNIT:
+        raise LogError(
+            f"{path}: line {_QUATERNION + 1}: expected a unit quaternion, got {lines[_QUATERNION].strip()[:80]}"
+        )
+    north, east, _ = _numbers(path, lines, _VELOCITY)
+    return Fix(lat, lon, alt, np.array(xyzw), (north, east))
+
+
+def _numbers(path: Path, lines: list[str], index: int) -> list[float]:
+    where = f"{path}: line {index + 1}"
+    texts = lines[index].strip().split(",")
+    values = [parse_number(text, where, "a value") for text in texts]
+    if len(values) != _COUNTS[index] or not all(abs(value) < 1e9 for value in values):
+        raise LogError(f"{where}: expected {_COUNTS[index]} finite numbers")
+    return values
+
+
+class Poses:
+    """Makes poses of fixes one after the other.
+
+    World: east, north, up, touching the ellipsoid's normal at the first fix, where the origin is. The place of the
+    antenna on the van isn't published, and taken for the body's origin.
+    """
+
+    def __init__(self, params: RadiateParams) -> None:
+        self._params = params
+        self._origin: Fix | None = None
+        self._yaw_rad: float | None = None
+
+    def pose(self, fix: Fix, stamp_ns: int) -> Pose | None:
+        """Return the pose at a fix; `None` where it isn't known yet where the body points to."""
+        rotation = self._rotation(fix)
+        if rotation is None:
+            return None
+        self._origin = self._origin or fix
+        return Pose(GPS, stamp_ns, stamp_ns, east_north_up_m(fix, self._origin), rotation)
+
+    def _rotation(self, fix: Fix) -> Float64 | None:
+        if self._params.heading == "imu":
+            return fix.quaternion_xyzw
+        north, east = fix.north_east_mps
+        if math.hypot(north, east) >= self._params.min_speed_mps:
+            self._yaw_rad = math.atan2(north, east)
+        if self._yaw_rad is None:
+            return None
+        return np.asarray(Rotation.from_euler("z", self._yaw_rad).as_quat(canonical=True), np.float64)
+
+
+def east_north_up_m(fix: Fix, origin: Fix) -> Float64:
+    """Position (3,) [m] in the plane that touches the Earth at another fix; B. Hofmann-Wellenhof, H. Lichtenegger and
+    E. Wasle, "GNSS", Springer 2008, section 8.2.
+    """
+    lat, lon = math.radians(origin.lat_deg), math.radians(origin.lon_deg)
+    x, y, z = _earth_fixed_m(fix) - _earth_fixed_m(origin)
+    forth = math.cos(lon) * x + math.sin(lon) * y
+    east = math.cos(lon) * y - math.sin(lon) * x
+    north = math.cos(lat) * z - math.sin(lat) * forth
+    return np.array([east, north, math.cos(lat) * forth + math.sin(lat) * z])
+
+
+def _earth_fixed_m(fix: Fix) -> Float64:
+    lat, lon = math.radians(fix.lat_deg), math.radians(fix.lon_deg)
+    squared = _FLATTENING * (2 - _FLATTENING)
+    normal = _EARTH_M / math.sqrt(1 - squared * math.sin(lat) ** 2)
+    across = (normal + fix.alt_m) * math.cos(lat)
+    return np.array(
+        [across * math.cos(lon), across * math.sin(lon), (normal * (1 - squared) + fix.alt_m) * math.sin(lat)]
+    )
+
 
 _META_KEYS = {"name": "sequence", "type": "weather", "set": "set", "version": "version"}
 

@@ -1,15 +1,139 @@
-"""Navtech's polar images as radar scans."""
+"""Navtech's polar images as radar scans, by constant false alarm rate (CFAR) detection.
 
-from dataclasses import dataclass
+The LOG/CFAR: a cell is a target where it exceeds the mean of the logarithmic power of the cells around it by a
+constant, whatever that mean is: V. G. Hansen and H. R. Ward, "Detection Performance of the Cell Averaging LOG/CFAR
+Receiver", IEEE Trans. Aerospace and Electronic Systems 8(5), 1972. Guard cells keep a target out of its own mean: M. A.
+Richards, "Fundamentals of Radar Signal Processing", chapter on CFAR.
+"""
+
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from fbench.datasets.radiate.cfar import CfarParams, detect
-from fbench.replay.arrays import Array
-from fbench.replay.data import RadarScan
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import read_image
+from fbench.datasets.importing.files import read_image
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.arrays import Array, Bool, Float32, Int64
+from fbench.replay.data.messages import RadarScan
+
+_MOST = 100_000
+
+
+@dataclass(frozen=True)
+class CfarParams:
+    """Parameters of the CFAR; the unit of power is that of the image, a grey value."""
+
+    guard: int = 15
+    """Cells left out on either side of the one under test; half a car's length, so that a car isn't its own clutter."""
+    training: int = 20
+    """Cells averaged on either side beyond the guard cells; fewer at the ends of the range."""
+    threshold: float = 40.0
+    """How far a target exceeds the mean of the training cells."""
+    min_range_m: float = 4.0
+    """Nearer cells show the own car."""
+    peak_only: bool = True
+    """Keep only cells above their nearer and not below their farther neighbour along range."""
+    max_points: int = 10_000
+    """Of more targets those that exceed the mean by most are kept."""
+
+    def __post_init__(self) -> None:
+        for name, value, least in (
+            ("guard", self.guard, 0),
+            ("training", self.training, 1),
+            ("max_points", self.max_points, 0),
+        ):
+            if not least <= value <= _MOST:
+                raise ConfigError(f"cfar.{name}={value}: expected {least} to {_MOST}")
+        if not (np.isfinite(self.threshold) and 0 <= self.min_range_m < np.inf):
+            raise ConfigError(
+                f"cfar.threshold={self.threshold}, cfar.min_range_m={self.min_range_m}: expected finite numbers, and a "
+                "range that isn't negative"
+            )
+
+
+def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64, Int64]:
+    """Find targets in an image (R, A) of power: a row a range cell, row r at `range_step_m * r`, a column an azimuth.
+
+    Returns:
+        Rows and columns (N,) of the targets, by column, then row.
+    """
+    excess = power - clutter(power, params.guard, params.training)
+    found = excess > params.threshold
+    found[: int(np.ceil(params.min_range_m / range_step_m))] = False
+    if params.peak_only:
+        found &= _peaks(power)
+    columns, rows = np.nonzero(found.T)
+    if len(rows) > params.max_points:
+        strongest = np.sort(np.argsort(-excess[rows, columns], kind="stable")[: params.max_points])
+        rows, columns = rows[strongest], columns[strongest]
+    return rows, columns
+
+
+def clutter(power: Array, guard: int, training: int) -> Float32:
+    """Mean power (R, A) of the training cells of each cell; infinite where it has none."""
+    sums, cells = (_around(of, guard, training) for of in (power, np.ones((len(power), 1), power.dtype)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean: Float32 = sums / cells
+    mean[cells[:, 0] == 0] = np.inf
+    return mean
+
+
+def _around(cells: Array, guard: int, training: int) -> Float32:
+    """Sums (R, A) of the training cells; exact, since grey values of a column sum to less than 2^24."""
+    wide, narrow = (_sums(cells, min(reach, len(cells))) for reach in (guard + training, guard))
+    around: Float32 = wide - narrow
+    return around
+
+
+def _sums(cells: Array, reach: int) -> Float32:
+    """Sums (R, A) over `reach` cells on either side and the cell itself, along range."""
+    import cv2
+
+    size = (1, 2 * reach + 1)
+    return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
+
+
+def _peaks(power: Array) -> Bool:
+    peaks: Bool = np.ones(power.shape, bool)
+    peaks[1:] &= power[1:] > power[:-1]
+    peaks[:-1] &= power[:-1] >= power[1:]
+    return peaks
+
+
+@dataclass(frozen=True)
+class RadiateParams:
+    """Parameters of `Radiate`."""
+
+    calibration: Path | None = None
+    """File like the SDK's `config/default-calib.yaml`; else the `default-calib.yaml` in the sequence or beside it."""
+    cfar: CfarParams = field(default_factory=CfarParams)
+    """How the radar's images become points."""
+    radar_height_m: float = 1.8
+    """Height of the radar above the road, where boxes stand [m]: labels have none. The SDK's `sensors_height`; points
+    of the LiDAR on the road agree within 5 cm."""
+    right_camera: Literal["stereo", "own"] = "stereo"
+    """Where `zed_right` is: as the stereo calibration says, from `zed_left`, or as its own position and angles say.
+    The latter shift the image by 6 px against the former, and against LiDAR points seen in both images."""
+    heading: Literal["course", "imu"] = "course"
+    """Where the body of a pose points to: over ground as it moves, upright, or as the IMU's quaternion says, which is
+    54 degrees off the course in the sequence that came with the SDK."""
+    min_speed_mps: float = 1.0
+    """Slower than that there is no course [m/s]: the last one stays, before the first one there is no pose."""
+    gps_offset_s: float = 0.0
+    """Added to the stamps of GPS and IMU [s]."""
+
+    def __post_init__(self) -> None:
+        for name, value in (("radar_height_m", self.radar_height_m), ("gps_offset_s", self.gps_offset_s)):
+            if not (math.isfinite(value) and abs(value) < 1e9):
+                raise ConfigError(f"{name}={value}: expected a finite number")
+        if not 0 < self.min_speed_mps < math.inf:
+            raise ConfigError(f"min_speed_mps={self.min_speed_mps}: expected a speed above 0")
+
+
+DEFAULTS = RadiateParams()
+
 
 SENSOR = "navtech"
 SIZE_WH = (400, 576)

@@ -1,4 +1,4 @@
-"""The truth of logs, for results in files: MCAP files and Parquet folders as `fbench log import` writes them."""
+"""Truth of logs, for results in files."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -8,21 +8,20 @@ import numpy as np
 
 from fbench.metrics.files.nuscenes import Sample, Submission
 from fbench.metrics.files.side import Side, nothing
-from fbench.metrics.reference_runs.rows import Rows, both, objects_of
-from fbench.metrics.reference_runs.stacked import stacked
+from fbench.metrics.reference_runs.rows import Rows, both, objects_of, stacked
 from fbench.metrics.reference_runs.world import in_world
-from fbench.replay.arrays import Int64, Text
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.data import LogInfo
-from fbench.replay.errors import LogError, MetricError
-from fbench.replay.export.log_boxes import log_sequence
-from fbench.replay.export.nuscenes import TOKENS
-from fbench.replay.export.sequence import BoxSequence
-from fbench.replay.export.wish import ExportWish, LeftOut
-from fbench.replay.faults import FaultLog
-from fbench.replay.log_keys import CAMERA0
+from fbench.replay.contracts.errors import LogError, MetricError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Int64, Text
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.formats.export_request import ExportWish, LeftOut
+from fbench.replay.formats.export_sources import log_sequence
+from fbench.replay.formats.nuscenes import TOKENS
+from fbench.replay.formats.sequence import BoxSequence
 from fbench.replay.logs.open import LOG_JSON
+from fbench.replay.setup.source import LogWish, log_source
 
 SUFFIX = ".mcap"
 

@@ -1,4 +1,4 @@
-"""nuScenes submissions as columns, and truth in the same form: a sequence a scene where a table of samples tells."""
+"""nuScenes submissions as columns, truth in the same form, and warnings."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -9,16 +9,30 @@ from typing import Any
 
 import numpy as np
 
-from fbench.metrics.files.doubts import Doubt
-from fbench.metrics.files.labelled import columns_of
-from fbench.metrics.files.nuscenes_doubts import doubts_about
-from fbench.metrics.files.side import Side, nothing, objects_of
-from fbench.metrics.objects import Objects
-from fbench.replay.arrays import Float64, Int64, text_array
-from fbench.replay.boxfiles.json_file import items, mapping, member, read_json
-from fbench.replay.boxfiles.nuscenes import COMPANIONS, labelled_box
-from fbench.replay.boxfiles.parse import track_number
-from fbench.replay.errors import LogError
+from fbench.metrics.core.sequence import Objects
+from fbench.metrics.files.side import Doubt, Side, nothing, objects_of
+from fbench.metrics.files.text_rows import columns_of
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64, Int64, text_array
+from fbench.replay.formats.documents import items, mapping, member, read_json
+from fbench.replay.formats.nuscenes import COMPANIONS, labelled_box
+from fbench.replay.formats.nuscenes import NAMES as ATTRIBUTES
+from fbench.replay.formats.objects import track_number
+
+
+def doubts_about(token: str, boxes: Sequence[Mapping[str, Any]], scene: str) -> list[Doubt]:
+    """Return what is odd about the boxes under one sample."""
+    where = f"{f'scene {scene}, ' if scene else ''}sample '{token[:40]}'"
+    flat = [box for box in boxes if "tracking_name" not in box]
+    strange = [box for box in flat if box.get("attribute_name") and box["attribute_name"] not in ATTRIBUTES]
+    nums = {
+        "box whose sample_token names another sample than it is under":
+            sum(box.get("sample_token", token) != token for box in boxes),
+        "box with an attribute that nuScenes doesn't have": len(strange),
+        "box without a velocity, which counts as unknown": sum(box.get("velocity") is None for box in flat),
+    }  # fmt: skip
+    return [Doubt(what, num, where) for what, num in nums.items() if num]
+
 
 _FRAMES_BELOW = 10_000_000
 _NO_EGO = (np.nan,) * 3

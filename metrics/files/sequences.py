@@ -1,19 +1,257 @@
-"""Sequences of files: truth beside results, read one after the other."""
+"""Sequences of files: truth beside results, recognized and paired."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal, get_args
 
-from fbench.metrics.files.doubts import Doubt, Doubts
-from fbench.metrics.files.forms import open_source
+from fbench.metrics.core.sequence import Sequence, Space
 from fbench.metrics.files.joining import Where, joined, without_entry
-from fbench.metrics.files.logs import LogTruth
-from fbench.metrics.files.pairing import Choice, Pair, Pairing, paired
-from fbench.metrics.files.side import Side, nothing
-from fbench.metrics.files.sources import Source, SubmissionSource
-from fbench.metrics.objects import Space
-from fbench.metrics.sequence import Sequence
-from fbench.replay.faults import FaultLog
+from fbench.metrics.files.logs import LogTruth, logs_in, open_logs
+from fbench.metrics.files.side import Doubt, Doubts, Side, nothing
+from fbench.metrics.files.sources import Source, SubmissionSource, images, submission, tables, texts
+from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.formats.objects import MAX_FRAMES, frame_number, lines
+from fbench.replay.formats.open import recognised
+from fbench.replay.formats.table_files import SUFFIXES
+
+FORMS = ("table", "kitti", "kitti-tracking", "ab3dmot", "mot", "nuscenes", "log")
+_NUSCENES_TABLES = "nuscenes-tables"
+_NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
+_INNER = ("data", "label_02", "label_2")
+_LOOKED_AT = 20
+
+
+def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
+    """Open a file or folder of boxes; nothing is read yet but what tells names.
+
+    Args:
+        path: File or folder.
+        form: One of `FORMS`; `None`: names and content tell.
+        is_truth: Whether it is truth, in which some forms write other things than in results.
+        like: The truth, where these are results: what can't be told is as there.
+
+    Raises:
+        ConfigError: where there is no such file or form.
+        LogError: where the form can't be told.
+    """
+    _require_usable(path, form)
+    if form in (None, "log") and (logs := logs_in(path)):
+        if not is_truth:
+            raise ConfigError(f"{path}: a log; score the results in it by fbench replay {path} -p recorded")
+        return open_logs(path, logs)
+    files = _files(path)
+    kind = form or _form(path, files, like)
+    if kind == "nuscenes":
+        if len(files) > 1:
+            raise ConfigError(f"{path}: {len(files)} files; name one submission")
+        return submission(next(iter(files.values())), like)
+    if kind == "kitti":
+        return images(path, files)
+    if kind == "table":
+        return tables(path, files)
+    return texts(path, kind, files, is_truth, is_single=path.is_file() or _is_sequence(path))
+
+
+def _require_usable(path: Path, form: str | None) -> None:
+    if not path.exists():
+        raise ConfigError(f"{path}: no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise ConfigError(f"{path}: neither a regular file nor a folder")
+    if form == _NUSCENES_TABLES or any((path / version).is_dir() for version in _NUSCENES_VERSIONS):
+        raise ConfigError(
+            f"{path}: the tables of nuScenes aren't scored as they are; first fbench log import nuscenes {path} -o LOGS"
+        )
+    if form is not None and form not in FORMS:
+        raise ConfigError(f"'{form}' is no form of boxes that can be scored{did_you_mean(form, FORMS)}")
+    if form == "log" and not logs_in(path):
+        raise LogError(f"{path}: no log of fbench, which is a file .mcap or a folder with log.json")
+    if path.is_dir() and (path / "manifest.json").is_file():
+        raise ConfigError(f"{path}: a run folder; score it by itself: fbench score {path}")
+
+
+def _files(path: Path) -> dict[str, Path]:
+    """Files by what they are called, in the order of names."""
+    if path.is_file():
+        return {_sequence_of(path): path}
+    if _is_sequence(path):
+        return {path.resolve().name: path / "gt" / "gt.txt"}
+    # Beside its folder `data` TrackEval puts numbers and plots.
+    inner = next((path / name for name in _INNER if (path / name).is_dir()), None)
+    if inner is not None:
+        return _files(inner)
+    folders = {folder.name: folder / "gt" / "gt.txt" for folder in _listed(path) if _is_sequence(folder)}
+    own = folders or {file.stem: file for file in _listed(path) if _is_boxes(file)}
+    if not own:
+        raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, SEQUENCE/gt/gt.txt)")
+    kinds = {file.suffix.lower() == ".txt" for file in own.values()}
+    if len(kinds) > 1:
+        raise LogError(f"{path}: texts and tables in one folder; put them into two")
+    return own
+
+
+def _listed(path: Path) -> list[Path]:
+    try:
+        return sorted(path.iterdir())
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+
+
+def _is_boxes(file: Path) -> bool:
+    return file.is_file() and (file.suffix == ".txt" or file.suffix.lower() in SUFFIXES)
+
+
+def _is_sequence(path: Path) -> bool:
+    """Whether a folder is one sequence of MOTChallenge."""
+    return path.is_dir() and (path / "gt" / "gt.txt").is_file()
+
+
+def _sequence_of(file: Path) -> str:
+    """`SEQ/gt/gt.txt` is sequence SEQ."""
+    is_mot = file.name == "gt.txt" and file.parent.name == "gt"
+    return file.resolve().parent.parent.name if is_mot else file.stem
+
+
+def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
+    found: dict[str, Path] = {}
+    for file in [file for file in files.values() if _has_content(file)][:_LOOKED_AT]:
+        found.setdefault(recognised(file), file)
+    if len(found) > 1:
+        (one, file), (other, second) = list(found.items())[:2]
+        raise LogError(f"{path}: {file.name} is '{one}', but {second.name} is '{other}'; one folder, one form")
+    if found:
+        return _known(path, next(iter(found)))
+    if like is None:
+        raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
+    return like.form
+
+
+def _known(path: Path, form: str) -> str:
+    if form not in FORMS:
+        raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
+    return form
+
+
+def _has_content(file: Path) -> bool:
+    try:
+        with file.open("rb") as opened:
+            return bool(opened.read(4096).strip())
+    except OSError as error:
+        raise LogError(f"{file}: can't be read ({error.strerror})") from error
+
+
+_KITTI = 4
+"""Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)."""
+
+
+def read_seqmap(path: Path) -> dict[str, int | None]:
+    """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's.
+
+    Raises:
+        ConfigError: where there is no such file.
+        LogError: where a row is neither, or a sequence is listed twice.
+    """
+    if not path.is_file():
+        raise ConfigError(f"--seqmap {path}: no such file")
+    found: dict[str, int | None] = {}
+    for line in lines(path):
+        name = line.fields[0]
+        if len(line.fields) not in (1, _KITTI):
+            raise LogError(f"{line.where}: {len(line.fields)} columns, expected a name, or: NAME empty 000000 FRAMES")
+        if name in found:
+            raise LogError(f"{line.where}: sequence '{name[:40]}' twice")
+        if len(line.fields) == 1 and line.number == 1 and name == "name":
+            continue
+        found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if len(line.fields) == _KITTI else None
+    if not found:
+        raise LogError(f"{path}: lists no sequence")
+    return found
+
+
+Missing = Literal["error", "empty"]
+MISSING: tuple[Missing, ...] = get_args(Missing)
+_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of the files is scored."""
+
+    sequences: tuple[str, ...] = ()
+    """Empty: all of the truth."""
+    seqmap: Path | None = None
+    """A list of sequences with their lengths; others aren't scored."""
+    missing: Missing = "error"
+    """What a sequence without results is."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One sequence in both."""
+
+    name: str
+    truth: str
+    """As the truth calls it."""
+    estimates: str | None
+    """As the results call it; `None`: there are none."""
+    num_frames: int | None
+    """As the seqmap says."""
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """All that is scored, and what there is to say about the rest."""
+
+    pairs: tuple[Pair, ...]
+    notes: tuple[str, ...]
+
+
+def paired(truth: Source, estimates: Source, choice: Choice) -> Pairing:
+    """Match sequences by their names; two files that are one sequence each belong together whatever their names are.
+
+    Raises:
+        ConfigError: where an unknown sequence is asked for.
+        MetricError: where no sequence has truth (GT001), or one has no results and that is no miss.
+    """
+    lengths = {} if choice.seqmap is None else read_seqmap(choice.seqmap)
+    if truth.is_single and estimates.is_single and not lengths:
+        name = truth.names[0]
+        _require_known(choice.sequences, (name,))
+        return Pairing((Pair(name, name, estimates.names[0], None),), ())
+    everything = tuple(lengths) or tuple(dict.fromkeys([*truth.names, *estimates.names]))
+    _require_known(choice.sequences, everything)
+    wanted = [name for name in everything if not choice.sequences or name in choice.sequences]
+    scored = [name for name in wanted if name in truth.names]
+    without = [name for name in wanted if name not in truth.names]
+    if not scored:
+        raise MetricError(f"{truth.path}: no truth for any sequence of {_who(estimates, lengths)}", "GT001")
+    notes = [f"no truth for {_pairing_listed(without)}: left out [GT001]"] if without else []
+    absent = [name for name in scored if name not in estimates.names]
+    if absent and choice.missing == "error":
+        raise MetricError(
+            f"{estimates.path}: no results for {_pairing_listed(absent)}; add an empty file, or count them as "
+            "misses with --missing empty"
+        )
+    notes += [f"no results for {_pairing_listed(absent)}: all of its truth is missed"] if absent else []
+    pairs = [Pair(n, n, n if n in estimates.names else None, lengths.get(n)) for n in scored]
+    return Pairing(tuple(pairs), tuple(notes))
+
+
+def _who(estimates: Source, lengths: dict[str, int | None]) -> str:
+    return "the seqmap" if lengths else str(estimates.path)
+
+
+def _require_known(wanted: tuple[str, ...], known: tuple[str, ...]) -> None:
+    for name in wanted:
+        if name not in known:
+            raise ConfigError(f"--sequences {name}: no such sequence{did_you_mean(name, known)}")
+
+
+def _pairing_listed(names: list[str]) -> str:
+    shown = ", ".join(names[:_NAMED])
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {shown}{more}"
 
 
 @dataclass(frozen=True)

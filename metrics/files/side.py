@@ -1,14 +1,46 @@
-"""One side, truth or estimates, of one sequence as its files hold it, before the two are brought together."""
+"""One side, truth or estimates, of one sequence as its files hold it, with warnings about them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from fbench.metrics.files.doubts import Doubt
-from fbench.metrics.objects import Objects, Space
-from fbench.replay.arrays import Array, Bool, Float64, Int64, Text
-from fbench.replay.boxes import MAX_MAGNITUDE
+from fbench.metrics.core.sequence import Objects, Space
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.boxes import MAX_MAGNITUDE
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One kind of oddity in one sequence."""
+
+    what: str
+    """Of one: `box without a velocity`."""
+    num: int
+    where: str
+    """The first of them; empty where that says nothing."""
+
+
+@dataclass
+class Doubts:
+    """Those of all sequences, by their kind."""
+
+    nums: dict[str, int] = field(default_factory=dict)
+    places: dict[str, str] = field(default_factory=dict)
+
+    def add(self, doubts: Iterable[Doubt]) -> None:
+        """Count some."""
+        for doubt in doubts:
+            if doubt.num:
+                self.nums[doubt.what] = self.nums.get(doubt.what, 0) + doubt.num
+                self.places.setdefault(doubt.what, doubt.where)
+
+    def lines(self) -> list[str]:
+        """Return a line a kind, with the first place."""
+        places = {what: f": {where}{' ...' if self.nums[what] > 1 else ''}" for what, where in self.places.items()}
+        return [f"{num} x {what}{places[what] if self.places[what] else ''}" for what, num in self.nums.items()]
+
 
 NO_CAMERA: Text = np.array([], np.str_)
 

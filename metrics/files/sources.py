@@ -1,4 +1,4 @@
-"""Files and folders of boxes by the names of their sequences, which are read one by one."""
+"""Files and folders of boxes by the names of their sequences, read one by one."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -7,16 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
-from fbench.metrics.files.kitti import read_ab3dmot, read_images, read_tracking
+from fbench.metrics.core.sequence import Objects
+from fbench.metrics.files.kitti import read_ab3dmot, read_images, read_mot, read_tracking
 from fbench.metrics.files.logs import LogTruth
-from fbench.metrics.files.mot import read_mot
 from fbench.metrics.files.nuscenes import Submission, open_submission
 from fbench.metrics.files.side import Side
 from fbench.metrics.files.table import Table, open_table
-from fbench.metrics.objects import Objects
-from fbench.replay.boxfiles.mot import sequence_length
-from fbench.replay.boxfiles.text import frame_number
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.formats.mot import sequence_length
+from fbench.replay.formats.objects import frame_number
 
 
 class Source(Protocol):

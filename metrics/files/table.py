@@ -1,4 +1,4 @@
-"""Tables, CSV or Parquet, as columns: `replay/boxfiles/table.py` says which; a column `sequence` parts them."""
+"""Tables, CSV or Parquet, as columns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -9,19 +9,16 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from fbench.metrics.core.sequence import Objects
 from fbench.metrics.files.side import Side, nothing, objects_of
-from fbench.metrics.objects import Objects
-from fbench.replay.arrays import Array, Bool, Int64, Text
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.boxfiles.run_table import is_run_table
-from fbench.replay.boxfiles.table_boxes import Rows, rows_of, spaces_of
-from fbench.replay.boxfiles.table_files import TableFile, open_table_file
-from fbench.replay.boxfiles.table_order import Key, key_of
-from fbench.replay.boxfiles.table_values import Values
-from fbench.replay.data import Mount, Rig
-from fbench.replay.errors import ConfigError, LimitError, LogError
-from fbench.replay.logs.coordinates import CoordinateFrames
-from fbench.replay.logs.tree import TransformTree
+from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
+from fbench.replay.data.arrays import Array, Bool, Int64, Text
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.formats.table import Rows, is_run_table, rows_of, spaces_of
+from fbench.replay.formats.table_columns import Key, Values, key_of
+from fbench.replay.formats.table_files import TableFile, open_table_file
+from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 
 SEQUENCE = "sequence"
 _DEFAULT_CAMERA = "image"

@@ -1,23 +1,29 @@
-"""Which profile counts, with which match, for which results."""
+"""Choice of a profile and a match for given results, and run folders as sequences."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
-from fbench.metrics.files.doubts import Doubt
+import numpy as np
+
+from fbench.metrics.core.sequence import Sequence, Space
 from fbench.metrics.files.sequences import FilePair
-from fbench.metrics.files.side import Side, has_solids
+from fbench.metrics.files.side import Doubt, Side, has_solids
 from fbench.metrics.files.sources import SubmissionSource
-from fbench.metrics.kitti.mot3d import Kitti3dMot
-from fbench.metrics.objects import Space
-from fbench.metrics.profile import Match
-from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, profile_of
+from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, Facts, facts_of, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
-from fbench.metrics.profiles.facts import facts_of
-from fbench.metrics.tracking.motmetrics import MotmetricsProfile
-from fbench.metrics.tracking.trackeval import TrackEvalProfile
-from fbench.replay.errors import ConfigError
-from fbench.replay.names import did_you_mean
-from fbench.replay.scores import Score
+from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
+from fbench.metrics.profiles.motmetrics import MotmetricsProfile
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.profiles.trackeval.profiles import TrackEvalProfile
+from fbench.metrics.reference_runs.images import image_sequence
+from fbench.metrics.reference_runs.world import world_sequence
+from fbench.metrics.runs.spaces import ground_view, image_view
+from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxTable
 
 
 def chosen(name: str, match: str | None) -> AnyProfile:
@@ -103,3 +109,57 @@ def _require_samples(profile: AnyProfile, pair: FilePair, truth: Side) -> None:
     if truth.space == "world" and truth.ego_m is None:
         raise ConfigError(f"{profile.name}: boxes are in the world, and nobody tells where the ego is; give truth "
                           f"ego_translation, or {beside}")  # fmt: skip
+
+
+def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> Sequence:
+    """Return truth and results of a run as the benchmark's own files would have them: tracks or detections, in images,
+    the body or the world, with the benchmark's names of classes.
+
+    All boxes are there, wherever they are: a benchmark has regions of its own.
+
+    Args:
+        run: With truth.
+        profile: A benchmark's; what `default` says of runs is in `own_rows`.
+        match: What the user said of how boxes match: a profile in images matches in space by it, and the other way
+            round.
+
+    Raises:
+        MetricError: where nothing has truth of the kind (GT001), or results aren't of it.
+    """
+    facts = facts_of(profile)
+    table = run.tracks if facts.judges_tracks else run.detections
+    space = _space(facts, match)
+    if space == "3d" and isinstance(table.boxes, Boxes2D):
+        raise MetricError(f"{run.folder}: {profile.name} needs 3D boxes, and the results are in images")
+    if facts.family is None:
+        return _own_sequence(run, table, space)
+    if profile.name in NEEDS_WORLD:
+        return world_sequence(run, table, facts.family, needs_world=profile.name in NEEDS_TIME)
+    sequence = image_sequence(run, table, facts.family, space)
+    return _of_its_classes(sequence, profile) if isinstance(profile, TrackEvalProfile) else sequence
+
+
+def _space(facts: Facts, match: Match | None) -> Space:
+    if match is None or (facts.space == "both" and facts.family is not None):
+        return facts.space
+    return "2d" if match.likeness == "iou2d" else "3d"
+
+
+def _own_sequence(run: Run, table: BoxTable, space: Space) -> Sequence:
+    """By fbench's names, everywhere."""
+    everywhere = ScoreOptions(range_m=math.inf, in_view=False)
+    view = image_view(run, table, everywhere) if space == "2d" else ground_view(run, table, everywhere)
+    if view.reason is not None:
+        raise MetricError(
+            f"{run.folder}: {view.reason}, so there is nothing to score", "GT001" if view.reason == "no truth" else ""
+        )
+    return view.sequence
+
+
+def _of_its_classes(sequence: Sequence, profile: TrackEvalProfile) -> Sequence:
+    """Leave out results of classes that TrackEval would refuse: a detector of cars may find pedestrians too."""
+    allowed = sorted(profile.preparation.only_labels)
+    if not allowed:
+        return sequence
+    kept = np.isin(sequence.estimates.label, allowed)
+    return sequence if kept.all() else replace(sequence, estimates=sequence.estimates[kept])

@@ -1,4 +1,4 @@
-"""The profile `default`: what fbench says of runs, for results in files."""
+"""The profile `default`: fbench's own scores, for results in files."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -6,18 +6,15 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence
-from fbench.metrics.standard.detection import DetectionCounts, curve_rows, detection_counts, detection_rows
-from fbench.metrics.standard.entries import Entry, Heading, added
-from fbench.metrics.standard.groups import VEHICLE, Group, label_group
-from fbench.metrics.standard.order import in_order
-from fbench.metrics.standard.tracking import TrackingCounts, require_unique_ids, tracking_counts
-from fbench.metrics.standard.tracking_rows import tracking_rows
-from fbench.replay.classes import label
-from fbench.replay.data import LABELS
-from fbench.replay.scores import Score
+from fbench.metrics.core.ordering import in_order
+from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, added, label_group
+from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
+from fbench.replay.data.boxes import LABELS
+from fbench.replay.data.classes import label
+from fbench.replay.data.scores import Score
 
 IN_SPACE, IN_IMAGES = Match("bev", 2.0), Match("iou2d", 0.5)
 

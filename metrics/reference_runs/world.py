@@ -4,20 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.files.side import unreal
-from fbench.metrics.objects import Objects
-from fbench.metrics.reference_runs.names import Family, names_of
-from fbench.metrics.runs.columns import objects_of
-from fbench.metrics.runs.view import Labelled
-from fbench.metrics.sequence import Sequence
-from fbench.replay.arrays import Bool, Float64, Int64, Text, text_array
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.errors import MetricError
-from fbench.replay.export.attributes import NAMES, attributes
-from fbench.replay.export.nuscenes import MAX_BOXES, TOKENS
+from fbench.metrics.reference_runs.rows import Family, names_of
+from fbench.metrics.runs.columns import Labelled, objects_of
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.formats.nuscenes import MAX_BOXES, NAMES, TOKENS, attributes
 from fbench.replay.geometry.transforms import pose_matrices
-from fbench.replay.store import Run
-from fbench.replay.tables import BoxTable
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxTable
 
 
 def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool) -> Sequence:

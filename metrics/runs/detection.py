@@ -1,13 +1,24 @@
 """Scores of a run's detections."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence as Sequence_of_abc
 
-from fbench.metrics.profile import Match
-from fbench.metrics.runs.regions import region_parts
-from fbench.metrics.runs.view import View
-from fbench.metrics.runs.views import label_groups, views
-from fbench.metrics.standard.counted import alike
-from fbench.metrics.standard.detection import (
+import numpy as np
+
+from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.core.slices import (
+    VEHICLE,
+    VISIBILITY_SLICES,
+    Entry,
+    Group,
+    Heading,
+    Part,
+    by_range,
+    by_seen,
+    by_source,
+    by_visibility,
+)
+from fbench.metrics.detection.outcomes import alike
+from fbench.metrics.detection.scores import (
     DetectionCounts,
     curve_rows,
     detection_counts,
@@ -15,12 +26,37 @@ from fbench.metrics.standard.detection import (
     deviation_rows,
     part_counts,
 )
-from fbench.metrics.standard.entries import Entry, Heading
-from fbench.metrics.standard.groups import VEHICLE, Group
-from fbench.metrics.standard.slices import VISIBILITY_SLICES, by_range, by_seen, by_source, by_visibility
-from fbench.replay.scores import Score, ScoreOptions, ratio
-from fbench.replay.store import Run
-from fbench.replay.tables import BoxTable
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.runs.columns import View
+from fbench.metrics.runs.places import ground_points, has_poses, regions_of
+from fbench.metrics.runs.spaces import label_groups, views
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.metadata import inside
+from fbench.replay.data.scores import Score, ScoreOptions, ratio
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxTable
+
+
+def region_parts(run: Run, sequence: Sequence) -> list[Part]:
+    """Return the part of a sequence in the ground plane that lies in each kind of the log's regions; none where the
+    log has no regions or no poses.
+    """
+    if sequence.truth.center_m is None or sequence.estimates.center_m is None:
+        return []
+    regions = regions_of(run)
+    kinds = dict.fromkeys(region.kind for region in regions)
+    if not kinds or not has_poses(run):
+        return []
+    sides = [_points(run, sequence, objects) for objects in (sequence.truth, sequence.estimates)]
+    return [
+        Part(f"region {kind}", *(inside([r for r in regions if r.kind == kind], points) for points in sides))
+        for kind in kinds
+    ]
+
+
+def _points(run: Run, sequence: Sequence, objects: Objects) -> Float64:
+    center_m = np.zeros((0, 3)) if objects.center_m is None else objects.center_m
+    return ground_points(run, sequence.steps.frame[objects.step], center_m)
 
 
 class Detection:
@@ -32,7 +68,7 @@ class Detection:
     Null where the denominator is 0. Counts are summed over frames before dividing.
     """
 
-    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+    def scores(self, run: Run, options: ScoreOptions) -> Sequence_of_abc[Score]:
         """Return rows for all vehicles as one class in each space, for each label, for slices, then `coverage`."""
         entries = detection_entries(run, options)
         native = entries[0].heading
@@ -51,7 +87,7 @@ def detection_entries(
     return (*whole_entries(spaces, run.detections), *slices)
 
 
-def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[DetectionCounts], ...]:
+def whole_entries(spaces: Sequence_of_abc[View], table: BoxTable) -> tuple[Entry[DetectionCounts], ...]:
     """Measure all vehicles in each space, then labels in the first."""
     entries = [_entry(view, VEHICLE) for view in spaces]
     return (*entries, *(_entry(spaces[0], group) for group in label_groups(spaces[0], table)))

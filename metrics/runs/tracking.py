@@ -2,17 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.runs.view import View
-from fbench.metrics.runs.views import label_groups, views
-from fbench.metrics.standard.entries import Entry, Heading
-from fbench.metrics.standard.groups import VEHICLE, Group
-from fbench.metrics.standard.slices import by_seen
-from fbench.metrics.standard.tracking import TrackingCounts, require_unique_ids, tracking_counts
-from fbench.metrics.standard.tracking_rows import tracking_rows
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
-from fbench.replay.tables import BoxTable
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, by_seen
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.runs.columns import View
+from fbench.metrics.runs.spaces import label_groups, views
+from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxTable
 
 
 class Tracking:

@@ -1,4 +1,4 @@
-"""CLEAR MOT (Bernardin and Stiefelhagen 2008): matches that go on from step to step, and what is counted of them."""
+"""CLEAR MOT (Bernardin and Stiefelhagen 2008): matches that go on from step to step."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.kernels.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
-from fbench.metrics.problem import Problem
-from fbench.metrics.statistics.exact import exact_sum
-from fbench.replay.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.metrics.core.exact import exact_sum
+from fbench.metrics.core.problem import Problem
+from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
+from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class ClearPairs:
     truth_of: Int64
     """(M,)"""
     event: Int64
-    """(N,) bits of `fbench.metrics.kernels.clear_events`; 0 for misses."""
+    """(N,) bits of `fbench.metrics.tracking.clear_events`; 0 for misses."""
 
     def __post_init__(self) -> None:
         freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))
@@ -108,7 +108,7 @@ class ClearCounts:
 
 def clear_pairs(problem: Problem, rules: ClearRules) -> ClearPairs:
     """Match truth and estimates step by step."""
-    from fbench.metrics.kernels.clear import MEMORY, follow  # numba takes a while to import
+    from fbench.metrics.tracking.kernels import MEMORY, follow  # numba takes a while to import
 
     p = problem
     estimate_of, event = np.full(p.num_truth, -1), np.zeros(p.num_truth, np.int64)

@@ -6,10 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from fbench.metrics.problem import Problem
-from fbench.metrics.statistics.exact import exact_sums, fractions, plus
-from fbench.metrics.tracking.near import NearPairs, near_pairs
-from fbench.replay.arrays import Float64, Int64
+from fbench.metrics.core.exact import exact_sums, fractions, plus
+from fbench.metrics.core.problem import Problem
+from fbench.metrics.tracking.identity import NearPairs, near_pairs
+from fbench.replay.data.arrays import Float64, Int64
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 """(19,) 0.05 to 0.95."""
@@ -50,7 +50,7 @@ class HotaCounts:
 
 def hota_counts(problem: Problem) -> HotaCounts:
     """Count HOTA of a problem whose similarities are 0 (or less: none) to 1."""
-    from fbench.metrics.kernels.assignment_steps import best_places  # numba takes a while to import
+    from fbench.metrics.core.assignment_kernel import best_places  # numba takes a while to import
 
     p = problem
     if not (p.num_truth and p.num_estimates):
@@ -70,7 +70,7 @@ def hota_counts(problem: Problem) -> HotaCounts:
 
 def _sums(problem: Problem) -> tuple[Float64, Float64]:
     """All similarities of each truth row (N,), and of each estimate (M,)."""
-    from fbench.metrics.kernels.sums import block_sums
+    from fbench.metrics.core.sums_kernel import block_sums
 
     p, of_truth, of_estimate = problem, np.zeros(problem.num_truth), np.zeros(problem.num_estimates)
     starts = _copy(p.truth_start), _copy(p.estimate_start), _copy(p.block_start)

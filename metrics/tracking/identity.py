@@ -4,10 +4,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.matching.blocks import block_starts
-from fbench.metrics.problem import Problem
-from fbench.metrics.tracking.near import near_pairs
-from fbench.replay.arrays import Int64
+from fbench.metrics.core.problem import Problem
+from fbench.metrics.core.similarity import block_starts
+from fbench.replay.data.arrays import Bool, Int64
+
+
+@dataclass(frozen=True, eq=False)
+class NearPairs:
+    """K pairs of a truth row and an estimate row of the same step, in the order of the problem's similarities."""
+
+    place: Int64
+    """(K,) in the problem's similarities."""
+    truth: Int64
+    """(K,)"""
+    estimate: Int64
+    """(K,)"""
+    track_pair: Int64
+    """(P,) pairs of tracks that are near anywhere, as truth id times (number of estimate ids) plus estimate id."""
+    track_pair_of: Int64
+    """(K,) which of these each pair belongs to."""
+
+
+def near_pairs(problem: Problem, is_near: Bool) -> NearPairs:
+    """Return the pairs that are marked in (B,)."""
+    place = np.flatnonzero(is_near)
+    step = np.searchsorted(problem.block_start, place, side="right") - 1
+    row, column = np.divmod(place - problem.block_start[step], np.diff(problem.estimate_start)[step])
+    truth, estimate = problem.truth_start[step] + row, problem.estimate_start[step] + column
+    keys = problem.truth_id[truth] * problem.num_estimate_ids + problem.estimate_id[estimate]
+    return NearPairs(place, truth, estimate, *np.unique(keys, return_inverse=True))
 
 
 @dataclass(frozen=True)
@@ -43,8 +68,8 @@ def _best(row: Int64, column: Int64, weight: Int64) -> int:
 
     Tracks that have nothing to do with each other, also by way of others, are solved apart, as steps are elsewhere.
     """
-    from fbench.metrics.kernels.assignment_steps import best_places  # numba takes a while to import
-    from fbench.metrics.kernels.identity import linked
+    from fbench.metrics.core.assignment_kernel import best_places  # numba takes a while to import
+    from fbench.metrics.tracking.kernels import linked
 
     num_rows = int(row.max()) + 1
     group = linked(row, num_rows + column, np.arange(num_rows + int(column.max()) + 1))

@@ -3,14 +3,115 @@
 import fcntl
 import os
 import select
+import shlex
+import shutil
 import signal
 import subprocess
 import time
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 
-from fbench.pipelines.external.command import Command, environment
-from fbench.pipelines.external.stderr import KeptText
-from fbench.replay.errors import ConfigError, FbenchError
+from fbench.replay.contracts.errors import ConfigError, FbenchError
+from fbench.replay.contracts.plugins import names_file
+
+_OWN_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""fbench sets these for itself: another program has threads of its own."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A program and its arguments."""
+
+    program: str
+    """Absolute path."""
+    words: Sequence[str]
+    """As they were written, the program first."""
+
+    @property
+    def name(self) -> str:
+        """The program's file name."""
+        return Path(self.program).name
+
+    @property
+    def files(self) -> list[Path]:
+        """The program, and the files that its arguments name: scripts, weights."""
+        return [Path(self.program), *(Path(word) for word in self.words[1:] if names_file(word))]
+
+
+def parse_command(text: str) -> Command:
+    """Split a command line as a shell does, without running one, and find the program in PATH or as a path.
+
+    Raises:
+        ConfigError: where there is no such program, or it can't be executed.
+    """
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"exec: command {text!r} can't be split into words: {error}") from error
+    if not words or not words[0] or "\0" in text:
+        raise ConfigError("exec: needs a command, such as -p 'exec:./my_stack --option'")
+    return Command(_found(words[0]), words)
+
+
+def _found(word: str) -> str:
+    in_path = None if "/" in word else shutil.which(word)
+    path = Path(in_path or word).absolute()
+    if path.is_dir() or not path.exists():
+        where = "no such program" if "/" in word else "no such program in PATH or in this folder"
+        raise ConfigError(f"exec: {word}: {where}")
+    if not os.access(path, os.X_OK):
+        raise ConfigError(f"exec: {word}: isn't executable; try chmod +x {word}")
+    return str(path)
+
+
+def environment() -> dict[str, str]:
+    """Variables for a program: all but the number of threads that fbench sets for itself."""
+    return {name: value for name, value in os.environ.items() if name not in _OWN_VARIABLES}
+
+
+_HALF_BYTES = 512 * 1024
+_LINE_CHARS = 300
+_LINE_BYTES = 4096
+
+
+class KeptText:
+    """Keeps the first and the last part of what is added, and counts what lies between them."""
+
+    def __init__(self, half_bytes: int = _HALF_BYTES) -> None:
+        self._half = half_bytes
+        self._first, self._last = bytearray(), bytearray()
+        self._num = self._mark = 0
+
+    def add(self, data: bytes) -> None:
+        """Add what was read."""
+        self._num += len(data)
+        room = self._half - len(self._first)
+        self._first += data[:room]
+        self._last += data[room:]
+        if len(self._last) > 2 * self._half:
+            del self._last[: -self._half]
+
+    def begin(self) -> None:
+        """Let `last_line` look only at what comes from here on."""
+        self._mark = self._num
+
+    @property
+    def last_line(self) -> str:
+        """The last line since `begin` that isn't empty, cut to 300 characters; empty where there is none."""
+        num = min(self._num - self._mark, _LINE_BYTES)
+        tail = (bytes(self._first[-num:]) + bytes(self._last[-num:]))[-num:] if num else b""
+        lines = [line.strip() for line in tail.decode(errors="replace").splitlines()]
+        return next((line for line in reversed(lines) if line), "")[:_LINE_CHARS]
+
+    def text(self) -> bytes:
+        """All that is kept."""
+        last = bytes(self._last[-self._half :])
+        left_out = self._num - len(self._first) - len(last)
+        gap = f"\n[{left_out} bytes left out]\n".encode() if left_out else b""
+        return bytes(self._first) + gap + last
+
 
 _PIPE_BYTES = 1 << 20
 _READ_BYTES = 1 << 16

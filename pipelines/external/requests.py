@@ -1,12 +1,14 @@
-"""What fbench says to a program: requests of the schema, with points and images left where they are in memory."""
+"""Requests to a program: messages of the schema, with points and images left where they are."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.replay.arrays import Array
-from fbench.replay.data import Frame, Image, LogInfo, Message, PointCloud, Pose, RadarScan, Rig
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import LogInfo, Rig
 
 VERSION = 1
 """Of the protocol."""

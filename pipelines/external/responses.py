@@ -1,4 +1,4 @@
-"""What a program answers: responses of the schema, checked and turned into outputs."""
+"""Responses of a program, checked and turned into outputs."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,10 +8,10 @@ import numpy as np
 from google.protobuf.message import DecodeError as ProtobufError
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.replay.arrays import Array, Bool, Float64, Int64, Text, text_array
-from fbench.replay.boxes import Boxes2D, Boxes3D, finite
-from fbench.replay.data import Boxes, Output
-from fbench.replay.errors import DataError
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
+from fbench.replay.data.frames import Output
 
 _MAX_STAGES = 64
 _MAX_BOXES = 10_000

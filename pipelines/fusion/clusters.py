@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.fusion_kernels import inside_boxes
-from fbench.replay.arrays import Float64, Int64
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Rig
+from fbench.pipelines.fusion.late.kernels import inside_boxes
+from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_body
 
 

@@ -1,15 +1,59 @@
-"""What one image tells about the distance and size of the objects in it."""
+"""Distance and size of objects from one image."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.flat import FlatView, flat_view
-from fbench.pipelines.fusion.params import AssociationParams
-from fbench.pipelines.points.ground import Plane
-from fbench.replay.arrays import Float64
-from fbench.replay.data import Rig
+from fbench.pipelines.fusion.late.params import AssociationParams
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.geometry.camera import project, project_boxes, rays
+from fbench.replay.geometry.lenses import lens_of
+from fbench.replay.geometry.transforms import inverse, transform
+
+
+@dataclass(frozen=True, eq=False)
+class FlatView:
+    """A box in the image of a pinhole camera with the same `K`."""
+
+    xyxy_px: Float64
+    """(4,) left, top, right, bottom [px]."""
+    body_T_view: Float64
+    """(4, 4) from that camera's to body coordinates."""
+
+
+def flat_view(rig: Rig, camera: str, xyxy_px: Float64) -> FlatView | None:
+    """Return a box (4,) as a pinhole camera at the same place shows it, by the middles of its edges; `None` where that
+    sees no such box.
+
+    A camera that may see what is beside and behind it is turned towards the box first, about its vertical axis.
+    """
+    model, body_T_camera = rig.cameras[camera], rig.body_T_sensor(camera)
+    lens = lens_of(model)
+    if lens is None:
+        return FlatView(xyxy_px, body_T_camera)
+    left, top, right, bottom = (float(value) for value in xyxy_px)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    directions = rays(model, np.array([[left, y], [x, top], [right, y], [x, bottom], [x, y]]))
+    camera_T_view = _turned(directions[4]) if lens.is_wide else np.eye(4)
+    flat, _ = project(CameraModel(model.K, model.size_wh), transform(inverse(camera_T_view), directions[:4]))
+    box = np.array([flat[0, 0], flat[1, 1], flat[2, 0], flat[3, 1]])
+    if not (np.isfinite(box).all() and box[0] < box[2] and box[1] < box[3]):
+        return None
+    return FlatView(box, body_T_camera @ camera_T_view)
+
+
+def _turned(ray: Float64) -> Float64:
+    """Pose (4, 4) in a camera's coordinates of one that is turned about the vertical axis to have a ray ahead."""
+    angle = np.arctan2(ray[0], ray[2])
+    turned = np.eye(4)
+    turned[0, 0] = turned[2, 2] = np.cos(angle)
+    turned[0, 2], turned[2, 0] = np.sin(angle), -np.sin(angle)
+    return turned
+
 
 SIZES = {
     "car": (4.2, 1.8, 1.55, 0.15), "van": (5.0, 2.0, 2.1, 0.2), "truck": (8.0, 2.5, 3.0, 0.4),
@@ -198,3 +242,14 @@ def _aspect(wide_m: float, length_m: float, width_m: float) -> float:
         return float(np.pi / 2)
     diagonal = np.hypot(length_m, width_m)
     return float(max(0.0, np.arcsin(wide_m / diagonal) - np.arctan2(width_m, length_m)))
+
+
+def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) -> Float64:
+    """IoU (N,) of boxes (N) in body coordinates, projected, with rectangles (N, 4) in the image of a camera; 0 for
+    those that can't be projected.
+    """
+    outlines, _ = project_boxes(rig, camera, boxes)
+    sides = np.minimum(outlines[:, 2:], xyxy_px[:, 2:]) - np.maximum(outlines[:, :2], xyxy_px[:, :2])
+    common = np.maximum(sides, 0.0).prod(axis=1)
+    areas = [(part[:, 2:] - part[:, :2]).prod(axis=1) for part in (outlines, xyxy_px)]
+    return np.asarray(np.nan_to_num(common / np.maximum(sum(areas) - common, 1e-9)), np.float64)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Float64, Int64
+from fbench.replay.data.arrays import Float64, Int64
 
 PLACE, RATE, PLACE_VAR, COVARIANCE, RATE_VAR = range(5)
 """Rows of `States.values`: of each component its value, its rate, and the block of P: of both variances and covariance.
@@ -69,14 +69,14 @@ def predict(states: States, dt_s: float, drift_std: Float64) -> States:
     Rates do a random walk with a standard deviation of `drift_std` (m,) or (T, m) after one second: for each
     component Q = drift_std^2 [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] (Bar-Shalom et al., Estimation, 2001, 6.2.2).
     """
-    from fbench.pipelines.tracking.kalman_kernel import predicted  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import predicted  # numba takes a while to import
 
     return States(predicted(_steady(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
 
 
 def update(states: States, measured: Float64, measured_std: Float64) -> States:
     """Correct each state with one measurement, (T, m)."""
-    from fbench.pipelines.tracking.kalman_kernel import corrected  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import corrected  # numba takes a while to import
 
     return States(corrected(_steady(states.values), _steady(measured), _each(measured_std, states)))
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from fbench.pipelines.checks import LIMIT, require_between
+from fbench.pipelines.params import LIMIT, require_between
 
 MIN_STD = 1e-6
 

@@ -4,26 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.pipelines.tracking import kalman, smoothing
-from fbench.pipelines.tracking import likeness as like
-from fbench.pipelines.tracking.association import associate_weak_last
-from fbench.pipelines.tracking.canonical import canonical
-from fbench.pipelines.tracking.columns import Columns, rows
+from fbench.pipelines.tracking import association as like
+from fbench.pipelines.tracking import kalman
+from fbench.pipelines.tracking import tracks as smoothing
+from fbench.pipelines.tracking.association import associate_weak_last, canonical
 from fbench.pipelines.tracking.kalman import States
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.tracks import (
+    Columns,
     Tracks,
     first_tracks,
-    joined,
+    join_tracks,
     measured_tracks,
     rivals,
+    rows,
     seconds_since,
     selected,
     shown,
     surviving,
 )
-from fbench.replay.arrays import Bool, Float64, Int64
-from fbench.replay.boxes import Boxes2D
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes2D
 
 __all__ = ["Tracker2D", "Tracker2DParams"]
 
@@ -107,7 +108,7 @@ class Tracker2D:
         new = ~weak
         new[columns] = False
         alive = selected(tracks, surviving(tracks, p.min_hits, p.max_missed))
-        return joined(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
+        return join_tracks(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
 
     def _predicted(self, tracks: Tracks, stamp_ns: int) -> Tracks:
         dt_s = seconds_since(self._stamp_ns, stamp_ns)
@@ -181,14 +182,14 @@ def _complete(boxes: Boxes2D) -> Columns:
 
 def _measure(boxes: Columns) -> Float64:
     """Centre x, y, area s and aspect ratio r (N, 4)."""
-    from fbench.pipelines.tracking.rectangle_kernel import as_measured  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import as_measured  # numba takes a while to import
 
     return as_measured(np.array(boxes["xyxy_px"], np.float64, order="C"), MIN_SHAPE)
 
 
 def _boxes(measured: Float64) -> Float64:
     """Left, top, right, bottom (N, 4) of centre, area and aspect ratio."""
-    from fbench.pipelines.tracking.rectangle_kernel import as_corners  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import as_corners  # numba takes a while to import
 
     return as_corners(np.array(measured, np.float64, order="C"))
 

@@ -4,28 +4,51 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.pipelines.tracking import kalman, smoothing
-from fbench.pipelines.tracking import likeness as like
-from fbench.pipelines.tracking.association import associate_weak_last, nearness
-from fbench.pipelines.tracking.canonical import canonical
-from fbench.pipelines.tracking.columns import Columns, rows
-from fbench.pipelines.tracking.ego import EgoPoses
+from fbench.pipelines.tracking import association as like
+from fbench.pipelines.tracking import kalman
+from fbench.pipelines.tracking import tracks as smoothing
+from fbench.pipelines.tracking.association import associate_weak_last, canonical, nearness
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.tracks import (
+    Columns,
     Tracks,
     first_tracks,
-    joined,
+    join_tracks,
     measured_tracks,
     rivals,
+    rows,
     seconds_since,
     selected,
     shown,
     surviving,
 )
-from fbench.replay.arrays import Bool, Float64, Int64
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.geometry.boxes import distance_bev
-from fbench.replay.geometry.transforms import inverse, transform, wrap_angle
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.iou import distance_bev
+from fbench.replay.geometry.transforms import extrapolated, inverse, transform, wrap_angle
+
+
+class EgoPoses:
+    """Remembers the last two poses, and goes on from them at constant speed and turn rate."""
+
+    def __init__(self) -> None:
+        self._poses: list[tuple[int, Float64]] = []
+
+    @property
+    def known(self) -> bool:
+        """Whether there was a pose."""
+        return bool(self._poses)
+
+    def step(self, stamp_ns: int, world_T_body: Float64 | None) -> Float64 | None:
+        """Return the pose (4, 4) to use at `stamp_ns`; `None` before the first."""
+        if world_T_body is not None:
+            self._poses = [*self._poses[-1:], (stamp_ns, world_T_body)]
+            return world_T_body
+        if len(self._poses) < 2:
+            return self._poses[0][1] if self._poses else None
+        (before_ns, before), (last_ns, last) = self._poses
+        return extrapolated(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
+
 
 __all__ = ["Tracker3D", "Tracker3DParams", "moved"]
 
@@ -125,7 +148,7 @@ class Tracker3D:
         new = ~weak
         new[columns] = False
         alive = selected(tracks, surviving(tracks, p.min_hits, p.max_missed))
-        return joined(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
+        return join_tracks(alive, self._begin(rows(detections, new), stamp_ns)) if new.any() else alive
 
     def _similarity(self, tracks: Tracks, detections: Columns, stamp_ns: int) -> tuple[Float64, float]:
         """How well tracks and detections fit (T, M), and how well a pair must."""

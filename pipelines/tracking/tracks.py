@@ -1,16 +1,43 @@
-"""The tracks that a tracker keeps: beginning, being measured, being missed, ending."""
+"""Lifetime of tracks: birth, measurements, misses and end."""
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from fbench.pipelines.tracking import columns, kalman
-from fbench.pipelines.tracking.columns import Columns
+from fbench.pipelines.tracking import kalman
 from fbench.pipelines.tracking.kalman import States
 from fbench.pipelines.tracking.params import TrackerParams
-from fbench.replay.arrays import Bool, Float64, Int64, Text
-from fbench.replay.data import LABELS, VEHICLES
-from fbench.replay.errors import DataError
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.boxes import LABELS, VEHICLES
+from fbench.replay.geometry.transforms import wrap_angle
+
+Columns: TypeAlias = dict[str, Array]
+"""Arrays (T, ...) by name, all with equally many rows."""
+
+
+def rows(columns: Columns, at: Array) -> Columns:
+    """Select rows by mask or index array."""
+    return {name: column[at] for name, column in columns.items()}
+
+
+def join_columns(first: Columns, second: Columns) -> Columns:
+    """Put rows of the same columns one below the other."""
+    return {name: np.concatenate([column, second[name]]) for name, column in first.items()}
+
+
+def overwritten(columns: Columns, at: Array, new: Columns) -> Columns:
+    """Replace the rows `at` by those of `new`."""
+    return {name: overwritten_rows(column, at, new[name]) for name, column in columns.items()}
+
+
+def overwritten_rows(column: Array, at: Array, new: Array) -> Array:
+    """Replace the rows `at` of one array; texts get the room that the longest one needs."""
+    result = column.astype(np.result_type(column, new)) if column.dtype.kind == "U" else column.copy()
+    result[at] = new
+    return result
+
 
 _FAINT = 1e-3
 """What a vote with a negative score counts: scores that are no probabilities name a label all the same."""
@@ -45,7 +72,7 @@ class Tracks:
         """Select tracks by index."""
         return Tracks(
             self.track_id[at], self.hits[at], self.missed[at], self.updated_ns[at], self.votes[at],
-            self.states.rows(at), columns.rows(self.last, at),
+            self.states.rows(at), rows(self.last, at),
         )  # fmt: skip
 
     def labels(self) -> Text:
@@ -71,7 +98,7 @@ def measured_tracks(tracks: Tracks, at: Int64, detections: Columns, states: Stat
     missed[at] = 0
     updated_ns[at] = stamp_ns
     votes[at] += ballots(detections["label"], detections["score"])
-    last = columns.overwritten(tracks.last, at, detections)
+    last = overwritten(tracks.last, at, detections)
     return Tracks(tracks.track_id, hits, missed, updated_ns, votes, tracks.states.overwritten(at, states), last)
 
 
@@ -104,7 +131,7 @@ def surviving(tracks: Tracks, min_hits: int, max_missed: int) -> Bool:
     return going_on
 
 
-def joined(first: Tracks, second: Tracks) -> Tracks:
+def join_tracks(first: Tracks, second: Tracks) -> Tracks:
     """Put two sets of tracks into one."""
     return Tracks(
         np.concatenate([first.track_id, second.track_id]),
@@ -113,7 +140,7 @@ def joined(first: Tracks, second: Tracks) -> Tracks:
         np.concatenate([first.updated_ns, second.updated_ns]),
         np.concatenate([first.votes, second.votes]),
         kalman.join(first.states, second.states),
-        columns.joined(first.last, second.last),
+        join_columns(first.last, second.last),
     )
 
 
@@ -147,3 +174,30 @@ def seconds_since(last_ns: int, stamp_ns: int) -> float:
     if stamp_ns <= last_ns:
         raise DataError(f"tracker: stamp {stamp_ns} isn't after {last_ns}, reset trackers where a segment begins")
     return (stamp_ns - last_ns) * 1e-9
+
+
+def weight(hits: Int64, least: float) -> Float64:
+    """Share (T,) of the newest of `hits` measurements in their mean: one of all at first, and never below `least`.
+
+    With 0 the mean is that of all measurements, with 1 it is the last one.
+    """
+    return np.maximum(1.0 / hits, least)
+
+
+def mean_of(before: Float64, now: Float64, share: Float64) -> Float64:
+    """Mean of what was (T, ...) and a new measurement with its share (T,)."""
+    share = share.reshape(share.shape + (1,) * (now.ndim - 1))
+    return before + share * (now - before)
+
+
+def mean_yaw(before: Float64, now: Float64, share: Float64) -> tuple[Float64, Bool]:
+    """Mean heading (T,) [rad], and which measurements (T,) pointed backwards: they count turned by pi."""
+    change = wrap_angle(now - before)
+    backwards = np.abs(change) > np.pi / 2
+    change = np.where(backwards, wrap_angle(change + np.pi), change)
+    return wrap_angle(before + share * change), backwards
+
+
+def coasted_score(score: Float64, predicted: Bool, share: float) -> Float64:
+    """Scores (T,), those of predicted tracks lowered to a share; negative ones, which are no probabilities, stay."""
+    return score if share == 1.0 else np.where(predicted & (score > 0), score * share, score)

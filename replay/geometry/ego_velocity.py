@@ -1,10 +1,10 @@
-"""The motion of a radar over ground, from the radial velocities of one scan."""
+"""Motion of a radar over ground, from the radial velocities of one scan."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 
 INLIER_MPS = 0.4
 _MAX_SPEED_MPS = 45.0

@@ -1,4 +1,4 @@
-"""Which cameras of a rig are stereo pairs, and how their images are rectified."""
+"""Stereo pairs of a rig, and the rectification of their images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fbench.replay.arrays import Float32, Float64
-from fbench.replay.data import CameraModel, Rig
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float32, Float64
+from fbench.replay.data.images import Pixels
+from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project, rays
 from fbench.replay.geometry.transforms import inverse, transform
-from fbench.replay.images import Pixels
 
 Maps: TypeAlias = tuple[Float32, Float32]
 MAX_ANGLE_DEG = 10.0

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.arrays import Array, Float64
+from fbench.replay.data.arrays import Array, Float64
 
 _MANY = 2000
 """From so many points on a compiled loop is used: it takes a fifth of the time."""
@@ -53,7 +53,7 @@ def transform(dst_T_src: Float64, xyz: Array) -> Float64:
     """
     m = dst_T_src
     if len(xyz) >= _MANY and xyz.dtype in (np.float32, np.float64):
-        from fbench.replay.geometry.transform_kernel import moved  # numba takes a while to import
+        from fbench.replay.geometry.compiled import moved  # numba takes a while to import
 
         return moved(np.array(m, np.float64, order="C"), np.ascontiguousarray(xyz))
     p = np.asarray(xyz, np.float64)

@@ -1,14 +1,16 @@
-"""What a user says about the topics of a log goes before what the log says."""
+"""User settings applied to the topics and messages of a log."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.logs.codec import SENSORS
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.data.messages import Message, RadarScan
+from fbench.replay.logs.codecs.codec import SENSORS
+from fbench.replay.logs.codecs.foxglove.topics import RESULTS2D, RESULTS3D
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import SensorSetup, Setup
-from fbench.replay.names import did_you_mean
 
 _BOXES = ("truth", "detections")
 _POSES = ("pose", "odometry")
@@ -143,3 +145,69 @@ def _require_topics(
             )
         what = there.get(topic, "something that can't be read")
         raise ConfigError(f"{setup.source}: {key}: topic '{topic}' holds {what}", "CFG001")
+
+
+EGO_MOTION = "ego_motion"
+VELOCITY_PERIOD = "velocity_period_mps"
+
+
+def as_set_up(message: Message, setup: Setup) -> Message:
+    """Return a message with the signs that fbench gives to its values."""
+    sensor = setup.sensors.get(message.sensor)
+    if sensor is None or sensor.doppler == "receding" or not isinstance(message, RadarScan):
+        return message
+    rate = message.radial_velocity_mps
+    return message if rate is None else replace(message, radial_velocity_mps=-rate)
+
+
+def facts(setup: Setup) -> dict[str, str]:
+    """Return what pipelines must know of sensors, as metadata of the log: `radar.NAME.KEY`."""
+    found: dict[str, str] = {}
+    for name, sensor in setup.sensors.items():
+        if sensor.kind != "radar":
+            continue
+        if sensor.ego_motion == "removed":
+            found[f"radar.{name}.{EGO_MOTION}"] = sensor.ego_motion
+        if sensor.velocity_period_mps is not None:
+            found[f"radar.{name}.{VELOCITY_PERIOD}"] = f"{sensor.velocity_period_mps:g}"
+    return found
+
+
+def with_names(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, str]:
+    """Return metadata that speak of sensors by their new names; `names` are these by the old ones."""
+    return {_renamed(key, names): value for key, value in metadata.items()}
+
+
+def _renamed(key: str, names: Mapping[str, str]) -> str:
+    kind, _, rest = key.partition(".")
+    sensor, _, fact = rest.rpartition(".")
+    return f"{kind}.{names[sensor]}.{fact}" if kind == "radar" and sensor in names else key
+
+
+def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[int]:
+    """Return the channels of a topic with boxes; without a name, of the only one with results.
+
+    Raises:
+        LogError: where there is no such topic, or several without a name.
+    """
+    boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in ("detections", "truth")}
+    known = sorted({role.topic for role in boxes.values()})
+    if not topic:
+        named = {role.topic for role in boxes.values() if role.kind == "detections"}
+        # Of one system's boxes in 3D and in images, which importers keep on two topics, those in 3D are meant.
+        results = sorted(named - ({RESULTS2D} if RESULTS3D in named else set()))
+        if len(results) != 1:
+            raise LogError(f"{log}: which topic holds the results? {_choice(results, known)}", "CFG001")
+        topic = results[0]
+    found = frozenset(id_ for id_, role in boxes.items() if topic in (role.topic, role.sensor))
+    if not found:
+        raise LogError(f"{log}: no topic '{topic}' with boxes{did_you_mean(topic, known)}", "CFG001")
+    return found
+
+
+def _choice(results: list[str], known: list[str]) -> str:
+    """Say which topics with results there are, and where there are none, what else there is."""
+    if results:
+        return f"there are: {', '.join(results)}"
+    truth = f", only truth: {', '.join(known)}" if known else " with boxes"
+    return f"there is none{truth}; `fbench replay --detections PATH` takes them from elsewhere"

@@ -1,14 +1,16 @@
-"""What all containers of logs have in common: channels, and their messages in canonical order."""
+"""The interface of containers: channels, and their messages in canonical order."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import heapq
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
-from fbench.replay.arrays import Int64
-from fbench.replay.data import Message, Rig
+from fbench.replay.data.arrays import Int64
+from fbench.replay.data.messages import Message
+from fbench.replay.data.rig import Rig
+from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.header import LogHeader
-from fbench.replay.logs.truth_part import TruthPart
 
 
 @dataclass(frozen=True)
@@ -111,3 +113,44 @@ class Container(Protocol):
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         ...
+
+
+class Spanning(Protocol):
+    """A part of a log that is read at once."""
+
+    @property
+    def start_ns(self) -> int:
+        """No message of it has a smaller log time."""
+        ...
+
+    @property
+    def offset(self) -> int:
+        """Its place among the others."""
+        ...
+
+
+B = TypeVar("B", bound=Spanning)
+
+
+def merged(blocks: Sequence[B], load: Callable[[B], Iterable[Entry]]) -> Iterator[Entry]:
+    """Yield the messages of all blocks; a block is loaded when its time comes and dropped when it is used up."""
+    heap: list[tuple[Entry, Iterator[Entry]]] = []
+    for block in sorted(blocks, key=lambda b: (b.start_ns, b.offset)):
+        while heap and heap[0][0].log_ns < block.start_ns:
+            yield _pop(heap)
+        entries = iter(load(block))
+        first = next(entries, None)
+        if first is not None:
+            heapq.heappush(heap, (first, entries))
+    while heap:
+        yield _pop(heap)
+
+
+def _pop(heap: list[tuple[Entry, Iterator[Entry]]]) -> Entry:
+    entry, rest = heap[0]
+    following = next(rest, None)
+    if following is None:
+        heapq.heappop(heap)
+    else:
+        heapq.heapreplace(heap, (following, rest))
+    return entry

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hashlib import blake2b
 
-from fbench.replay.data import KINDS, Kind, LogInfo, Rig
-from fbench.replay.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.rig import KINDS, Kind, LogInfo, Rig
 
 NAME = "fbench"
 _ID, _DIGEST, _METADATA, _SENSOR = "log_id", "digest", "metadata.", "sensor."

@@ -1,14 +1,97 @@
-"""Opening a log, whatever container it is in."""
+"""Opening a log, whatever its container, also one that consists of several files."""
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.container import Container
-from fbench.replay.logs.parts import Parts
+import numpy as np
+
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Int64
+from fbench.replay.data.rig import Rig
+from fbench.replay.logs.container import Channel, Container, Entry, merged
+from fbench.replay.logs.containers.limits import entries_from
+from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.logs.header import LogHeader
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
+
+T = TypeVar("T")
+_IDS = 2**32
+"""Channel `c` of part `p` gets the id `p * _IDS + c`."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    offset: int
+    """Its number."""
+    start_ns: int
+    container: Container
+
+
+class Parts:
+    """A recording that was split into files; implements `Container`.
+
+    Files are opened when their time comes, so that many of them don't fill the memory.
+    """
+
+    def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
+        self.path = path
+        self._faults = faults
+        self._parts = [_Part(i, _start_ns(c), c) for i, c in enumerate(containers)]
+        self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
+        self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
+        self.header: LogHeader | None = next((c.header for c in containers if c.header is not None), None)
+        self.rigs: Sequence[tuple[int, Rig]] = ()
+
+    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
+        """All messages of these channels in canonical order."""
+        wanted = [part for part in self._parts if self._of(part, channels)]
+        return merged(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
+
+    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
+        """All messages of these channels from a log time on, in canonical order."""
+        wanted = [part for part in self._parts if self._of(part, channels)]
+        return merged(
+            wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
+        )
+
+    def log_times(self) -> Mapping[int, Int64] | None:
+        """Log times of each channel, where all parts know them."""
+        times = [part.container.log_times() for part in self._parts]
+        return None if any(t is None for t in times) else self._by_id([t for t in times if t is not None])
+
+    def verify(self) -> None:
+        """Check all parts."""
+        for part in self._parts:
+            part.container.verify()
+
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Count a fault unless `key`, the place, was counted under the same code before."""
+        self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
+
+    @staticmethod
+    def _entries(part: _Part, entries: Iterator[Entry]) -> Iterator[Entry]:
+        first = part.offset * _IDS
+        for entry in entries:
+            yield entry._replace(part=part.offset, channel=first + entry.channel)
+
+    def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:
+        return frozenset(id_ % _IDS for id_ in channels if id_ // _IDS == part.offset)
+
+    @staticmethod
+    def _by_id(maps: Sequence[Mapping[int, T]]) -> dict[int, T]:
+        return {i * _IDS + id_: value for i, values in enumerate(maps) for id_, value in values.items()}
+
+
+def _start_ns(container: Container) -> int:
+    """Log time before which the container has no message."""
+    entry = next(container.entries(frozenset(container.channels)), None)
+    return 0 if entry is None else entry.log_ns
+
 
 LOG_JSON = "log.json"
 _METADATA = "metadata.yaml"
@@ -33,7 +116,7 @@ def open_container(path: Path, faults: FaultLog) -> Container:
         LogError: where it can't be read or is none of these.
     """
     if path.name == LOG_JSON or (path / LOG_JSON).is_file():
-        from fbench.replay.logs.parquet.folder import ParquetFolder
+        from fbench.replay.logs.containers.parquet.folder import ParquetFolder
 
         return ParquetFolder(path.parent if path.name == LOG_JSON else path, faults)
     if path.is_dir() or path.name == _METADATA:
@@ -45,19 +128,19 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
     """Open one file, whose single messages may be compressed too."""
     start = _start(path)
     if start.startswith(b"SQLite format 3\x00"):
-        from fbench.replay.logs.rosbag.sqlite import Db3File
+        from fbench.replay.logs.containers.rosbag.sqlite import Db3File
 
         return Db3File(path, faults, compression)
     if start.startswith(b"#ROSBAG V"):
-        from fbench.replay.logs.rosbag.bag1 import Ros1Bag
+        from fbench.replay.logs.containers.rosbag.bag1 import Ros1Bag
 
         return Ros1Bag(path, faults)
-    from fbench.replay.logs.mcap.file import McapFile
+    from fbench.replay.logs.containers.mcap.file import McapFile
 
     file = McapFile(path, faults)
     if not compression:
         return file
-    from fbench.replay.logs.rosbag.zstd import UnpackedMessages
+    from fbench.replay.logs.containers.rosbag.zstd import UnpackedMessages
 
     return UnpackedMessages(file)
 
@@ -74,7 +157,7 @@ def _start(path: Path) -> bytes:
 
 def _folder(path: Path, faults: FaultLog) -> Container:
     """Open all files of a split recording as one log."""
-    from fbench.replay.logs.rosbag.folder import by_number, is_recording, missing_numbers, rosbag2_files
+    from fbench.replay.logs.containers.rosbag.folder import by_number, is_recording, missing_numbers, rosbag2_files
 
     if is_recording(path):
         parts = rosbag2_files(path, faults)
@@ -85,3 +168,59 @@ def _folder(path: Path, faults: FaultLog) -> Container:
     for name in missing_numbers(bags):
         faults.add("LOG011", f"{path.name}: '{name}'")
     return Parts(path, [_file(bag, faults) for bag in bags], faults)
+
+
+_MAX_NS = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Storage:
+    """The form of a log."""
+
+    form: str
+    """`MCAP`, `Parquet`, `ROS 1 bag`, `rosbag2 (SQLite)`, `folder`."""
+    num_bytes: int
+    compression: tuple[str, ...] | None = None
+    """Of its blocks; `None`: not known."""
+    num_blocks: int | None = None
+    is_indexed: bool = True
+    """Whether it could be surveyed without reading its messages."""
+
+
+def storage(container: Container, times: Mapping[int, Int64] | None) -> Storage:
+    """Tell in what form a log is stored, whose index knows these log times."""
+    files = [container.path] if container.path.is_file() else sorted(container.path.rglob("*"))
+    num_bytes = sum(file.stat().st_size for file in files if file.is_file())
+    if isinstance(container, McapFile):
+        blocks, is_stored = container.index.blocks, container.index.is_stored
+        names = sorted({block.compression or "none" for block in blocks}) if is_stored else None
+        return Storage("MCAP", num_bytes, None if names is None else tuple(names), len(blocks), is_stored)
+    return Storage(_form(container), num_bytes, is_indexed=times is not None)
+
+
+def _form(container: Container) -> str:
+    path = container.path
+    if path.is_dir():
+        return "Parquet" if (path / "log.json").is_file() else "folder"
+    with path.open("rb") as file:
+        start = file.read(16)
+    if start.startswith(b"#ROSBAG"):
+        return "ROS 1 bag"
+    return "rosbag2 (SQLite)" if start.startswith(b"SQLite") else path.suffix.removeprefix(".") or "file"
+
+
+def read_log_times(container: Container) -> dict[int, Int64]:
+    """Log times of each channel, ascending, from a pass over all messages."""
+    found = {id_: array("Q") for id_ in container.channels}
+    for entry in container.entries(frozenset(container.channels)):
+        if entry.log_ns <= _MAX_NS:
+            found[entry.channel].append(entry.log_ns)
+    return {id_: np.array(times, np.int64) for id_, times in found.items()}
+
+
+def span_ns(container: Container, times: Mapping[int, Int64] | None) -> tuple[int, int] | None:
+    """Log times of the first and the last message; `None` without any."""
+    if times is None:
+        return container.index.span_ns if isinstance(container, McapFile) else None
+    full = [t for _, t in sorted(times.items()) if len(t)]
+    return (min(int(t[0]) for t in full), max(int(t[-1]) for t in full)) if full else None

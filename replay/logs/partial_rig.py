@@ -1,13 +1,13 @@
-"""What can be told of a rig that is incomplete, sensor by sensor."""
+"""The known part of an incomplete rig, sensor by sensor."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from fbench.replay.data import KINDS, CameraModel, Kind, Mount, Rig
-from fbench.replay.errors import LogError
-from fbench.replay.logs.codec import SENSORS
-from fbench.replay.logs.read_rig import RigState, first_state
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig
+from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.rig import RigState, first_state
 
 
 @dataclass(frozen=True, eq=False)

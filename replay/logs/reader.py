@@ -1,4 +1,4 @@
-"""Reading a log as messages, truth and rig, whatever container and encoding it is in."""
+"""Reading a log as messages, truth and rig, whatever its container and encoding."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,29 +9,23 @@ from typing import TypeVar
 
 import numpy as np
 
-from fbench.replay.classes import ClassMap
-from fbench.replay.data import BOXES, KINDS, LogInfo, Message, Pose, Rig, RigChange, Tick, Truth
-from fbench.replay.errors import ConfigError, DataError, DecodeError, LogError, PointsError
-from fbench.replay.faults import FaultLog
-from fbench.replay.log_keys import CAMERA0
-from fbench.replay.logs.apply_setup import as_set_up, facts, with_names
-from fbench.replay.logs.arrange import arranged
-from fbench.replay.logs.box_topics import box_channels
-from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Origin
+from fbench.replay.contracts.errors import ConfigError, DataError, DecodeError, LogError, PointsError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.classes import ClassMap
+from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.rig import KINDS, LogInfo, Rig, RigChange
+from fbench.replay.logs.arrange import arranged, as_set_up, box_channels, facts, with_names
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Origin, TruthPart
 from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.coordinates import CoordinateFrames
-from fbench.replay.logs.patching import fitted, renamed, require_use
-from fbench.replay.logs.read_rig import RigState, first_state
-from fbench.replay.logs.rig_changes import RigChanges
-from fbench.replay.logs.roles import Role, roles
-from fbench.replay.logs.selection import selected
+from fbench.replay.logs.coordinate_frames import BODIES, BODY, CoordinateFrames, invalid, tree_of
+from fbench.replay.logs.poses import TfPoses, TfSource, of_body
+from fbench.replay.logs.rig import RigChanges, RigState, first_state
+from fbench.replay.logs.rig_patch import fitted, renamed, require_use
+from fbench.replay.logs.roles import Role, roles, selected
 from fbench.replay.logs.setup import BoxSource, Setup
-from fbench.replay.logs.tf_poses import TfPoses, TfSource, of_body
-from fbench.replay.logs.tree import BODIES, BODY, invalid, tree_of
-from fbench.replay.logs.truth_frames import PosesIn, in_body
-from fbench.replay.logs.truth_part import TruthPart
-from fbench.replay.logs.truth_stream import joined, paired
-from fbench.replay.secrets import clean_mapping, without_secrets
+from fbench.replay.logs.truth import PosesIn, in_body, joined, paired
+from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 T = TypeVar("T", bound=Message | Truth)
 
@@ -39,7 +33,7 @@ _MAX_STAMP_NS = 2**63 - 1
 
 
 class LogReader:
-    """One log; implements `fbench.replay.protocols.Reader`.
+    """One log; implements `fbench.replay.contracts.protocols.Reader`.
 
     Holds only blocks that overlap in time. Faults are counted once, however many passes are made.
 
@@ -223,7 +217,7 @@ class LogReader:
                 yield pose
 
     def detections(self, topic: str) -> Iterator[Truth]:
-        """Results of another system; see `fbench.replay.protocols.BoxReader`.
+        """Results of another system; see `fbench.replay.contracts.protocols.BoxReader`.
 
         Raises:
             LogError: where there is no such topic.
@@ -235,7 +229,7 @@ class LogReader:
 
     def _filed(self, source: BoxSource) -> Iterator[Truth]:
         """Boxes of a file, with the labels that the setup gives them."""
-        from fbench.replay.boxfiles.open import open_boxes  # most logs have no such file, and tables need pyarrow
+        from fbench.replay.formats.open import open_boxes  # most logs have no such file, and tables need pyarrow
 
         unknown = self._unknown(source.path.name)
         for truth in open_boxes(source, self.coordinate_frames, self.faults).truths():

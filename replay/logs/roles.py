@@ -1,14 +1,15 @@
-"""What each channel of a log means: kind, sensor, and where its frame numbers are."""
+"""Roles of channels: kind, sensor, and where frame numbers are; selection by patterns."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
-from fbench.replay.errors import DecodeError, LogError, UnsupportedError
-from fbench.replay.logs.codec import MESSAGES, SENSORS, Codec, Probe
+from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError, UnsupportedError, did_you_mean
+from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, Codec, Probe
+from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
 from fbench.replay.logs.container import Channel, Container, Schema
-from fbench.replay.logs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR, SEQUENCE, SIZE
-from fbench.replay.logs.tree import BODIES
+from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"
 """Encoding of channels whose messages the container gives decoded."""
@@ -88,12 +89,12 @@ class Codecs:
             DecodeError: where the definition of its type is damaged.
         """
         if channel.encoding == "protobuf":
-            from fbench.replay.logs.foxglove.codec import foxglove_codec
+            from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
             return foxglove_codec(channel)
         if channel.encoding not in _ROS:
             return None
-        from fbench.replay.logs.ros.codec import ros_codec
+        from fbench.replay.logs.codecs.ros.codec import ros_codec
 
         key = channel.encoding, channel.schema
         if key not in self._ros:
@@ -178,3 +179,36 @@ def _check_schemas(container: Container, channels: Iterable[int]) -> None:
         if schemas.setdefault(topic, name) != name:
             two = f"{schemas[topic]} and {name}"
             raise LogError(f"{container.path}: topic '{topic}' has messages of two schemas, {two}", "LOG009")
+
+
+def selected(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:
+    """Keep the measurements and poses whose topic or sensor fits a pattern (`*`, `?`, `[...]`); `!` before a pattern
+    leaves out what fits it. Transforms, calibrations of kept cameras and truth stay.
+
+    Raises:
+        ConfigError: where a pattern fits nothing.
+    """
+    streams = {id_: role for id_, role in roles.items() if role.kind in MESSAGES}
+    for pattern in patterns:
+        if not any(_fits(role, pattern.removeprefix("!")) for role in streams.values()):
+            names = sorted({name for role in streams.values() for name in (role.topic, role.sensor)})
+            hint = did_you_mean(pattern, names)
+            raise ConfigError(f"--topics {pattern}: fits no topic or sensor{hint}", "CFG001")
+    wanted = [p for p in patterns if not p.startswith("!")]
+    unwanted = [p[1:] for p in patterns if p.startswith("!")]
+    dropped = {
+        id_: role
+        for id_, role in streams.items()
+        if (wanted and not any(_fits(role, p) for p in wanted)) or any(_fits(role, p) for p in unwanted)
+    }
+    kept_sensors = {role.sensor for id_, role in streams.items() if id_ not in dropped}
+    gone = {role.sensor for role in dropped.values()} - kept_sensors
+    return {
+        id_: role
+        for id_, role in roles.items()
+        if id_ not in dropped and not (role.kind == "calibration" and role.is_own and role.sensor in gone)
+    }
+
+
+def _fits(role: Role, pattern: str) -> bool:
+    return fnmatchcase(role.topic, pattern) or fnmatchcase(role.sensor, pattern)

@@ -1,12 +1,14 @@
-"""What a user says about a log, beside what the log says itself."""
+"""Settings of a log given by the user: topics, frames, stamps and clocks."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
-from fbench.replay.data import Kind
-from fbench.replay.rig_patch import RigPatch
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.data.messages import Message
+from fbench.replay.data.rig import Kind
+from fbench.replay.logs.rig_patch import RigPatch
 
 Doppler = Literal["receding", "approaching"]
 EgoMotion = Literal["included", "removed"]
@@ -69,3 +71,114 @@ class Setup:
     """Label of fbench, or `ignore`, for the name that a source gives to a class."""
     source: str = ""
     """Where this was read, for errors."""
+
+
+MAX_SKEW_NS = 60_000_000_000
+"""Clocks that differ by more can't be one clock with a delay [ns]."""
+MAX_OFFSET_MS = 4e12
+"""Over a hundred years: what is added to a stamp of today still fits 64 bits."""
+
+StampSource = Literal["header", "log"]
+
+
+@dataclass(frozen=True)
+class StampParams:
+    """How the stamps of frames are made from those that were recorded."""
+
+    source: StampSource = "header"
+    """`header`: when the sensor says it measured; `log`: when the message was recorded."""
+    offsets_ns: Mapping[str, int] = field(default_factory=dict)
+    """Added to the stamps of one sensor, by its name [ns]."""
+    assumed: tuple[str, ...] = ()
+    """Sensors whose offset a configuration gives, which may be left out."""
+
+    def restamped(self, message: Message) -> Message:
+        """Return the message with the stamp that counts."""
+        stamp = message.log_ns if self.source == "log" else message.stamp_ns
+        stamp += self.offsets_ns.get(message.sensor, 0)
+        return message if stamp == message.stamp_ns else replace(message, stamp_ns=stamp)
+
+    def require_known(self, sensors: Collection[str]) -> None:
+        """Refuse offsets of sensors that aren't there.
+
+        Raises:
+            ConfigError: naming the nearest one.
+        """
+        for name in sorted(self.offsets_ns):
+            if name not in sensors and name not in self.assumed:
+                raise ConfigError(f"--offset {name}: no such sensor{did_you_mean(name, sensors)}")
+
+
+def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
+    """Read `--stamps` and the `SENSOR=MS` of `--offset`.
+
+    Raises:
+        ConfigError: where one can't be understood, or a sensor has two offsets.
+    """
+    if source not in get_args(StampSource):
+        raise ConfigError(f"--stamps {source}: expected 'header' or 'log'")
+    given: dict[str, int] = {}
+    for text in offsets:
+        name, _, value = text.rpartition("=")
+        if name in given:
+            raise ConfigError(f"--offset {text}: '{name}' has an offset already")
+        given[name] = _offset_ns(text, name, value)
+    return StampParams("log" if source == "log" else "header", dict(sorted(given.items())))
+
+
+def _offset_ns(text: str, name: str, value: str) -> int:
+    try:
+        offset_ms = float(value)
+    except ValueError:
+        offset_ms = float("nan")
+    if not name or not abs(offset_ms) <= MAX_OFFSET_MS:
+        raise ConfigError(f"--offset {text}: expected SENSOR=MILLISECONDS, such as radar=-12.5")
+    return round(offset_ms * 1e6)
+
+
+class ClockCheck:
+    """Compares the clocks of sensors where each speaks first: the skew between its stamp and the time of recording.
+
+    Args:
+        reference: With whose clock the others are compared.
+        params: Sensors with an offset are trusted.
+    """
+
+    def __init__(self, reference: str, params: StampParams) -> None:
+        self._reference, self._trusted = reference, params.offsets_ns
+        self._skews_ns: dict[str, int] = {}
+
+    def check(self, message: Message) -> None:
+        """Take a message with the stamp that counts.
+
+        Raises:
+            LogError: where the clock of its sensor, or of one that spoke before the reference, is another.
+        """
+        if message.sensor in self._skews_ns:
+            return
+        self._skews_ns[message.sensor] = message.stamp_ns - message.log_ns
+        if self._reference not in self._skews_ns:
+            return
+        for name in sorted(self._skews_ns) if message.sensor == self._reference else (message.sensor,):
+            self._compare(name)
+
+    def _compare(self, name: str) -> None:
+        skew_ns = self._skews_ns[name] - self._skews_ns[self._reference]
+        if name in self._trusted or abs(skew_ns) <= MAX_SKEW_NS:
+            return
+        advice = mending_offset(name, self._skews_ns[name], self._reference, self._skews_ns[self._reference])
+        raise LogError(
+            f"sensor '{name}': its clock differs from that of '{self._reference}' by {skew_ns / 1e9:.3f} s; "
+            f"give {advice} or --stamps log",
+            "TIM008",
+        )
+
+
+def mending_offset(name: str, skew_ns: int, reference: str, reference_skew_ns: int) -> str:
+    """Return the option that makes the clocks of a sensor and the reference one: it moves the sensor whose stamps are
+    farther from the times of recording; skews are stamp minus time of recording.
+    """
+    difference_ns = skew_ns - reference_skew_ns
+    if abs(reference_skew_ns) > abs(skew_ns):
+        return f"--offset {reference}={difference_ns / 1e6:.0f}"
+    return f"--offset {name}={-difference_ns / 1e6:.0f}"

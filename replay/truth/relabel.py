@@ -1,4 +1,4 @@
-"""Giving a run other ground truth, without replaying the log."""
+"""Relabeling of a run with other ground truth, without replaying the log."""
 
 import json
 import os
@@ -8,26 +8,22 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.boxfiles.entry import truth_entry
-from fbench.replay.boxfiles.open import BoxFile, open_boxes
-from fbench.replay.classes import ClassMap
-from fbench.replay.data import Boxes, Truth
-from fbench.replay.errors import MetricError
-from fbench.replay.fault_budget import FaultBudget
-from fbench.replay.faults import FAULTS, FaultLog
-from fbench.replay.files import replace_text
-from fbench.replay.frame_poses import pose_of
-from fbench.replay.log_keys import CAMERA0
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.faults import FAULTS, FaultBudget, FaultLog
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.classes import ClassMap
+from fbench.replay.data.files import replace_text
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.engine.poses import pose_of
+from fbench.replay.formats.open import BoxFile, open_boxes, truth_entry
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, tree_of
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.logs.tree import BODY, tree_of
-from fbench.replay.manifest import InterpolationEntry, Manifest, save_manifest
-from fbench.replay.redact import redacted_rows
-from fbench.replay.store import FRAMES, Run, with_truth, write_frames
-from fbench.replay.tables import BoxWriter
-from fbench.replay.truth.fitted import fitted
-from fbench.replay.truth.labelling import Instant, stray
+from fbench.replay.runs.folder import FRAMES, Run, with_truth, write_frames
+from fbench.replay.runs.manifest import InterpolationEntry, Manifest, save_manifest
+from fbench.replay.runs.redaction import redacted_rows
+from fbench.replay.runs.tables import BoxWriter
+from fbench.replay.truth.labelling import Instant, fitted, stray
 from fbench.replay.truth.times import TruthTimes
 
 _ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007")

@@ -1,18 +1,16 @@
-"""Truth at the instants of the frames: moved there, and where that is wanted found for frames between truths."""
+"""Truth at the instants of the frames: moved there, and interpolated where that is wanted."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D, concatenate
-from fbench.replay.data import Truth
-from fbench.replay.errors import ConfigError
-from fbench.replay.truth.body_motion import BodyMotion
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.messages import Truth
+from fbench.replay.truth.interpolation import BodyMotion, Placed, Target, TruthMoves, Window, in_rows
 from fbench.replay.truth.labelling import TOLERANCE_NS, Instant, Labelling, alike
-from fbench.replay.truth.moves import Target, TruthMoves, in_rows
-from fbench.replay.truth.window import Placed, Window
 
 MAX_GAP_NS = 600_000_000
 """Truth moves to the instant of its frame only between truths that aren't farther apart: keyframes of 2 Hz, say."""

@@ -1,15 +1,16 @@
-"""The head of the report: which runs, what they are called here, and what must be known before their numbers are."""
+"""The head of the report: the runs, their faults, and what must be known before the numbers are read."""
 
 import json
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from fbench.replay.predictions import Predictions, predictions_of
-from fbench.replay.store import Run
-from fbench.reports.html.records import FaultRow, FaultTable, read_record
-from fbench.reports.html.text import DASH, brief, visible
+from fbench.replay.contracts.faults import FAULTS
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.shares import Predictions, predictions_of
+from fbench.reports.html.records import DASH, FaultRow, FaultTable, brief, number, read_record, visible
 
 
 @dataclass(frozen=True)
@@ -119,3 +120,105 @@ def _flat(value: Any, prefix: str = "") -> dict[str, str]:
     if not prefix:
         return {}
     return {prefix: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)}
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One banner."""
+
+    level: str
+    """`bad`, `warn` or `info`."""
+    head: str
+    text: str
+    losses: Sequence[FaultRow] = ()
+    who: Sequence[str] = ()
+    """Labels of the runs it is about."""
+
+
+def notices(overviews: Sequence[Overview]) -> list[Notice]:
+    """Return all banners, the worst first; runs about which the same must be said share one."""
+    merged: dict[tuple[str, str, str, tuple[str, ...]], Notice] = {}
+    for overview in overviews:
+        for notice in _of(overview):
+            key = (notice.level, notice.head, notice.text, tuple(row.model_dump_json() for row in notice.losses))
+            before = merged.get(key, notice)
+            merged[key] = replace(notice, who=(*before.who, overview.label))
+    found = [*merged.values(), *_different(overviews)]
+    return sorted(found, key=lambda notice: ("bad", "warn", "info").index(notice.level))
+
+
+def _of(o: Overview) -> Iterator[Notice]:
+    faults = "" if o.lost is None else f"{o.lost} {'fault' if o.lost == 1 else 'faults'}"
+    if not o.complete:
+        text = "The run is not complete; its numbers describe only what was left."
+        yield Notice("bad", f"Data was lost: {faults}." if faults else "Data was lost.", text, o.losses)
+    elif o.lost:
+        yield Notice("warn", f"Data was lost, and tolerated: {faults}.", "The run was allowed to go on.", o.losses)
+    if o.failed:
+        head = f"The pipeline failed on {o.failed} of {o.frames} frames."
+        yield Notice("warn", head, "Truth in these frames counts as missed.")
+    if not o.labelled:
+        text = "The log has no ground truth, so accuracy can’t be scored; latency, faults and outputs are all there is."
+        yield Notice("info", "No truth.", text)
+    elif o.labelled < o.frames:
+        head = f"{o.labelled} of {o.frames} frames have truth."
+        yield Notice("info", head, "The others were replayed and not scored.")
+    if o.predictions is not None:
+        yield Notice("info", "Tracks predicted in between stand for detections.", f"They are {o.predictions}.")
+
+
+def _different(overviews: Sequence[Overview]) -> list[Notice]:
+    if len({o.log_digest for o in overviews}) < 2:
+        return []
+    text = "Their log digests differ, so their numbers don’t compare pipelines alone."
+    return [Notice("warn", "These runs replayed different data.", text)]
+
+
+@dataclass(frozen=True)
+class FaultLine:
+    """One code with its counts, one a run."""
+
+    code: str
+    text: str
+    loses_data: bool
+    counts: Sequence[str]
+    places: Sequence[tuple[str, Sequence[str]]]
+    """First places by label of the run."""
+    total: int
+
+
+def fault_lines(runs: Sequence[Run], labels: Sequence[str]) -> list[FaultLine]:
+    """Return all codes of the fault table, and those of the runs that this version doesn't know."""
+    tables = [read_record(run, "faults.json", FaultTable) for run in runs]
+    columns = [{row.code: row for row in table.rows} if table else {} for table in tables]
+    known = {
+        code: FaultRow(code=code, behaviour=kind.behaviour, text=kind.text, count=0) for code, kind in FAULTS.items()
+    }
+    rows = known | {code: row for column in columns for code, row in column.items() if code not in known}
+    return [_line(row, [column.get(row.code) for column in columns], labels) for row in rows.values()]
+
+
+def _line(row: FaultRow, cells: Sequence[FaultRow | None], labels: Sequence[str]) -> FaultLine:
+    places = [(label, cell.places) for label, cell in zip(labels, cells, strict=True) if cell and cell.places]
+    counts = [DASH if cell is None else str(cell.count) for cell in cells]
+    return FaultLine(
+        row.code, row.text, row.behaviour == "count", counts, places, sum(cell.count for cell in cells if cell)
+    )
+
+
+_PERIOD_KEY = "radar.velocity_period_mps"
+
+
+def velocity_periods(runs: Sequence[Run]) -> list[str]:
+    """Return the periods [m/s] with which radial velocities alias, as the metadata of the runs' logs say."""
+    texts = dict.fromkeys(run.manifest.log.metadata.get(_PERIOD_KEY, "") for run in runs)
+    return list(dict.fromkeys(number(period, 2) for period in map(_period, texts) if period))
+
+
+def _period(text: str) -> float:
+    """Return 0 where `text` is no positive number."""
+    try:
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if math.isfinite(value) and value > 0 else 0.0

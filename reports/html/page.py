@@ -1,24 +1,26 @@
-"""Puts the page together from templates, style, scripts and data."""
+"""The page, put together from templates, style, scripts and data, and written.
 
+Charts are drawn by a few hundred lines of plain JavaScript instead of plotly: its bundle alone weighs 4.5 MB a
+report, and the frame viewer (points, boxes and image linked to each other) would have to be written by hand anyway.
+"""
+
+import os
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.resources import files
+from pathlib import Path
 
 import jinja2
 from markupsafe import Markup
 
-from fbench.replay.result_table import Results
-from fbench.replay.store import Run
-from fbench.reports.html.faults import fault_lines
-from fbench.reports.html.latency import latency_panels
-from fbench.reports.html.notices import notices
-from fbench.reports.html.overview import overview, run_labels, title, what_ran
-from fbench.reports.html.radar import velocity_periods
-from fbench.reports.html.records import LatencyTable
-from fbench.reports.html.results import result_view
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.scores import Results
+from fbench.replay.runs.folder import Run
+from fbench.reports.html.latency import frame_times, latency_panels
+from fbench.reports.html.overview import fault_lines, notices, overview, run_labels, title, velocity_periods, what_ran
+from fbench.reports.html.records import LatencyTable, island, number, visible
 from fbench.reports.html.scene import scenes, shown_frames
-from fbench.reports.html.scoreboard import scoreboard
-from fbench.reports.html.text import island, number, visible
-from fbench.reports.html.timeline import frame_times
+from fbench.reports.html.scoreboard import result_view, scoreboard
 
 _SCRIPTS = ("base.js", "view.js", "scene.js", "camera.js", "objects.js", "timeline.js", "main.js")
 
@@ -74,3 +76,44 @@ def _environment() -> jinja2.Environment:
 def _shown(value: object) -> object:
     """Make text visible before it is escaped."""
     return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+class HtmlReport:
+    """One self-contained HTML file about one run, or about several side by side.
+
+    It loads nothing, works offline, and is equal byte by byte for equal run folders; all that was measured on the
+    host's clock stands inside the one section `timing`.
+    """
+
+    def write(self, runs: Sequence[Run], out: Path) -> None:
+        """Write the report of `runs` to `out`, which appears only when whole.
+
+        Raises:
+            ConfigError: without runs, or where `out` can't be written.
+            RunError: where a run folder is damaged.
+        """
+        if not runs:
+            raise ConfigError("report: no runs given; name at least one run folder")
+        _write_whole(out, page(runs).encode("utf-8"))
+
+    def write_results(self, results: Results, runs: Sequence[Run], out: Path) -> None:
+        """Write a report that begins with the tables of an experiment, and goes on with `runs`, some of its own; see
+        `write`.
+        """
+        _write_whole(out, page(runs, results).encode("utf-8"))
+
+
+def _write_whole(out: Path, content: bytes) -> None:
+    partial = out.with_name(f".{out.name}.partial-{os.getpid()}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(out)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        why = f"{out}: the report can't be written ({error.strerror}); choose another with --out"
+        raise ConfigError(why) from error

@@ -1,4 +1,4 @@
-"""Whether the LiDARs fit the image of a camera better when they are turned a little."""
+"""Alignment of LiDARs and cameras: whether the edges fit better when the LiDAR is turned a little."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,12 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.arrays import Float32, Float64
-from fbench.replay.data import CameraModel
+from fbench.replay.data.arrays import Float32, Float64
+from fbench.replay.data.images import Pixels
+from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.camera import in_image, project
 from fbench.replay.geometry.transforms import inverse, transform
-from fbench.reports.preview.depth_edges import edge_strength, sampled
-from fbench.reports.preview.sample import Sample
+from fbench.reports.preview import draw
+from fbench.reports.preview.camera import whole
+from fbench.reports.preview.draw import INK, of_depth
+from fbench.reports.preview.sample import Sample, edge_strength, sampled
 
 WIDTH_PX = 640
 STEP_DEG = 0.5
@@ -161,3 +164,23 @@ def _values(found: _Evidence, model: CameraModel, turn_deg: Float64) -> Float64:
     turned[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
     uv, _ = project(model, transform(turned, found.edges))
     return sampled(found.field, (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5)
+
+
+def edges_view(sample: Sample, camera: str) -> Pixels:
+    """Draw the upright edges of the image in grey and the near sides of jumps in depth upon them, by depth."""
+    pixels, model = sample.image(camera), sample.rig.cameras[camera]
+    window = whole(model.size_wh)
+    width, height = window.size_wh
+    strength = edge_strength(pixels, width)
+    gray = np.round(255 * np.clip(strength / max(float(strength.max()), 1e-6), 0, 1)).astype(np.uint8)
+    picture = draw.canvas(width, height)
+    rows = min(height, gray.shape[0])
+    picture[:rows] = np.repeat(gray[:rows, :, None], 3, axis=2)
+    uv, depth = project(model, edges_of(sample, camera))
+    seen = in_image(model, uv)
+    radii = np.full(int(seen.sum()), 3 if seen.sum() < 1500 else 2)
+    draw.disks(picture, window.to_picture(uv[seen]), radii, of_depth(depth[seen]))
+    draw.lines(
+        picture, [f"frame {sample.frame.index}: jumps of LiDAR depth on upright edges of {draw.plain(camera)}"], [INK]
+    )
+    return picture

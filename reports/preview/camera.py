@@ -1,16 +1,140 @@
 """Camera images with what other sensors measured."""
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from fbench.replay.arrays import Float64
-from fbench.replay.data import Kind
-from fbench.replay.geometry.camera import project_boxes
-from fbench.replay.images import Pixels
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes3D, finite
+from fbench.replay.data.images import Pixels
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import Kind
+from fbench.replay.geometry.camera import in_image, project_body, project_boxes, project_edges
 from fbench.reports.preview import draw
-from fbench.reports.preview.colors import FAR_M, INK, MAX_SPEED_MPS, NEAR_M, TRUTH, TRUTH_2D, of_depth, of_speed
-from fbench.reports.preview.layers import Layer, boxes3d, layer, outlines, rectangles, wires
+from fbench.reports.preview.draw import FAR_M, INK, MAX_SPEED_MPS, NEAR_M, TRUTH, TRUTH_2D, Colors, of_depth, of_speed
 from fbench.reports.preview.sample import Sample
-from fbench.reports.preview.window import Window, around, whole
+
+_MANY, _FEW = 20_000, 4_000
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Points in an image, the farthest first, so that near ones are drawn over them."""
+
+    uv_px: Float64
+    """(N, 2) in the image."""
+    depth_m: Float64
+    radii_px: Float64
+    """(N,) larger for nearer points and for sparse ones, so that both can be seen."""
+    colors: Colors
+    """(N, 3)."""
+
+
+def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
+    """Points of all placed sensors of one kind that lie in the image of a camera.
+
+    Raises:
+        LogError: where the lens distortion of the camera isn't modelled.
+    """
+    points = sample.placed(kind)
+    xyz = np.concatenate([p.xyz for p in points]) if points else np.zeros((0, 3))
+    speed = np.concatenate([p.speed_mps for p in points]) if points else np.zeros(0)
+    uv, depth = project_body(sample.rig, camera, xyz)
+    rows = np.flatnonzero(in_image(sample.rig.cameras[camera], uv))
+    rows = rows[np.argsort(-depth[rows], kind="stable")]
+    uv, depth, speed = uv[rows], depth[rows], speed[rows]
+    if kind == "radar":
+        return Layer(uv, depth, np.clip(np.round(40 / depth**0.75), 3, 11), of_speed(speed))
+    return Layer(uv, depth, _radii(depth), of_depth(depth))
+
+
+def _radii(depth_m: Float64) -> Float64:
+    share = np.clip((_MANY - len(depth_m)) / (_MANY - _FEW), 0, 1)
+    return np.asarray(np.clip((1 + 1.3 * share) * np.sqrt(15 / depth_m), 1, 6), np.float64)
+
+
+def wires(sample: Sample, camera: str) -> Iterator[Float64]:
+    """Edges of the 3D boxes of the truth as lines (M, 2) of pixels, NaN where they aren't seen.
+
+    Raises:
+        LogError: where the lens distortion of the camera isn't modelled.
+    """
+    edges = project_edges(sample.rig, camera, boxes3d(sample.truth))
+    yield from edges.reshape(-1, *edges.shape[2:])
+
+
+def boxes3d(truth: Truth | None) -> Boxes3D:
+    """The 3D boxes of the truth that can be drawn."""
+    if truth is None or truth.boxes3d is None or truth.in_world:
+        return Boxes3D.empty()
+    return truth.boxes3d[finite(truth.boxes3d)[0]]
+
+
+def rectangles(truth: Truth | None, camera: str) -> Float64:
+    """Corners (N, 4) of the 2D boxes of the truth in the image of a camera."""
+    if truth is None or truth.boxes2d is None:
+        return np.zeros((0, 4))
+    boxes = truth.boxes2d
+    wanted = finite(boxes)[0] & (boxes.camera == camera)
+    return np.asarray(boxes.xyxy_px[wanted], np.float64)
+
+
+def outlines(rects: Float64) -> Sequence[Float64]:
+    """Closed lines (5, 2) around rectangles (N, 4)."""
+    return [r[[0, 1, 2, 1, 2, 3, 0, 3, 0, 1]].reshape(5, 2) for r in rects]
+
+
+MAX_WIDTH_PX = 1280
+_MIN_WIDTH_PX = 960
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of an image, scaled."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+    scale: float
+    """Pixels of the picture per pixel of the image."""
+
+    @property
+    def size_wh(self) -> tuple[int, int]:
+        """Of the picture [px]."""
+        return max(1, round(self.width * self.scale)), max(1, round(self.height * self.scale))
+
+    def picture(self, pixels: Pixels) -> Pixels:
+        """Cut and scale an image (H, W, 3)."""
+        import cv2
+
+        part = pixels[self.top : self.top + self.height, self.left : self.left + self.width]
+        how = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
+        return np.ascontiguousarray(cv2.resize(part, self.size_wh, interpolation=how), np.uint8)
+
+    def to_picture(self, uv: Float64) -> Float64:
+        """Move pixels (N, 2) of the image into the picture; pixel centres are at integers in both."""
+        return (uv - [self.left - 0.5, self.top - 0.5]) * self.scale - 0.5
+
+
+def whole(size_wh: tuple[int, int]) -> Window:
+    """Show a whole image: at most 1280 px wide, small ones enlarged."""
+    width, height = size_wh
+    scale = MAX_WIDTH_PX / width if width > MAX_WIDTH_PX else max(1, _MIN_WIDTH_PX // width)
+    return Window(0, 0, width, height, scale)
+
+
+def around(size_wh: tuple[int, int], rect: Float64, width_px: int) -> Window:
+    """Show what is around a rectangle (left, top, right, bottom), in a picture of 5:3 that is `width_px` wide."""
+    width, height = size_wh
+    side = max(float(rect[2] - rect[0]) * 1.5, float(rect[3] - rect[1]) * 1.5 * 5 / 3, width / 12)
+    w = max(1, min(round(side), width, round(height * 5 / 3)))
+    h = max(1, min(round(w * 3 / 5), height))
+    left = round(float(rect[0] + rect[2]) / 2 - w / 2)
+    top = round(float(rect[1] + rect[3]) / 2 - h / 2)
+    return Window(min(max(left, 0), width - w), min(max(top, 0), height - h), w, h, width_px / w)
+
 
 _TITLES = {"lidar": "LiDAR by depth", "radar": "radar by speed"}
 _ZOOM_WIDTH_PX = 640

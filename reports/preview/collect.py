@@ -1,25 +1,64 @@
-"""Reading what a preview is drawn from, in one pass over the log."""
+"""Collection of what a preview is drawn from, in one pass over the log."""
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from fbench.replay.arrays import Float64
-from fbench.replay.clock import VirtualClock
-from fbench.replay.data import Frame, Kind, LogInfo, Message, Mount, Pose, Rig, RigChange, Tick, Truth
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
-from fbench.replay.frames import FrameStream
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Message, Pose, Tick, Truth
+from fbench.replay.data.rig import Kind, LogInfo, Mount, Rig, RigChange
+from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.frames import FrameStream
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.partial_rig import PartialRig
-from fbench.replay.protocols import Reader
-from fbench.replay.restamp import StampParams
-from fbench.replay.sync import SyncParams
+from fbench.replay.logs.setup import StampParams
 from fbench.reports.preview.sample import Arrival, Instant, Material, Sample
-from fbench.reports.preview.spread import Spread
+
+T = TypeVar("T")
+
+
+class Spread(Generic[T]):
+    """Keeps up to 2 `num` items, whatever the length of the stream; the first one always.
+
+    Every `stride`-th item is kept; when there are too many, the stride doubles and every second one goes.
+    """
+
+    def __init__(self, num: int) -> None:
+        self._num, self._stride, self._num_offered = num, 1, 0
+        self._kept: list[T] = []
+
+    def offer(self, item: T) -> None:
+        """Keep the item if its turn has come."""
+        self._num_offered += 1
+        if (self._num_offered - 1) % self._stride:
+            return
+        self._kept.append(item)
+        if len(self._kept) > 2 * self._num:
+            self._kept, self._stride = self._kept[::2], self._stride * 2
+
+    @property
+    def kept(self) -> Sequence[T]:
+        """All that is kept."""
+        return self._kept
+
+    @property
+    def chosen(self) -> Sequence[T]:
+        """At most `num` of what is kept, from the first to the last one, evenly spread."""
+        last = len(self._kept) - 1
+        if last < self._num:
+            return self._kept
+        steps = max(1, self._num - 1)
+        return [self._kept[(i * last + steps // 2) // steps] for i in range(self._num)]
+
 
 MAX_TIMES = 1000
 """So many instants and arrivals at least are kept for the panel of times, where the log has as many."""

@@ -1,17 +1,17 @@
-"""Radial velocity over azimuth, with the curve that stationary objects follow, and what that says."""
+"""Radial velocity over azimuth, with the curve that stationary objects follow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Float64
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrapped
-from fbench.replay.images import Pixels
 from fbench.reports.preview import draw
-from fbench.reports.preview.colors import CURVE, of_speed
-from fbench.reports.preview.plot import Axes, spanned
+from fbench.reports.preview.draw import CURVE, of_speed
 from fbench.reports.preview.sample import Points, Sample
+from fbench.reports.preview.times import Axes, spanned
 
 _COLUMNS, _CELL = 3, (426, 270)
 _MOVING_MPS = 0.5

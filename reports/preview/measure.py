@@ -3,18 +3,77 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from fbench.replay.errors import LogError
+import numpy as np
+
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectified
-from fbench.reports.preview import labels
-from fbench.reports.preview.album import Album
-from fbench.reports.preview.alignment import aligned, edges_of
-from fbench.reports.preview.content import Shown, Verdict
-from fbench.reports.preview.doppler import doppler_panel, judged
-from fbench.reports.preview.edges_view import edges_view
-from fbench.reports.preview.mounting import mounting
+from fbench.reports.preview.alignment import aligned, edges_of, edges_view
+from fbench.reports.preview.content import Album, Shown, Verdict
+from fbench.reports.preview.doppler import doppler_panel
+from fbench.reports.preview.doppler import judged as judged_of_doppler
 from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.stereo import StereoView, stereo_view
 from fbench.reports.preview.times import SensorTimes, time_panel
+from fbench.reports.preview.views import mounting
+
+_NEAR_M, _FAR_M = 25.0, 150.0
+"""Nearer boxes should hold points, unless they are hidden; nobody labels what is farther away."""
+_MIDDLE, _WIDER_M = 0.3, 0.5
+"""Points count in this share of a box's height above and below its middle, so that the ground doesn't, and that far
+beside it, since the vehicle moves during a sweep."""
+_SIDE_RAD = 0.1
+_FEW, _MIN_SHARE = 5, 0.5
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What is found."""
+
+    text: str
+    is_bad: bool
+
+
+def judged(samples: Sequence[Sample]) -> Labels | None:
+    """Count the boxes that hold points, among those near the body in whose direction a LiDAR sees something."""
+    pairs = [(_labelled(s), _points(s)) for s in samples]
+    away = [np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]) for boxes, _ in pairs if len(boxes)]
+    if away and (nearest := float(np.min(np.concatenate(away)))) > _FAR_M:
+        num = sum(len(part) for part in away)
+        text = f"the nearest of {num} boxes is {nearest:.0f} m away: wrong coordinate frame, or poses of another one?"
+        return Labels(text, True)
+    hit = np.concatenate([np.zeros(0, np.bool_), *(_hits(boxes, xyz) for boxes, xyz in pairs)])
+    if len(hit) < _FEW:
+        return None
+    text = f"{int(hit.sum())} of {len(hit)} boxes within {_NEAR_M:g} m hold LiDAR points above the ground"
+    is_bad = bool(hit.mean() <= _MIN_SHARE)
+    return Labels(text + (": wrong coordinate frame, stamps or sizes?" if is_bad else ""), is_bad)
+
+
+def _labelled(sample: Sample) -> Boxes3D:
+    truth = sample.truth
+    if truth is None or truth.boxes3d is None or truth.in_world:
+        return Boxes3D(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    boxes = truth.boxes3d
+    return boxes if boxes.ignore is None else boxes[~boxes.ignore]
+
+
+def _points(sample: Sample) -> Float64:
+    return np.concatenate([np.zeros((0, 3)), *(points.xyz for points in sample.placed("lidar"))])
+
+
+def _hits(boxes: Boxes3D, xyz: Float64) -> Bool:
+    """Whether points are inside, of each box that can be judged."""
+    azimuth, found = np.arctan2(xyz[:, 1], xyz[:, 0]), []
+    for center, size, yaw in zip(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, strict=True):
+        beside = np.abs(np.angle(np.exp(1j * (azimuth - np.arctan2(center[1], center[0]))))) < _SIDE_RAD
+        if np.hypot(center[0], center[1]) < _NEAR_M and beside.any():
+            x, y, z = (xyz - center).T
+            ahead, left = np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x
+            inside = (np.abs(ahead) < size[0] / 2 + _WIDER_M) & (np.abs(left) < size[1] / 2 + _WIDER_M)
+            found.append(bool(np.any(inside & (np.abs(z) < _MIDDLE * size[2]))))
+    return np.array(found, np.bool_)
 
 
 @dataclass
@@ -47,7 +106,7 @@ class Measured:
         for radar in self.material.rig.sensors("radar"):
             period = self.material.periods_mps.get(radar)
             is_removed = self.material.info.metadata.get(f"radar.{radar}.ego_motion") == "removed"
-            found = judged(self.material.kept, radar, period, is_removed)
+            found = judged_of_doppler(self.material.kept, radar, period, is_removed)
             self.verdicts.append(Verdict(radar, "doppler", found.text, found.is_bad))
             panel = doppler_panel(self.material.samples, radar, period)
             if panel is not None:
@@ -61,7 +120,7 @@ class Measured:
 
     def labels(self) -> None:
         """Judge where truth is."""
-        found = labels.judged(self.material.samples)
+        found = judged(self.material.samples)
         if found is not None:
             self.verdicts.append(Verdict("3D boxes", "truth", found.text, found.is_bad))
 

@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.arrays import Float32, Float64
+from fbench.replay.data.arrays import Float32, Float64
+from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.camera import in_image, project
 from fbench.replay.geometry.stereo_pairs import Pair, Rectified
 from fbench.replay.geometry.transforms import inverse, transform
-from fbench.replay.images import Pixels
 from fbench.reports.preview import draw
-from fbench.reports.preview.colors import INK, of_depth
+from fbench.reports.preview.camera import whole
+from fbench.reports.preview.draw import INK, of_depth
 from fbench.reports.preview.sample import Sample
-from fbench.reports.preview.window import whole
 
 _NEAREST_M = 2.5
 _MAX_DISPARITY = 256

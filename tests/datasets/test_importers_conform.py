@@ -8,8 +8,8 @@ import pytest
 from fbench.datasets.astyx import Astyx
 from fbench.datasets.kitti import Kitti
 from fbench.datasets.radiate import Radiate
-from fbench.replay.protocols import Importer
-from fbench.replay.testing import check_importer
+from fbench.replay.contracts.protocols import Importer
+from fbench.replay.contracts.testing import check_importer
 
 
 @pytest.mark.parametrize(

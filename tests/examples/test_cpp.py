@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from fbench.pipelines.external.pipeline import Exec, ExecParams
-from fbench.replay.data import Frame, Image, LogInfo, Message, Mount, PointCloud, Pose, RadarScan, Rig
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
 UPRIGHT = np.array([0, 0, 0, 1.0])
 RIG = Rig({"lidar": Mount("lidar", np.array([0, 0, 2.0]), UPRIGHT)}, {})
@@ -30,7 +32,7 @@ def replayed(log, folder, command):
 
 def test_clusters_are_where_the_vehicles_are(cpp, boxes, tmp_path):
     from fbench.metrics.runs.detection import Detection
-    from fbench.replay.scores import ScoreOptions
+    from fbench.replay.data.scores import ScoreOptions
 
     run = replayed(boxes, tmp_path / "a", cpp / "lidar_clusters")
     f1 = Detection().scores(run, ScoreOptions())[0]

@@ -6,12 +6,13 @@ import subprocess
 
 import numpy as np
 import pytest
+from tests.examples.conftest import EXAMPLES
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.requests import frame_request, hello, small_request
-from fbench.replay.data import CameraModel, Frame, Image, LogInfo, Message, Mount, PointCloud, Pose, RadarScan, Rig
-
-from .conftest import EXAMPLES
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 
 NUM = 3000
 

@@ -5,14 +5,14 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from tests.examples.conftest import EXAMPLES
 
-from fbench.pipelines.external.dialogue import RefusedError
-from fbench.pipelines.external.pipeline import Exec, ExecParams
-from fbench.replay.data import Frame, LogInfo, Mount, PointCloud, Rig
-from fbench.replay.errors import LogError
+from fbench.pipelines.external.pipeline import Exec, ExecParams, RefusedError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 from fbench.replay.geometry.transforms import pose_matrix
-
-from .conftest import EXAMPLES
 
 TILTED = np.array([0.1, -0.2, 0.3, 0.9]) / np.linalg.norm([0.1, -0.2, 0.3, 0.9])
 RIG = Rig({"lidar": Mount("lidar", np.array([1.0, 0, 2]), TILTED)}, {})

@@ -8,11 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 import pytest
 
-from fbench.replay.arrays import Text
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Boxes, CameraModel, Mount, Rig, Truth
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
-from fbench.replay.store import FrameRecord, Run, RunWriter
+from fbench.replay.data.arrays import Text
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
+from fbench.replay.runs.manifest import FrameEntry, LogEntry, Manifest, rig_entry
 
 Names = str | list[str] | None
 Numbers = Sequence[float] | None

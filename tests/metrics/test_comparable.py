@@ -3,13 +3,12 @@
 from typing import Any
 
 import pytest
+from tests.metrics.conftest import make_manifest
 
-from fbench.metrics.comparable import require_common_instants, require_comparable
-from fbench.replay.errors import MetricError
-from fbench.replay.manifest import InputEntry, LogEntry, Manifest, MountEntry, TruthEntry
-from fbench.replay.store import FrameRecord, Run, RunWriter
-
-from .conftest import make_manifest
+from fbench.metrics.comparison import require_common_instants, require_comparable
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
+from fbench.replay.runs.manifest import InputEntry, LogEntry, Manifest, MountEntry, TruthEntry
 
 
 class TestRequireComparable:

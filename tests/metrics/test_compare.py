@@ -2,9 +2,9 @@
 
 import pytest
 
-from fbench.metrics.compare import compare
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.scores import Score
+from fbench.metrics.comparison import compare
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.scores import Score
 
 
 def score(

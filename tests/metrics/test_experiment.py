@@ -10,7 +10,7 @@ from fbench.metrics.experiment import (
     robustness_table,
 )
 from fbench.metrics.robustness import ScoredRun
-from fbench.replay.scores import Score
+from fbench.replay.data.scores import Score
 
 SPACES = {"image": "iou 0.5, within 50 m", "3D": "bev 2 m, within 50 m"}
 MS = 1_000_000

@@ -3,7 +3,7 @@
 import pytest
 
 from fbench.metrics.robustness import ScoredRun, change, pooled, spaces_of
-from fbench.replay.scores import Score
+from fbench.replay.data.scores import Score
 
 IMAGE, GROUND = "iou 0.5, within 50 m", "bev 2 m, within 50 m, in view"
 

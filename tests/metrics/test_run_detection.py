@@ -10,15 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
 from fbench.metrics.runs.detection import Detection
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Rig
-from fbench.replay.manifest import FrameEntry
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
-
-from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import FrameEntry
 
 OPTIONS = ScoreOptions()
 NOTHING3D, NOTHING2D = Boxes3D.empty(), Boxes2D.empty()

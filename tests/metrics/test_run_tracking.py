@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
 from fbench.metrics.runs.tracking import Tracking
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.errors import MetricError
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
-
-from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
 
 OPTIONS = ScoreOptions()
 CAR = boxes3d((10, 0), label="car", ids=[1])

@@ -6,19 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 
+from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.score import score_run
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Rig
-from fbench.replay.errors import ConfigError
-from fbench.replay.manifest import rig_entry
-from fbench.replay.protocols import Metric
-from fbench.replay.scores import Score, ScoreOptions, load_scores, save_scores
-from fbench.replay.store import Run
-
-from .conftest import Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.protocols import Metric
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import Score, ScoreOptions, load_scores, save_scores
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import rig_entry
 
 METRICS: tuple[Metric, ...] = (Tracking(), Detection())
 PRIMARY = ["f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw"]

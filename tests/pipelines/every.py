@@ -6,26 +6,17 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from tests.pipelines.frames import CAMERA, MOUNTS, UPRIGHT, image
+from tests.pipelines.scenes import car_back, echoes, radial, road, surroundings
+from tests.pipelines.stereo import pairs
 
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import (
-    Frame,
-    LogInfo,
-    Message,
-    Output,
-    PointCloud,
-    Pose,
-    RadarScan,
-    Rig,
-    Truth,
-)  # fmt: skip
-from fbench.replay.plugins import make_pipeline
-from fbench.replay.protocols import UsesLog
-
-from .frames import CAMERA, MOUNTS, UPRIGHT, image
-from .scenes import car_back, echoes, radial, road, surroundings
-from .stereo import pairs
+from fbench.replay.contracts.plugins import make_pipeline
+from fbench.replay.contracts.protocols import UsesLog
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Rig
 
 LOG = LogInfo("drive", "id")
 STEP_NS = 100_000_000

@@ -1,12 +1,13 @@
 """Frames of a small drive: a road, one car ahead that moves away, stationary things around."""
 
 import numpy as np
+from tests.pipelines.scenes import car_back, echoes, radial, road, surroundings
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Frame, Image, Mount, PointCloud, RadarScan, Rig
-from fbench.replay.images import encode_jpeg
-
-from .scenes import car_back, echoes, radial, road, surroundings
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 UPRIGHT = np.array([0, 0, 0, 1.0])
 AHEAD = np.array([-0.5, 0.5, -0.5, 0.5])

@@ -10,16 +10,16 @@ from pathlib import Path
 from threading import Barrier, Event, current_thread, main_thread
 
 import pytest
+from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
-from fbench.pipelines.branches import Branches
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.pipelines.stages import StageClock
-from fbench.replay.data import Frame, LogInfo, Output
-from fbench.replay.digest import digest
-from fbench.replay.threads import VARIABLE
-
-from .frames import JPEG, cloud, frame, image, rig, scan
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.sensors.parallel import Branches
+from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.runs.digest import digest
 
 PATIENCE_S = 60.0
 
@@ -106,8 +106,8 @@ def test_threads_end_with_what_owns_them():
 
 ENDLESS = """
 import time
-from fbench.pipelines.branches import Branches
-from fbench.pipelines.stages import StageClock
+from fbench.pipelines.sensors.parallel import Branches
+from fbench.pipelines.params import StageClock
 branches, clock = Branches(3), StageClock()
 branch = lambda clock: time.sleep(0.01)
 branches.run(clock, branch, branch, branch)

@@ -4,13 +4,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.camera2d import Camera2D, Camera2DParams
-from fbench.replay.boxes import Boxes2D
-from fbench.replay.data import CameraModel, Frame, Image, LogInfo, Message, Mount, Output, Rig
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.geometry.boxes import iou_2d
-from fbench.replay.images import encode_jpeg
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, Message
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.geometry.iou import iou_2d
 
 LOG = LogInfo("drive", "id")
 MS = 1_000_000

@@ -6,23 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams
-from fbench.pipelines.stereo3d import Stereo3D, Stereo3DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.replay.boxes import Boxes2D
-from fbench.replay.data import Frame, LogInfo, Output
-from fbench.replay.digest import digest
-from fbench.replay.errors import ConfigError
-from fbench.replay.plugins import default_params, found, load
-from fbench.replay.protocols import Pipeline
-from fbench.replay.settings import apply_settings, parameter_paths
-
-from .frames import JPEG, cloud, frame, image, rig, scan
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.tracking.params import Tracker2DParams
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
+from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.plugins import default_params, found, load
+from fbench.replay.contracts.protocols import Pipeline
+from fbench.replay.contracts.settings import apply_settings, parameter_paths
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.runs.digest import digest
 
 LOG = LogInfo("drive", "id")
 NAMES = ("camera2d", "lidar3d", "radar3d", "late3d")
@@ -108,9 +109,9 @@ def test_cameras_without_weights_are_missing_in_every_frame():
 
 
 def test_stereo_too():
-    from .stereo.pairs import car, road, wall
-    from .stereo.pairs import frame as pair
-    from .stereo.pairs import rig as two
+    from tests.pipelines.stereo.pairs import car, road, wall
+    from tests.pipelines.stereo.pairs import frame as pair
+    from tests.pipelines.stereo.pairs import rig as two
 
     pipeline = Stereo3D(apply_settings(Stereo3DParams(), ["stereo.disparity.shrink=1", "detect_every=2"]))
     pipeline.start(two(), LOG)

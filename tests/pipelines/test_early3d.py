@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import JPEG, assert_equal, cloud, fields, frame, image, rig, scan
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.early3d import Early3D, Early3DParams
-from fbench.replay.data import Fault, LogInfo, PointCloud
-from fbench.replay.errors import LogError
-
-from .frames import JPEG, assert_equal, cloud, fields, frame, image, rig, scan
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.variants.early3d import Early3D, Early3DParams
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.frames import Fault
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo
 
 LOG = LogInfo("drive", "id")
 

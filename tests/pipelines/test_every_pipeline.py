@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.pipelines.every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
 
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Boxes, Frame, Message, Mount, PointCloud, Pose, RadarScan, Rig
+from fbench.replay.contracts.plugins import found as plugins_found
+from fbench.replay.contracts.variants import built_in_variants
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.geometry.transforms import pose_matrix
-from fbench.replay.plugins import found as plugins_found
-from fbench.replay.variants import built_in_variants
-
-from .every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
 
 
 def cases(*kinds: str, but: Sequence[str] = ()) -> pytest.MarkDecorator:

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.pipelines.frames import frame, rig
 
-from fbench.pipelines.early3d import Early3D
-from fbench.pipelines.late3d import Late3D
-from fbench.pipelines.lidar3d import Lidar3D
-from fbench.pipelines.radar3d import Radar3D
-from fbench.pipelines.stereo.objects import ObjectParams, detect
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import LogInfo, PointCloud, RadarScan
-
-from .frames import frame, rig
+from fbench.pipelines.sensors.stereo.stage import ObjectParams, detect
+from fbench.pipelines.variants.early3d import Early3D
+from fbench.pipelines.variants.late3d import Late3D
+from fbench.pipelines.variants.lidar3d import Lidar3D
+from fbench.pipelines.variants.radar3d import Radar3D
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.rig import LogInfo
 
 
 @pytest.mark.parametrize("pipeline", [Lidar3D(), Radar3D(), Early3D(), Late3D()])

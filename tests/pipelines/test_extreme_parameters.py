@@ -9,19 +9,19 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import cloud, frame, rig, scan
+from tests.pipelines.stereo import pairs
 
-from fbench.pipelines.early3d import Early3D, Early3DParams
-from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams
-from fbench.pipelines.stereo3d import Stereo3D, Stereo3DParams
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Frame, LogInfo
-from fbench.replay.errors import ConfigError
-from fbench.replay.settings import apply_settings, parameter_paths
-
-from .frames import cloud, frame, rig, scan
-from .stereo import pairs
+from fbench.pipelines.variants.early3d import Early3D, Early3DParams
+from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.settings import apply_settings, parameter_paths
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import LogInfo
 
 PIPELINES = {
     "lidar3d": (Lidar3D, Lidar3DParams),

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.early2d import Early2D, Early2DParams
-from fbench.pipelines.late2d import Late2D, Late2DParams
-from fbench.pipelines.lidar2d import Lidar2D, Lidar2DParams
-from fbench.pipelines.radar2d import Radar2D, Radar2DParams
-from fbench.replay.boxes import Boxes2D
-from fbench.replay.data import CameraModel, LogInfo, PointCloud, RadarScan, Rig
-from fbench.replay.errors import ConfigError, LogError
-
-from .frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.variants.early2d import Early2D, Early2DParams
+from fbench.pipelines.variants.late2d import Late2D, Late2DParams
+from fbench.pipelines.variants.lidar2d import Lidar2D, Lidar2DParams
+from fbench.pipelines.variants.radar2d import Radar2D, Radar2DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.rig import CameraModel, LogInfo, Rig
 
 LOG = LogInfo("drive", "id")
 ALL = "cam", "lidar", "radar"

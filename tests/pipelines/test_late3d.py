@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.replay.data import Fault, LogInfo, PointCloud, Rig
-from fbench.replay.errors import ConfigError, LogError
-
-from .frames import CAMERA, JPEG, MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.frames import Fault
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Rig
 
 LOG = LogInfo("drive", "id")
 

@@ -2,12 +2,11 @@ from collections.abc import Callable
 
 import pytest
 
-from fbench.pipelines.camera.detector import CameraParams
-from fbench.pipelines.tracking.tracker2d import Tracker2DParams
-from fbench.pipelines.tracking.tracker3d import Tracker3DParams
-from fbench.replay.errors import ConfigError
-from fbench.replay.plugins import default_params, load
-from fbench.replay.settings import apply_settings, describe
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.plugins import default_params, load
+from fbench.replay.contracts.settings import apply_settings, describe
 
 UNLIMITED = ("radar.min_magnitude_db",)
 """Minus infinity lets everything through."""

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import cloud, frame, image, rig, scan
+from tests.pipelines.scenes import car_back
 
-from fbench.pipelines.plain2d import Plain2D, Plain2DParams
-from fbench.replay.boxes import Boxes2D
-from fbench.replay.data import LogInfo, RadarScan, Source
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.settings import apply_settings
-
-from .frames import cloud, frame, image, rig, scan
-from .scenes import car_back
+from fbench.pipelines.baseline.plain2d import Plain2D, Plain2DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.data.boxes import Boxes2D, Source
+from fbench.replay.data.messages import RadarScan
+from fbench.replay.data.rig import LogInfo
 
 INFO = LogInfo("log", "id")
 SETTINGS = [f"{kind}.crop.low_m=-1.4" for kind in ("lidar", "radar")] + ["radar.size.least_height_m=0"]

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
 
-from fbench.pipelines.plain3d import Plain3D, Plain3DParams
-from fbench.replay.data import Frame, LogInfo, PointCloud, RadarScan, Rig, Source
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.settings import apply_settings
-
-from .frames import MOUNTS, assert_equal, cloud, fields, frame, image, rig, scan
+from fbench.pipelines.baseline.plain3d import Plain3D, Plain3DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.data.boxes import Source
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.rig import LogInfo, Rig
 
 INFO = LogInfo("log", "id")
 LOW = [f"{kind}.crop.low_m=-1.4" for kind in ("lidar", "radar")]

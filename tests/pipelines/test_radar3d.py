@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
+from tests.pipelines.frames import assert_equal, fields, frame, rig, scan
 
-from fbench.pipelines.points.doppler import PERIOD_KEY, DopplerParams
-from fbench.pipelines.points.radar import RadarParams
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import LogInfo, RadarScan
-from fbench.replay.errors import LogError
-
-from .frames import assert_equal, fields, frame, rig, scan
+from fbench.pipelines.sensors.radar.doppler import PERIOD_KEY, DopplerParams
+from fbench.pipelines.sensors.radar.radar import RadarParams
+from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import RadarScan
+from fbench.replay.data.rig import LogInfo
 
 LOG = LogInfo("drive", "id")
 

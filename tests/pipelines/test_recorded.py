@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.pipelines.frames import rig
 
-from fbench.pipelines.alongside import HELD
-from fbench.pipelines.recorded import Recorded, RecordedParams
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Frame, LogInfo, PointCloud, Pose, Truth
-from fbench.replay.errors import ConfigError, LogError
-
-from .frames import rig
+from fbench.pipelines.sensors.recorded import HELD
+from fbench.pipelines.variants.recorded import Recorded, RecordedParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud, Pose, Truth
+from fbench.replay.data.rig import LogInfo
 
 MS = 1_000_000
 S = 1000 * MS

@@ -1,10 +1,10 @@
 import pytest
 
-from fbench.pipelines.rhythm import Rhythm, predicted
-from fbench.pipelines.stages import StageClock
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Fault
-from fbench.replay.errors import ConfigError
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.tracking.stage import Rhythm, predicted
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Fault
 
 
 @pytest.mark.parametrize(

@@ -5,19 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import AHEAD, CAMERA, UPRIGHT, assert_equal, cloud, frame, image, scan
+from tests.pipelines.scenes import echoes, surroundings
 
-from fbench.pipelines.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.late3d import Late3D, Late3DParams
-from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import CameraModel, Frame, LogInfo, Mount, PointCloud, RadarScan, Rig
-from fbench.replay.errors import ConfigError
+from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
+from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.geometry.transforms import inverse, pose_matrix, transform
-from fbench.replay.settings import apply_settings
-
-from .frames import AHEAD, CAMERA, UPRIGHT, assert_equal, cloud, frame, image, scan
-from .scenes import echoes, surroundings
 
 LOG = LogInfo("drive", "id")
 TURNED = np.array([0, 0, 1.0, 0])  # half a turn about z

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import UPRIGHT, assert_equal, fields
+from tests.pipelines.stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.stereo.rectify import chosen_pair
-from fbench.pipelines.stereo3d import Stereo3D, Stereo3DParams
-from fbench.replay.data import CameraModel, Frame, LogInfo, Mount, Rig
-from fbench.replay.errors import ConfigError, LogError
+from fbench.pipelines.sensors.stereo.rectify import chosen_pair
+from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.geometry.stereo_pairs import Pair
-from fbench.replay.settings import apply_settings
-
-from .frames import UPRIGHT, assert_equal, fields
-from .stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
 
 LOG = LogInfo("drive", "id")
 FULL = ("stereo.disparity.shrink=1",)

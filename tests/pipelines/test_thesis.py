@@ -6,15 +6,15 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import kept
 
+from fbench.cli.replay_job import Job, run_job
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec
-from fbench.replay.cli.job import Job, run_job
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.importing.run import write_recording
+from fbench.replay.contracts.plugins import make_pipeline, pipeline_parameters
+from fbench.replay.contracts.variants import built_in_variants
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.plugins import make_pipeline, pipeline_parameters
-from fbench.replay.variants import built_in_variants
+from fbench.replay.setup.source import LogWish, log_source
 
 SENSORS = {
     "camera2d": "camera", "lidar2d": "lidar", "radar2d": "radar", "lidar3d": "lidar", "radar3d": "radar",

@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import assert_equal, rig
 
-from fbench.pipelines.track import Track, TrackParams
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Frame, LogInfo, Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.plugins import default_params, load
-from fbench.replay.settings import apply_settings
-
-from .frames import assert_equal, rig
+from fbench.pipelines.variants.track import Track, TrackParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.plugins import default_params, load
+from fbench.replay.contracts.settings import apply_settings
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import LogInfo
 
 MS = 1_000_000
 

@@ -6,7 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.replay.data import Boxes3D, Frame, LogInfo, Message, Mount, Output, PointCloud, Pose, RadarScan, Rig, Truth
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 MS = 1_000_000

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from fbench.replay.errors import FbenchError
+from fbench.replay.contracts.errors import FbenchError
 
 FOREIGN = (
     b"\x00", b"\xff", b"9" * 40, b"1e999", b"NaN", b"-", b"[" * 50, b"{" * 50, b"\\ud800", b"\x1b[31m", b'"', b"\n",

@@ -6,17 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.replay.check.check import CheckOptions, check_log
-from fbench.replay.cli import main
-from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, LogInfo, Mount, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.imported import OtherResult
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import ImportWish
+from fbench.cli import main
+from fbench.datasets.importing.run import import_one
+from fbench.replay.check.log_check import CheckOptions, check_log
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import ImportWish, OtherResult
+from fbench.replay.contracts.plugins import give_log, make_pipeline
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import give_log, make_pipeline
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 from fbench.reports.html.scene import scenes
 
 PERIOD_NS = 100_000_000

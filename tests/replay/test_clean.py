@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.replay.clean import clean
-from fbench.replay.data import CameraModel, Image, PointCloud, RadarScan, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.skipped import Skipped
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.engine.cleaning import Skipped, clean
 
 RIG = Rig({}, {"cam": CameraModel(np.eye(3), (8, 6))})
 

@@ -1,7 +1,7 @@
 import pytest
 
-from fbench.replay.clock import Pace, PacedClock, VirtualClock, make_clock
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.engine.clock import Pace, PacedClock, VirtualClock, make_clock
 
 S = 1_000_000_000
 

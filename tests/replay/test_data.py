@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import concatenate
-from fbench.replay.data import Boxes2D, Boxes3D, Mount, Output, PointCloud, Pose, RadarScan, Rig
-from fbench.replay.errors import DataError
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.frames import Output
+from fbench.replay.data.messages import PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import Mount, Rig
 
 
 def boxes(n, **fields):

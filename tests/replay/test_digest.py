@@ -4,8 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.replay.data import Boxes3D, PointCloud
-from fbench.replay.digest import START, digest, link
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.runs.digest import START, digest, link
 
 
 def cloud(xyz):

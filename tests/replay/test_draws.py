@@ -3,7 +3,7 @@ import sys
 
 import numpy as np
 
-from fbench.replay.draws import generator
+from fbench.replay.conditions.generators import generator
 
 
 def test_equal_scopes_give_equal_numbers_whatever_was_drawn_before():
@@ -30,7 +30,8 @@ def test_texts_that_look_alike_when_joined_are_told_apart():
 
 
 def test_another_process_draws_the_same():
-    code = "from fbench.replay.draws import generator; print(generator(7, 'radar', 10**18).standard_normal(3).tolist())"
+    code = "from fbench.replay.conditions.generators import generator\n"
+    code += "print(generator(7, 'radar', 10**18).standard_normal(3).tolist())"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == str(generator(7, "radar", 10**18).standard_normal(3).tolist())
 

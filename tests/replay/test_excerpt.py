@@ -2,8 +2,8 @@
 
 import pytest
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.excerpt import Excerpt, Moment, make_excerpt
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.engine.excerpt import Excerpt, Moment, make_excerpt
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,8 @@
 
 import pytest
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.fault_budget import FaultBudget, parse_budget
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultBudget, FaultLog, parse_budget
 
 
 def met(**counts):

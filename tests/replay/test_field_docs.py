@@ -1,6 +1,6 @@
 from dataclasses import dataclass, field
 
-from fbench.replay.field_docs import parameter_docs
+from fbench.cli.listing import parameter_docs
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ def test_texts_under_fields_are_found_by_dotted_name():
 
 
 def test_every_parameter_of_the_builtin_pipelines_is_documented():
-    from fbench.replay.plugins import default_params, found, load
+    from fbench.replay.contracts.plugins import default_params, found, load
 
     for name in found("pipelines"):
         docs = parameter_docs(default_params(load("pipelines", name)))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fbench.replay.data import Pose
-from fbench.replay.frame_poses import FramePoses, pose_of
+from fbench.replay.data.messages import Pose
+from fbench.replay.engine.poses import FramePoses, pose_of
 
 MS = 1_000_000
 HALF = np.sqrt(0.5)

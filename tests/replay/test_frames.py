@@ -5,19 +5,20 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.fakes import MS, Echo, FakeLog, box, cloud, drive, scan
 
-from fbench.replay.clock import PacedClock, VirtualClock
-from fbench.replay.data import Boxes3D, Output, Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.excerpt import Excerpt, make_excerpt
-from fbench.replay.faults import FaultLog
-from fbench.replay.frames import FrameStream
-from fbench.replay.restamp import StampParams
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
-from fbench.replay.sync import SyncParams
-
-from .fakes import MS, Echo, FakeLog, box, cloud, drive, scan
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
+from fbench.replay.data.messages import Truth
+from fbench.replay.engine.clock import PacedClock, VirtualClock
+from fbench.replay.engine.excerpt import Excerpt, make_excerpt
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.logs.setup import StampParams
+from fbench.replay.runs.folder import Run
 
 
 class Stateless(Echo):

@@ -1,7 +1,7 @@
 import tomllib
 from pathlib import Path
 
-from fbench.replay.host import describe_host, package_versions
+from fbench.replay.runs.manifest import describe_host, package_versions
 
 NO_MATTER = {
     "foxglove-schemas-protobuf", "isal", "jinja2", "lz4", "pydantic", "rich", "ruamel.yaml", "typer",

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from fbench.replay.data import Image
-from fbench.replay.errors import DecodeError
-from fbench.replay.images import decode, decode_grey, encode_jpeg, encoded_size, resized
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.images import decode, decode_grey, encode_jpeg, encoded_size, resized
+from fbench.replay.data.messages import Image
 
 PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)
 

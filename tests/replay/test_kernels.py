@@ -5,11 +5,11 @@ from pathlib import Path
 import numba
 import pytest
 
-from fbench.replay import kernels
-from fbench.replay.user_cache import user_cache
+from fbench.replay.geometry import kernels
+from fbench.replay.geometry.kernels import user_cache
 
 SOURCE = """
-from fbench.replay.kernels import kernel
+from fbench.replay.geometry.kernels import kernel
 
 @kernel
 def twice(value: int) -> int:
@@ -127,5 +127,5 @@ def test_decorating_leaves_numbas_own_cache_folder_alone(cache: Path):
 
 
 def test_the_command_line_starts_without_numba():
-    code = "import sys, fbench.replay.cli; assert 'numba' not in sys.modules"
+    code = "import sys, fbench.cli; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

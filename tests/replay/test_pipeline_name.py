@@ -2,9 +2,8 @@
 
 import pytest
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.pipeline_name import parse_name, with_absolute_files
-from fbench.replay.plugins import make_pipeline, opened_pipeline
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.plugins import make_pipeline, opened_pipeline, parse_name, with_absolute_files
 
 
 @pytest.mark.parametrize(

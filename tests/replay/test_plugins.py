@@ -3,19 +3,20 @@
 import textwrap
 
 import pytest
+from tests.replay.fakes import drive
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.faults import FaultLog
-from fbench.replay.plugins import found, load, make_pipeline
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
-
-from .fakes import drive
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.plugins import found, load, make_pipeline
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.runs.folder import Run
 
 OUTSIDER = '''
 from dataclasses import dataclass
 import numpy as np
-from fbench.replay.data import Boxes3D, Frame, LogInfo, Output, Rig
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
 
 @dataclass(frozen=True)
 class NearestParams:

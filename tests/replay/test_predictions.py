@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest
-from fbench.replay.predictions import predictions_of
-from fbench.replay.store import FrameRecord, Run, RunWriter
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
+from fbench.replay.runs.manifest import FrameEntry, LogEntry, Manifest
+from fbench.replay.runs.shares import predictions_of
 
 
 def run_of(folder: Path, parameters: dict[str, object], predicted: list[bool] | None) -> Run:

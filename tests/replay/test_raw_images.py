@@ -2,10 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from fbench.replay.data import Image
-from fbench.replay.errors import DecodeError
-from fbench.replay.images import decode, encoded_format, encoded_size
-from fbench.replay.raw_images import LAYOUTS, layout_name, packed
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.images import LAYOUTS, decode, encoded_format, encoded_size, layout_name, packed
+from fbench.replay.data.messages import Image
 
 RED = {"R": 200, "G": 20, "B": 10}
 

@@ -7,18 +7,16 @@ from functools import partial
 
 import numpy as np
 import pytest
+from tests.replay.fakes import MS, Echo, FakeLog, cloud, drive
+from tests.replay.test_run import content
 
-import fbench.replay.read_ahead as module
-from fbench.replay.data import PointCloud
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.fault_budget import FaultBudget
-from fbench.replay.faults import FaultLog
-from fbench.replay.read_ahead import DEFAULT, make_limit, opened_ahead
-from fbench.replay.run import Plan, replay
-
-from .fakes import MS, Echo, FakeLog, cloud, drive
-from .test_run import content
+import fbench.replay.engine.read_ahead as module
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultBudget, FaultLog
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.engine.read_ahead import DEFAULT, make_limit, opened_ahead
 
 LIMITS = [0, 1, 3, 64, None]
 

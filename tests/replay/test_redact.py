@@ -2,10 +2,18 @@
 
 import pytest
 
-from fbench.replay.data import LogInfo
-from fbench.replay.manifest import FrameEntry, InputEntry, LogEntry, Manifest, TruthEntry, load_manifest, save_manifest
-from fbench.replay.redact import public_name, public_pipeline, redacted_manifest, redacted_record, redacted_rows
-from fbench.replay.store import FrameRecord
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.runs.folder import FrameRecord
+from fbench.replay.runs.manifest import (
+    FrameEntry,
+    InputEntry,
+    LogEntry,
+    Manifest,
+    TruthEntry,
+    load_manifest,
+    save_manifest,
+)
+from fbench.replay.runs.redaction import public_name, public_pipeline, redacted_manifest, redacted_record, redacted_rows
 
 
 @pytest.mark.parametrize(

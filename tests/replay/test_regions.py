@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
-from fbench.replay.data import LogInfo
-from fbench.replay.errors import DataError, LogError
-from fbench.replay.log_keys import REGIONS
-from fbench.replay.regions import MAX_POINTS, Region, inside, regions_of, regions_text
+from fbench.replay.contracts.errors import DataError, LogError
+from fbench.replay.data.metadata import MAX_POINTS, REGIONS, Region, inside, regions_of, regions_text
+from fbench.replay.data.rig import LogInfo
 
 SQUARE = Region("road", np.array([[0.0, 0], [4, 0], [4, 3], [0, 3]]))
 L_SHAPE = Region("sidewalk", np.array([[10.0, 0], [14, 0], [14, 1], [11, 1], [11, 5], [10, 5]]))

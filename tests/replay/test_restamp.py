@@ -3,14 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from tests.replay.fakes import MS, Echo, FakeLog, cloud, scan
 
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.restamp import MAX_SKEW_NS, StampParams, make_stamp_params
-from fbench.replay.run import Plan, replay
-from fbench.replay.sync import SyncParams
-
-from .fakes import MS, Echo, FakeLog, cloud, scan
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.logs.setup import MAX_SKEW_NS, StampParams, make_stamp_params
 
 S = 1_000 * MS
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.replay.result_table import Column, Figure, Line, ResultTable, shown, table_rows
+from fbench.replay.data.scores import Column, Figure, Line, ResultTable, shown, table_rows
 
 
 @pytest.mark.parametrize(

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.replay.fakes import MS, UPRIGHT, Echo, FakeLog, box, cloud, drive, scan
 
-from fbench.replay.clock import PacedClock
-from fbench.replay.data import Boxes2D, Boxes3D, Fault, Output, PointCloud, Pose, Truth
-from fbench.replay.errors import ConfigError, LogError, RunError
-from fbench.replay.fault_budget import FaultBudget
-from fbench.replay.faults import FaultLog
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
-from fbench.replay.sync import SyncParams
-from fbench.replay.tables import BoxWriter
-
-from .fakes import MS, UPRIGHT, Echo, FakeLog, box, cloud, drive, scan
+from fbench.replay.contracts.errors import ConfigError, LogError, RunError
+from fbench.replay.contracts.faults import FaultBudget, FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.frames import Fault, Output
+from fbench.replay.data.messages import PointCloud, Pose, Truth
+from fbench.replay.engine.clock import PacedClock
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxWriter
 
 MEASURED = ("timings.parquet", "latency.json", "host.json")
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.replay.secrets import clean_mapping, is_secret_name, without_secrets
+from fbench.replay.runs.secrets import clean_mapping, is_secret_name, without_secrets
 
 REMOVED = {
     "https://user:hush@host/x?X-Amz-Signature=HUSH": "https://host/x",

@@ -1,15 +1,15 @@
 import pytest
+from tests.replay.fakes import MS, RIG, UPRIGHT, Echo, FakeLog, cloud, drive, scan
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Mount, Output, Rig, RigChange
-from fbench.replay.errors import ConfigError
-from fbench.replay.faults import FaultLog
-from fbench.replay.run import Plan, replay
-from fbench.replay.sensor_choice import chosen_sensors, make_sensors
-from fbench.replay.store import Run
-from fbench.replay.sync import SyncParams
-
-from .fakes import MS, RIG, UPRIGHT, Echo, FakeLog, cloud, drive, scan
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.sensor_settings import chosen_sensors, make_sensors
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
+from fbench.replay.data.rig import Mount, Rig, RigChange
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.runs.folder import Run
 
 NAMES = ("front_left", "front_right", "rear", "sensing/lidar/top", "cam[0]")
 

@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.replay.data import Mount, Rig
-from fbench.replay.errors import ConfigError
-from fbench.replay.sensor_settings import SensorSettings
-from fbench.replay.settings import apply_settings, describe, parameter_paths
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.contracts.settings import apply_settings, describe, parameter_paths
+from fbench.replay.data.rig import Mount, Rig
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 

@@ -4,8 +4,8 @@ from typing import Literal
 
 import pytest
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.settings import apply_settings, describe, parameter_paths
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.settings import apply_settings, describe, parameter_paths
 
 
 @dataclass(frozen=True)

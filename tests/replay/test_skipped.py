@@ -1,8 +1,8 @@
 """Which frame a message would have been in that can't be used."""
 
-from fbench.replay.skipped import Skipped, SkippedMessages
+from tests.replay.fakes import MS
 
-from .fakes import MS
+from fbench.replay.engine.cleaning import Skipped, SkippedMessages
 
 
 def skipped(*messages):

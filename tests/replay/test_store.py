@@ -7,16 +7,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.replay.fakes import Echo, drive
 
-from fbench.replay.data import Boxes2D, Boxes3D, Truth
-from fbench.replay.errors import MetricError, RunError
-from fbench.replay.faults import FaultLog
-from fbench.replay.run import Plan, replay
-from fbench.replay.scores import Score, load_scores, save_scores
-from fbench.replay.store import Run
-from fbench.replay.tables import BoxWriter, read_boxes
-
-from .fakes import Echo, drive
+from fbench.replay.contracts.errors import MetricError, RunError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.scores import Score, load_scores, save_scores
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.tables import BoxWriter, read_boxes
 
 floats = st.floats(width=64)
 

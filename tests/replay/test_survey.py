@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 import pytest
+from tests.replay.logs.builders import sequence, the_rig, write
+from tests.replay.logs.containers import NO_SUMMARY, chunks, rewrite
 
-from fbench.replay.data import Rig, Truth
-from fbench.replay.faults import FaultLog
+from fbench.replay.check.survey import survey
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import Rig
+from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.open import open_log
-from fbench.replay.survey import survey
-from fbench.replay.sync import SyncParams
-
-from .logs.builders import sequence, the_rig, write
-from .logs.containers import NO_SUMMARY, chunks, rewrite
 
 MS = 1_000_000
 
@@ -75,7 +75,7 @@ def test_gap_of_the_reference_is_a_segment(tmp_path):
 
 
 def test_times_too_large_to_read_leave_rates_from_counts(log, monkeypatch):
-    monkeypatch.setattr("fbench.replay.logs.mcap.times.SMALL", 0)
+    monkeypatch.setattr("fbench.replay.logs.containers.mcap.file.SMALL", 0)
     result, _ = surveyed(log)
     assert result.breaks is None
     assert result.streams[0].first_log_ns is None

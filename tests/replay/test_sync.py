@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.fakes import Echo, FakeLog
 
-from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.run import Plan
-from fbench.replay.run import replay as play_log
-from fbench.replay.store import Run
-from fbench.replay.sync import FrameBuffer, SyncParams, choose_reference, make_sync_params
-
-from .fakes import Echo, FakeLog
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams, choose_reference, make_sync_params
+from fbench.replay.engine.loop import Plan
+from fbench.replay.engine.loop import replay as play_log
+from fbench.replay.runs.folder import Run
 
 MS = 1_000_000
 SENSORS = ("camera", "lidar", "radar")

@@ -3,10 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from fbench.replay.config.source import LogWish
-from fbench.replay.suites.cell import Answer, Cell
-from fbench.replay.suites.workers import Worker
-from fbench.replay.threads import VARIABLE, num_threads
+from fbench.api.cells import Answer, Cell
+from fbench.api.suite import Worker
+from fbench.replay.geometry.kernels import VARIABLE, num_threads
+from fbench.replay.setup.source import LogWish
 
 
 @pytest.mark.parametrize(("text", "num"), [("1", 1), (" 4 ", 4), ("0", 1), ("64", 64)])
@@ -26,8 +26,8 @@ def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.Monke
 
 def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "asked.py").write_text(
-        "from fbench.replay.suites.cell import Answer\n"
-        "from fbench.replay.threads import num_threads\n"
+        "from fbench.api.cells import Answer\n"
+        "from fbench.replay.geometry.kernels import num_threads\n"
         "input()\n"
         "print(Answer(str(num_threads())).to_json(), flush=True)\n"
     )

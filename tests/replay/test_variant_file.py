@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from fbench.replay.errors import EXIT_USAGE, ConfigError
-from fbench.replay.variant_file import MAX_BYTES, read_variant
+from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError
+from fbench.replay.contracts.variants import MAX_BYTES, read_variant
 
 WHOLE = """
 name = "far-cars"

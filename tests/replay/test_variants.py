@@ -2,10 +2,10 @@
 
 import pytest
 
-from fbench.pipelines.camera.builtin import CITY_WEIGHTS
-from fbench.replay.errors import EXIT_USAGE, ConfigError
-from fbench.replay.plugins import make_pipeline, pipeline_class, pipeline_parameters
-from fbench.replay.variants import built_in_variants, sensors_of, variant_of
+from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
+from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError
+from fbench.replay.contracts.plugins import make_pipeline, pipeline_class, pipeline_parameters
+from fbench.replay.contracts.variants import built_in_variants, sensors_of, variant_of
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_the_name_of_a_pipeline_is_taken(variant):
 
 
 def test_a_base_without_parameters(variant, monkeypatch, tmp_path):
-    from fbench.replay import plugins
+    from fbench.replay.contracts import plugins
 
     class Plain:
         start = reset = step = lambda *_: None

@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 
-from fbench.replay.atmosphere.light import koschmieder_per_m
-from fbench.replay.errors import ConfigError
-from fbench.replay.weather import (
+from fbench.replay.conditions.attenuation import koschmieder_per_m, rain_extinction_per_m, through_air
+from fbench.replay.conditions.weather import (
     Weather,
     extinction_per_m,
     fog_extinction_per_m,
     fog_of,
     radar_loss_db,
-    rain_extinction_per_m,
-    through_air,
     transmission,
 )
+from fbench.replay.contracts.errors import ConfigError
 
 
 @pytest.mark.parametrize(

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Boxes, CameraModel, Mount, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.manifest import FrameEntry, LogEntry, Manifest, rig_entry
-from fbench.replay.media import MediaFrame, Picture, Points
-from fbench.replay.scores import Score, save_scores
-from fbench.replay.store import FrameRecord, Run, RunWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.data.scores import Score, save_scores
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
+from fbench.replay.runs.manifest import FrameEntry, LogEntry, Manifest, rig_entry
+from fbench.replay.runs.media import MediaFrame, Picture, Points
 from fbench.reports.html import HtmlReport
 
 FORWARD = np.array([-0.5, 0.5, -0.5, 0.5])

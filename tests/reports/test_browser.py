@@ -11,13 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.reports.conftest import Plan, boxes2d, boxes3d
+from tests.reports.test_safety import hostile_plan
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.store import Run
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.runs.folder import Run
 from fbench.reports.html import HtmlReport
-
-from .conftest import Plan, boxes2d, boxes3d
-from .test_safety import hostile_plan
 
 MakeRun = Callable[[Plan], Run]
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -6,14 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.reports.conftest import LATENCY, Page, Plan, boxes2d, score
 
-from fbench.replay.errors import ConfigError, RunError
-from fbench.replay.faults import FAULTS
-from fbench.replay.plugins import load
-from fbench.replay.store import Run
+from fbench.replay.contracts.errors import ConfigError, RunError
+from fbench.replay.contracts.faults import FAULTS
+from fbench.replay.contracts.plugins import load
+from fbench.replay.runs.folder import Run
 from fbench.reports.html import HtmlReport
-
-from .conftest import LATENCY, Page, Plan, boxes2d, score
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]

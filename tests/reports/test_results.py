@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from tests.reports.conftest import Page, Plan
 
-from fbench.replay.result_table import Column, Figure, Line, Results, ResultTable
+from fbench.replay.data.scores import Column, Figure, Line, Results, ResultTable
 from fbench.reports.html import HtmlReport
-from fbench.reports.markdown.results import markdown
+from fbench.reports.markdown import markdown
 
 TABLE = ResultTable(
     "accuracy", "Accuracy, %", (Column("F1"), Column("fog", "change")),

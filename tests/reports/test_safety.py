@@ -4,10 +4,9 @@ import re
 from collections.abc import Callable
 
 import pytest
+from tests.reports.conftest import LATENCY, Page, Plan, boxes2d, boxes3d, score
 
-from fbench.replay.store import Run
-
-from .conftest import LATENCY, Page, Plan, boxes2d, boxes3d, score
+from fbench.replay.runs.folder import Run
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]

@@ -10,16 +10,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.reports.conftest import FORWARD, RIG, Page, Plan, boxes2d, boxes3d, media
 
-from fbench.replay.boxes import Boxes2D, Boxes3D, concatenate
-from fbench.replay.data import CameraModel, Mount, Rig
-from fbench.replay.media import MediaFrame, Points
-from fbench.replay.store import Run
-from fbench.reports.html.boxes import box_rows
-from fbench.reports.html.scene import MAX_POINTS
-from fbench.reports.html.text import brief, island, number, rounded, visible
-
-from .conftest import FORWARD, RIG, Page, Plan, boxes2d, boxes3d, media
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.media import MediaFrame, Points
+from fbench.reports.html.records import brief, island, number, rounded, visible
+from fbench.reports.html.scene import MAX_POINTS, box_rows
 
 MakeRun = Callable[[Plan], Run]
 Write = Callable[..., Page]

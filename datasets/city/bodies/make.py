@@ -5,15 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.actor import Body
-from fbench.datasets.city.bodies.bicycles import make_bicycle
-from fbench.datasets.city.bodies.buses import make_bus
+from fbench.datasets.city.bodies.buses import make_bus, make_van
 from fbench.datasets.city.bodies.cars import make_car
 from fbench.datasets.city.bodies.lorries import make_truck
-from fbench.datasets.city.bodies.motorcycles import make_motorcycle
 from fbench.datasets.city.bodies.people import make_pedestrian
-from fbench.datasets.city.bodies.vans import make_van
-from fbench.replay.errors import ConfigError
+from fbench.datasets.city.bodies.two_wheelers import make_bicycle, make_motorcycle
+from fbench.datasets.city.mesh import Body
+from fbench.replay.contracts.errors import ConfigError
 
 _MAKERS: Final[Mapping[str, Callable[[np.random.Generator], Body]]] = {
     "car": make_car, "van": make_van, "truck": make_truck, "bus": make_bus, "motorcycle": make_motorcycle,

@@ -6,13 +6,143 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.camera.light import Light
-from fbench.datasets.city.camera.sunlight import sunlit_between, sunlit_pixels
+from fbench.datasets.city.camera.sky import Light
 from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.rays.hits import Hits, RayCaster, Rays
-from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64
-from fbench.replay.data import CameraModel
-from fbench.replay.kernels import kernel
+from fbench.datasets.city.rays.hits import MISS, Hits, RayCaster, Rays
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.replay.data.rig import CameraModel
+from fbench.replay.geometry.kernels import kernel
+
+_RANGE_M = 250.0
+_WEAK = 0.02
+"""Sunlight as a share of the sky's that nobody sees."""
+_MOST_SAME = 2
+"""So many neighbours on the same triangle decide for a pixel."""
+
+
+def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
+    """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines.
+
+    Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbours on the same
+    triangle don't agree: what is missed is smaller than a pixel.
+    """
+    lit = np.zeros(len(hits.body), bool)
+    if light.direct[1] < _WEAK * light.ambient[1]:
+        return lit
+    facing = _facing(hits.body, hits.normal, np.array(light.sun))
+    _ask(caster, states, rays, hits, light, _white(facing, width), lit)
+    _ask(caster, states, rays, hits, light, _unsure(facing, hits.body, hits.triangle, lit, width), lit)
+    return lit
+
+
+def sunlit_between(
+    caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, first: Hits, first_lit: Bool,
+    pixels: Int64, width: int,
+) -> Bool:  # fmt: skip
+    """Tell where further rays, as many of each of `pixels` (E,), meet sunlight; `first` are the hits of the image.
+
+    What lies on the same triangle as pixels around, all in the same light, has it too.
+    """
+    lit = np.zeros(len(hits.body), bool)
+    if light.direct[1] < _WEAK * light.ambient[1]:
+        return lit
+    facing = _facing(hits.body, hits.normal, np.array(light.sun))
+    unsure = _unsure_between(
+        facing, hits.body, hits.triangle, lit, first.body, first.triangle, first_lit, pixels, width
+    )
+    _ask(caster, states, rays, hits, light, unsure, lit)
+    return lit
+
+
+def _ask(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, index: Int64, lit: Bool) -> None:
+    """Write of some hits whether anything is between them and the sun."""
+    if len(index):
+        start = _just_above(rays.origin_m[0], rays.direction, hits.range_m, hits.normal, index)
+        toward = np.repeat(np.array([light.sun], np.float32), len(index), axis=0)
+        lit[index] = ~caster.blocked(Rays(start, toward, _RANGE_M), states)
+
+
+@kernel
+def _facing(body: Array, normal: Float32, sun: Float64) -> Bool:
+    facing = np.zeros(len(body), np.bool_)
+    for i in range(len(body)):
+        toward = normal[i, 0] * sun[0] + normal[i, 1] * sun[1] + normal[i, 2] * sun[2]
+        facing[i] = body[i] != MISS and toward > 0
+    return facing
+
+
+@kernel
+def _white(facing: Bool, width: int) -> Int64:
+    """Indices of the white fields that face the sun."""
+    index, num = np.empty(len(facing), np.int64), 0
+    for i in range(len(facing)):
+        if facing[i] and (i // width + i % width) % 2 == 0:
+            index[num] = i
+            num += 1
+    return index[:num]
+
+
+@kernel
+def _unsure(facing: Bool, body: Array, triangle: Array, lit: Bool, width: int) -> Int64:
+    """Write what the neighbours of black fields agree on; returns those where they don't."""
+    index, num = np.empty(len(facing), np.int64), 0
+    for i in range(len(facing)):
+        if not facing[i] or (i // width + i % width) % 2 == 0:
+            continue
+        same, bright = 0, 0
+        for j in (i - width, i - 1, i + 1, i + width):
+            if _is_there(i, j, len(body), width) and body[j] == body[i] and triangle[j] == triangle[i]:
+                same += 1
+                bright += lit[j]
+        if same >= _MOST_SAME and (bright == 0 or bright == same):
+            lit[i] = bright > 0
+        else:
+            index[num] = i
+            num += 1
+    return index[:num]
+
+
+@kernel
+def _unsure_between(
+    facing: Bool, body: Array, triangle: Array, lit: Bool, first_body: Array, first_triangle: Array, first_lit: Bool,
+    pixels: Int64, width: int,
+) -> Int64:  # fmt: skip
+    """The same for further rays, with all pixels around."""
+    index, num, each = np.empty(len(facing), np.int64), 0, len(facing) // max(1, len(pixels))
+    for k in range(len(facing)):
+        if not facing[k]:
+            continue
+        same, bright, i = 0, 0, pixels[k // each]
+        for j in (i - width, i - 1, i, i + 1, i + width):
+            there = _is_there(i, j, len(first_body), width)
+            if there and first_body[j] == body[k] and first_triangle[j] == triangle[k]:
+                same += 1
+                bright += first_lit[j]
+        if same > 0 and (bright == 0 or bright == same):
+            lit[k] = bright > 0
+        else:
+            index[num] = k
+            num += 1
+    return index[:num]
+
+
+@kernel
+def _is_there(i: int, j: int, num: int, width: int) -> bool:
+    """Tell whether the pixel `j` after, before, above or below `i` is in the image, not at the other end of a row."""
+    return 0 <= j < num and not (j == i - 1 and i % width == 0) and not (j == i + 1 and j % width == 0)
+
+
+@kernel
+def _just_above(origin: Float64, direction: Float32, range_m: Float32, normal: Float32, index: Int64) -> Float64:
+    """Points (M, 3) a little above some hits."""
+    start = np.empty((len(index), 3))
+    for n in range(len(index)):
+        i = index[n]
+        lift = 0.01 + 1e-4 * range_m[i]
+        for axis in range(3):
+            start[n, axis] = origin[axis] + direction[i, axis] * np.float64(range_m[i]) + lift * normal[i, axis]
+    return start
+
 
 RANGE_M = 1_500.0
 

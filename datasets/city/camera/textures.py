@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.camera.noise import hashed, value_noise
 from fbench.datasets.city.camera.samples import HitArrays
-from fbench.datasets.city.materials import MATERIALS
+from fbench.datasets.city.camera.sky import hashed, value_noise
+from fbench.datasets.city.mesh import MATERIALS
 from fbench.datasets.city.rays.hits import MISS
-from fbench.replay.arrays import Array, Float32
-from fbench.replay.kernels import kernel
+from fbench.replay.data.arrays import Array, Float32
+from fbench.replay.geometry.kernels import kernel
 
 _FINEST, _GRAIN, _STAIN, _STAIN_M, _ALONG, _ACROSS, _JOINT, _PIECE, _SEAM = range(9)
 

@@ -1,17 +1,17 @@
-"""What wet ground mirrors: one ray for every four pixels, blurred by the roughness of the ground."""
+"""Reflections on wet ground: one ray for every four pixels, blurred by the roughness of the ground."""
 
 import math
 
 import numpy as np
 
-from fbench.datasets.city.camera.glare import mean_across
-from fbench.datasets.city.camera.noise import hashed
+from fbench.datasets.city.camera.develop import mean_across
 from fbench.datasets.city.camera.samples import HitArrays, Samples
+from fbench.datasets.city.camera.sky import hashed
 from fbench.datasets.city.camera.surfaces import WETTABLE
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.hits import MISS, Hits, RayCaster, Rays
-from fbench.replay.arrays import Float32, Float64, Int64
-from fbench.replay.kernels import kernel
+from fbench.replay.data.arrays import Float32, Float64, Int64
+from fbench.replay.geometry.kernels import kernel
 
 NOTHING = np.zeros((0, 4), np.float32)
 """What dry ground mirrors."""

@@ -1,17 +1,47 @@
 """The ray caster on Embree: the static world in one scene, each body's mesh in one of its own."""
 
+import math
+
 import numpy as np
 from embreex.rtcore import EmbreeDevice
 
-from fbench.datasets.city.actor import Actor
-from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.mesh import Actor, Mesh, merged
 from fbench.datasets.city.motion import EGO, BodyStates
 from fbench.datasets.city.rays.culling import cones_of_blocks, merge_nearer, rays_at_body, starts_of_blocks
-from fbench.datasets.city.rays.facing import facing_normals
 from fbench.datasets.city.rays.hits import MISS, STATIC, Hits, Rays
-from fbench.datasets.city.rays.scenes import Scene, unit_normals
-from fbench.datasets.city.rays.smooth import round_normals, rounding
-from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, unit_normals
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.replay.geometry.kernels import kernel
+
+
+@kernel
+def facing_normals(
+    body: Array, triangle: Array, direction: Float32, offset_s: Float64, bodies: Float64, first: Int64,
+    normals: Float32,
+) -> Float32:  # fmt: skip
+    """Return unit normals (N, 3) in the world, towards where rays come from; 0 for misses.
+
+    `normals` are those of all meshes in their own coordinates, one mesh after the other; `first` (A,) is where the
+    mesh of each body begins, and the static world's are the first. `bodies` (A, 8) as in `rays_at_body`.
+    """
+    facing = np.zeros((len(body), 3), np.float32)
+    cos, sin = np.cos(bodies[:, 3]), np.sin(bodies[:, 3])
+    for k in range(len(body)):
+        i = body[k]
+        if i < -1:
+            continue
+        n = normals[triangle[k] + (first[i] if i >= 0 else 0)]
+        x, y, z = float(n[0]), float(n[1]), float(n[2])
+        if i >= 0:
+            c, s = cos[i], sin[i]
+            if len(offset_s):
+                yaw = bodies[i, 3] + bodies[i, 7] * offset_s[k]
+                c, s = math.cos(yaw), math.sin(yaw)
+            x, y = c * x - s * y, s * x + c * y
+        sign = -1.0 if x * direction[k, 0] + y * direction[k, 1] + z * direction[k, 2] > 0 else 1.0
+        facing[k, 0], facing[k, 1], facing[k, 2] = sign * x, sign * y, sign * z
+    return facing
+
 
 _NO_MATERIAL = 255
 _NO_OFFSETS: Float64 = np.zeros(0)

@@ -1,12 +1,12 @@
-"""Which rays can hit a moving body's box: found by cones around blocks of rays, then ray by ray."""
+"""Culling: which rays can hit a moving body's box, by cones around blocks of rays, then ray by ray."""
 
 import math
 from typing import TypeAlias
 
 import numpy as np
 
-from fbench.replay.arrays import Float32, Float64, Int64
-from fbench.replay.kernels import kernel
+from fbench.replay.data.arrays import Float32, Float64, Int64
+from fbench.replay.geometry.kernels import kernel
 
 _MOST = 32
 """Rays that follow each other and are tested together, at most."""

@@ -5,10 +5,9 @@ from typing import Protocol
 
 import numpy as np
 
-from fbench.datasets.city.actor import Actor
-from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.mesh import Actor, Mesh
 from fbench.datasets.city.motion import BodyStates
-from fbench.replay.arrays import Array, Bool, Float32, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64, freeze_fields
 
 STATIC, MISS = -1, -2
 """What a ray hit that hit no actor: the static world, or nothing within its range."""

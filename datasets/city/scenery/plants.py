@@ -5,9 +5,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fbench.datasets.city.mesh import Mesh, merged
-from fbench.datasets.city.shapes import Rgb, Skin, Three, cylinder, loft, mesh
-from fbench.replay.arrays import Array, Float32, Float64
+from fbench.datasets.city.mesh import Mesh, Rgb, Skin, Three, cylinder, loft, merged, mesh
+from fbench.replay.data.arrays import Array, Float32, Float64
 
 Blob: TypeAlias = tuple[Three, Three]
 """An ellipsoid's centre and radii."""

@@ -1,14 +1,12 @@
-"""Many flat quadrilaterals at once, on walls: u to the right, v up, d outwards, as one sees it who stands before it."""
+"""Many flat quadrilaterals at once, on walls: u to the right, v up, d outwards."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.materials import INDEX
-from fbench.datasets.city.mesh import Mesh
-from fbench.datasets.city.shapes import Rgb, Skin
-from fbench.replay.arrays import Array, Float32, Float64
+from fbench.datasets.city.mesh import INDEX, Mesh, Rgb, Skin
+from fbench.replay.data.arrays import Array, Float32, Float64
 
 Number = float | Array
 """One for all quadrilaterals, or one each."""

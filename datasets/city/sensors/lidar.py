@@ -1,19 +1,154 @@
-"""One turn of a spinning LiDAR."""
+"""One turn of a spinning LiDAR: firing, reflection, and the echoes that it receives."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.mesh import MATERIALS
 from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import MISS, Rays
+from fbench.datasets.city.rays.hits import MISS, Hits, Rays
 from fbench.datasets.city.rig import LidarSpec
-from fbench.datasets.city.sensors.lidar_echoes import Echoes, echoes
-from fbench.datasets.city.sensors.lidar_firing import Firing, firing
-from fbench.datasets.city.sensors.lidar_reflection import reflectivity
-from fbench.replay.arrays import Array, Float64, freeze_fields
-from fbench.replay.data import PointCloud
+from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, FogReturn, fog_echoes, rain_echoes
+from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fields
+from fbench.replay.data.messages import PointCloud
 from fbench.replay.geometry.transforms import transform
+
+JUST_SEEN = 0.1
+"""Reflectivity of the target that is just seen at the sensor's range in clear air, at normal incidence."""
+FAINTEST = 1 / 255
+"""Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """The strongest echo of each of N beams."""
+
+    range_m: Float64
+    """(N,) infinite where nothing comes back."""
+    intensity: Float64
+    """(N,) received power, corrected for range: reflectivity times exp(-2 extinction range); not clipped."""
+    is_scattered: Bool
+    """(N,) whether it is that of fog or of a drop before the target."""
+
+    def __post_init__(self) -> None:
+        one = ("f8", ("N",))
+        freeze_fields(self, range_m=one, intensity=one, is_scattered=("?", ("N",)))
+
+
+def power_floor(range_m: float) -> float:
+    """Return the weakest power that is received, in units of reflectivity / m^2."""
+    clear = fog_extinction_per_m(Weather(visibility_m=CLEAR_MOR_M))
+    return float(JUST_SEEN * np.exp(-2 * clear * range_m) / range_m**2)
+
+
+def echoes(
+    range_m: Float64, reflectivity: Float64, weather: Weather, sensor_range_m: float, rng: np.random.Generator
+) -> Echoes:
+    """Return what beams to targets at `range_m` (N,) of `reflectivity` (N,) receive; both as for those without target:
+    infinite and 0.
+
+    Power is reflectivity exp(-2 extinction range) / range^2. Where fog answers more strongly than the target, which
+    depends on the distance alone in Hahner's model, its echo is received instead. The model relates the fog's echo to
+    the target's, so a beam without a target has none.
+    """
+    through_rain = _through_rain if weather.rain_mm_h > 0 else _through_dry_air
+    hard = through_rain(range_m, reflectivity, weather, power_floor(sensor_range_m), rng)
+    fog = fog_of(weather)
+    drowned = np.isfinite(range_m) & (range_m > fog.switch_m) & ~hard.is_scattered
+    return _with_fog(hard, np.flatnonzero(drowned), fog, range_m, reflectivity, rng) if drowned.any() else hard
+
+
+def _through_dry_air(
+    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
+) -> Echoes:
+    intensity = reflectivity * np.exp(-2 * extinction_per_m(weather) * range_m)
+    received = intensity >= floor * range_m * range_m
+    return Echoes(np.where(received, range_m, np.inf), intensity * received, np.zeros(len(range_m), bool))
+
+
+def _through_rain(
+    range_m: Float64, reflectivity: Float64, weather: Weather, floor: float, rng: np.random.Generator
+) -> Echoes:
+    """Return what LISA's model lets through: echoes are lost, come from drops, and are noisy where they are weak."""
+    equal_range_m = float(np.sqrt(WEAKEST / floor))
+    rain = rain_echoes(weather.rain_mm_h, extinction_per_m(weather), range_m, reflectivity, rng, equal_range_m)
+    received_m = np.where(np.isfinite(rain.range_m), rain.range_m, 0.0)
+    return Echoes(rain.range_m, rain.power * received_m * received_m, rain.label == SCATTERED)
+
+
+def _with_fog(
+    hard: Echoes, drowned: np.ndarray[tuple[int, ...], np.dtype[np.int64]], fog: FogReturn, range_m: Float64,
+    reflectivity: Float64, rng: np.random.Generator,
+) -> Echoes:  # fmt: skip
+    soft = fog_echoes(fog, range_m[drowned], rng)
+    strength = reflectivity[drowned] * soft.strength
+    noticed = strength >= FAINTEST
+    at_m, intensity, is_scattered = hard.range_m.copy(), hard.intensity.copy(), hard.is_scattered.copy()
+    at_m[drowned] = np.where(noticed, soft.range_m, np.inf)
+    intensity[drowned] = strength * noticed
+    is_scattered[drowned] = noticed
+    return Echoes(at_m, intensity, is_scattered)
+
+
+@dataclass(frozen=True, eq=False)
+class Firing:
+    """The N shots of one turn, in firing order."""
+
+    direction: Float64
+    """(N, 3) unit vectors in the sensor's coordinates."""
+    ring: Array
+    """(N,) uint16 channel, 0 the highest."""
+    offset_ns: Array
+    """(N,) int32 time after the turn's end, at which the last shot is made: none is above 0."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, direction=("f8", ("N", 3)), ring=("u2", ("N",)), offset_ns=("i4", ("N",)))
+
+
+def firing(spec: LidarSpec) -> Firing:
+    """Return the shots of one turn: `points_per_s / rate_hz` of them, to the nearest.
+
+    Shot k is channel k modulo `channels`. Channels lie evenly from `upper_deg` down to `lower_deg`, one alone lies in
+    between. The head starts backwards and turns clockwise seen from above (back, left, front, right), a step a shot.
+    """
+    num = max(1, round(spec.points_per_s / spec.rate_hz))
+    shot = np.arange(num)
+    ring = shot % spec.channels
+    azimuth = np.pi - shot * (2 * np.pi / num)
+    altitude = _altitudes_rad(spec)
+    flat, up = np.cos(altitude)[ring], np.sin(altitude)[ring]
+    direction = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=1)
+    offset_ns = np.rint((shot - (num - 1)) * (1e9 / spec.rate_hz / num))
+    return Firing(direction, ring.astype(np.uint16), offset_ns.astype(np.int32))
+
+
+def _altitudes_rad(spec: LidarSpec) -> Float64:
+    if spec.channels == 1:
+        return np.radians([(spec.upper_deg + spec.lower_deg) / 2])
+    return np.radians(np.linspace(spec.upper_deg, spec.lower_deg, spec.channels))
+
+
+_NOTHING = [0.0] * (256 - len(MATERIALS))
+_DIFFUSE = np.array([material.lidar for material in MATERIALS] + _NOTHING)
+_RETRO = np.array([material.retro for material in MATERIALS] + _NOTHING)
+
+
+def reflectivity(hits: Hits, material: Array, direction: Float32) -> Float64:
+    """Return the reflectivity (N,) in which beams of `direction` (N, 3) see what they hit; 0 where that is nothing.
+
+    Lambert's diffuse part times the cosine of incidence, and what retroreflectors add at any angle. A white diffuse
+    surface at normal incidence has 1; a sign has more, and saturates the sensor.
+
+    Args:
+        hits: of the beams.
+        material: (N,) of what was hit, see `RayCaster.material`.
+        direction: (N, 3) unit vectors in the world.
+    """
+    n, d = hits.normal, direction
+    cosine = np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2]).astype(np.float64)
+    return np.asarray(_DIFFUSE[material] * cosine + _RETRO[material], np.float64)
 
 
 @dataclass(frozen=True, eq=False)

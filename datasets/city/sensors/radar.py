@@ -1,21 +1,145 @@
-"""One scan of a radar: rays, their echoes, and what the sensor makes of them."""
+"""One scan of a radar: rays, their echoes, false echoes, and what the sensor makes of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.motion import EGO, BodyStates
 from fbench.datasets.city.rays.hits import MISS, Rays
 from fbench.datasets.city.rig import RadarSpec
-from fbench.datasets.city.sensors.doppler import radial_speeds
-from fbench.datasets.city.sensors.radar_echoes import Echoes, directions, joined
-from fbench.datasets.city.sensors.radar_false_echoes import clutter, ghosts
-from fbench.datasets.city.sensors.radar_field import Looks, looks
-from fbench.datasets.city.sensors.radar_reflection import BEAM_SR, footprint_m2, margin_db, sigma0_db
-from fbench.datasets.city.sensors.radar_resolution import merged_cells, noisy, stepped
-from fbench.replay.arrays import Array, Float64, freeze_fields
-from fbench.replay.data import RadarScan
-from fbench.replay.weather import radar_loss_db
+from fbench.datasets.city.sensors.radar_echoes import (
+    BEAM_SR,
+    Echoes,
+    directions,
+    footprint_m2,
+    joined,
+    margin_db,
+    merged_cells,
+    noisy,
+    sigma0_db,
+    stepped,
+)
+from fbench.replay.conditions.weather import radar_loss_db
+from fbench.replay.data.arrays import Array, Float64, freeze_fields
+from fbench.replay.data.messages import RadarScan
+
+
+def radial_speeds(states: BodyStates, body: Array, point_m: Float64, direction: Float64, sensor_m: Float64) -> Float64:
+    """Return the speeds (N,) of points along rays [m/s], relative to the sensor, positive when receding.
+
+    Bodies are rigid: their velocity and turn rate move every point of theirs; wheels don't spin, limbs don't swing.
+
+    Args:
+        states: All bodies; the first carries the sensor.
+        body: (N,) which body each point is on; below 0: on one that stands.
+        point_m: (N, 3) in the world.
+        direction: (N, 3) unit vectors in the world, away from the sensor.
+        sensor_m: (3,) where the sensor is in the world.
+    """
+    sensor = _velocity(states, np.array([EGO]), sensor_m[None])
+    moving = np.flatnonzero(body >= 0)
+    relative = np.tile(-sensor, (len(body), 1))
+    relative[moving] += _velocity(states, body[moving], point_m[moving])
+    speed: Float64 = (relative * direction).sum(axis=1)
+    return speed
+
+
+def _velocity(states: BodyStates, body: Array, point_m: Float64) -> Float64:
+    """Velocities (N, 3) over ground of points on bodies."""
+    arm = point_m - states.position_m[body]
+    rate = states.yaw_rate_radps[body]
+    turn = np.stack([-rate * arm[:, 1], rate * arm[:, 0], np.zeros(len(arm))], axis=1)
+    return np.asarray(states.velocity_mps[body] + turn, np.float64)
+
+
+_GOLDEN = (np.sqrt(5) - 1) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """The rays of one scan in polar coordinates of the sensor."""
+
+    azimuth_rad: Float64
+    altitude_rad: Float64
+    solid_angle_sr: Float64
+    """(N,) of the field of view, which part each ray stands for."""
+
+    def __post_init__(self) -> None:
+        one = ("f8", ("N",))
+        freeze_fields(self, azimuth_rad=one, altitude_rad=one, solid_angle_sr=one)
+
+
+def looks(spec: RadarSpec, rng: np.random.Generator) -> Looks:
+    """Return points_per_s / rate_hz rays, spread evenly over azimuth and altitude, never where they were before.
+
+    A golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
+    """
+    num = max(1, round(spec.points_per_s / spec.rate_hz))
+    width, height = np.radians(spec.horizontal_fov_deg), np.radians(spec.vertical_fov_deg)
+    shift = rng.random(2)
+    i = np.arange(num)
+    azimuth = ((i + shift[0]) / num - 0.5) * width
+    altitude = ((i * _GOLDEN + shift[1]) % 1 - 0.5) * height
+    return Looks(azimuth, altitude, np.cos(altitude) * (width * height / num))
+
+
+GHOST_LOSS_DB = 10.0
+_GHOST_DETOUR_M = (1.0, 10.0)
+_CLUTTER_FROM_M = 1.0
+_CLUTTER_DBSM = (-10.0, 5.0)
+_CLUTTER_MPS = 0.5
+"""All of these are chosen, not measured: what is published gives kinds of false echoes, but hardly figures."""
+
+
+def ghosts(echoes: Echoes, spec: RadarSpec, rng: np.random.Generator) -> Echoes:
+    """Return second echoes of road users that are strong enough for it, with the chance `spec.multipath` each.
+
+    They come from the same direction, 1 to 10 m farther and 10 dB weaker, with once or twice the relative speed:
+    reflected once more by another surface, or by the ego vehicle itself. An echo is strong where its ghost would still
+    be found.
+    """
+    strong = echoes[(echoes.body >= 0) & (echoes.margin_db >= GHOST_LOSS_DB)]
+    chance, detour, twice = rng.random((3, len(strong)))
+    farther = strong.range_m + _GHOST_DETOUR_M[0] + (_GHOST_DETOUR_M[1] - _GHOST_DETOUR_M[0]) * detour
+    all_ghosts = replace(
+        strong,
+        range_m=farther,
+        speed_mps=strong.speed_mps * np.where(twice < 0.5, 1.0, 2.0),
+        rcs_dbsm=strong.rcs_dbsm - GHOST_LOSS_DB,
+        margin_db=strong.margin_db - GHOST_LOSS_DB,
+        body=np.full(len(strong), MISS, np.int32),
+        true_range_m=np.full(len(strong), np.nan),
+    )
+    return all_ghosts[(chance < spec.multipath) & (farther <= spec.range_m)]
+
+
+def clutter(spec: RadarSpec, sensor_mps: Float64, rng: np.random.Generator) -> Echoes:
+    """Return false echoes, Poisson many, evenly over the field of view, their density falling with 1 / range.
+
+    -10 dBsm with a deviation of 5 dB, and 0.5 m/s over ground: what drops, spray and leaves do.
+
+    Args:
+        spec: The radar.
+        sensor_mps: (3,) the sensor's velocity over ground, in its own axes.
+        rng: Draws all chances.
+    """
+    num = int(rng.poisson(spec.clutter))
+    share, across, up = rng.random((3, num))
+    nearest = min(_CLUTTER_FROM_M, spec.range_m)
+    azimuth = (across - 0.5) * np.radians(spec.horizontal_fov_deg)
+    altitude = (up - 0.5) * np.radians(spec.vertical_fov_deg)
+    return Echoes(
+        range_m=nearest * (spec.range_m / nearest) ** share,
+        azimuth_rad=azimuth,
+        altitude_rad=altitude,
+        speed_mps=rng.normal(0.0, _CLUTTER_MPS, num) - (directions(azimuth, altitude) * sensor_mps).sum(axis=1),
+        rcs_dbsm=rng.normal(*_CLUTTER_DBSM, num),
+        margin_db=np.zeros(num),
+        body=np.full(num, MISS, np.int32),
+        true_range_m=np.full(num, np.nan),
+    )
+
 
 _BLIND_M = 0.2
 """Nearer surfaces give no echo."""

@@ -1,10 +1,100 @@
-"""Stretches of lanes that one enters only with the right to them."""
+"""Conflicts of lanes, and the gates that one enters only with the right to them."""
+
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from fbench.datasets.city.traffic.conflicts import Conflicts
-from fbench.datasets.city.world.city_map import Lane
-from fbench.replay.arrays import Array, Float64
+from fbench.datasets.city.world.city_map import Lane, LaneKind
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+
+HALF_WIDTH_M: dict[LaneKind, float] = {"drive": 1.3, "bike": 0.4, "walk": 0.3}
+"""Half of the widest body, a bus, a bicycle with its rider, a person."""
+_MARGIN_M = {"drive": 0.3, "bike": 0.2, "walk": 0.05}
+"""What is kept free beside it."""
+_SAMPLE_M = 0.25
+_JOINED_M = 6.0
+"""Lanes that follow each other over shorter ones than this are one way, not two that meet."""
+
+
+@dataclass(frozen=True, eq=False)
+class Conflicts:
+    """C pairs of lanes, each both ways, sorted by lane and other."""
+
+    lane: Int64
+    other: Int64
+    lane_from_m: Float64
+    lane_to_m: Float64
+    """(C,) the stretch of the lane from which a body reaches into the other lane."""
+    other_from_m: Float64
+    other_to_m: Float64
+    parts: Bool
+    """(C,) whether both begin at the same node and the stretch is there: one follows whoever is ahead."""
+
+
+def conflicts_of(lanes: tuple[Lane, ...], along: list[Float64]) -> Conflicts:
+    """Find all pairs of lanes that meet."""
+    sampled = [_sampled(lane, a) for lane, a in zip(lanes, along, strict=True)]
+    index = np.concatenate([np.full(len(s), i) for i, (s, _) in enumerate(sampled)])
+    at = np.concatenate([s for s, _ in sampled])
+    half = np.array([HALF_WIDTH_M[lane.kind] for lane in lanes])
+    margin = np.array([_MARGIN_M[lane.kind] for lane in lanes])
+    reach = 2 * (half.max() + margin.max())
+    tree = cKDTree(np.concatenate([xy for _, xy in sampled]))
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    i, j = index[pairs[:, 0]], index[pairs[:, 1]]
+    apart = tree.data[pairs[:, 0]] - tree.data[pairs[:, 1]]
+    near = np.sqrt((apart * apart).sum(axis=1)) < half[i] + half[j] + np.maximum(margin[i], margin[j])
+    followed = _followed(lanes, along)
+    keep = near & (i != j) & ~followed[i, j] & ~followed[j, i]
+    rows = pairs[keep]
+    both = np.concatenate([rows, rows[:, ::-1]])
+    return _grouped(index, at, both, _siblings(lanes))
+
+
+def _sampled(lane: Lane, along: Float64) -> tuple[Float64, Float64]:
+    s = np.linspace(0, along[-1], max(int(along[-1] / _SAMPLE_M), 2) + 1)
+    return s, np.column_stack([np.interp(s, along, lane.points_m[:, k]) for k in range(2)])
+
+
+def _followed(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
+    """(L, L) whether the second lane follows the first at once or over short lanes, or runs beside it for changes."""
+    result = np.zeros((len(lanes), len(lanes)), bool)
+    for i, lane in enumerate(lanes):
+        ahead = [(k, 0.0) for k in lane.successors]
+        while ahead:
+            k, far = ahead.pop()
+            result[i, k] = True
+            if far + along[k][-1] < _JOINED_M:
+                ahead += [(n, far + along[k][-1]) for n in lanes[k].successors]
+        for beside in (lane.left, lane.right):
+            if beside is not None:
+                result[i, beside] = True
+    return result
+
+
+def _siblings(lanes: tuple[Lane, ...]) -> Bool:
+    result = np.zeros((len(lanes), len(lanes)), bool)
+    for lane in lanes:
+        for k in lane.successors:
+            result[k, list(lane.successors)] = True
+    return result
+
+
+def _grouped(index: Array, at: Float64, both: Int64, siblings: Bool) -> Conflicts:
+    i, j = index[both[:, 0]], index[both[:, 1]]
+    order = np.lexsort((j, i))
+    i, j, s, t = i[order], j[order], at[both[order, 0]], at[both[order, 1]]
+    first = np.flatnonzero(np.concatenate([[True], (np.diff(i) != 0) | (np.diff(j) != 0)])[: len(i)])
+    lane, other = i[first].astype(np.int64), j[first].astype(np.int64)
+    if not len(first):
+        none = np.zeros(0)
+        return Conflicts(lane, other, none, none, none, none, np.zeros(0, bool))
+    low, high = np.minimum.reduceat(s, first), np.maximum.reduceat(s, first)
+    other_low, other_high = np.minimum.reduceat(t, first), np.maximum.reduceat(t, first)
+    parts = siblings[lane, other] & (low < 0.5) & (other_low < 0.5)
+    return Conflicts(lane, other, low, high, other_low, other_high, parts)
+
 
 _APART_M = 2.0
 """Stretches that are nearer to each other become one."""

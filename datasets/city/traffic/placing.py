@@ -1,17 +1,81 @@
-"""Where everybody begins."""
+"""Placing of everybody at the beginning, and what drivers, riders and walkers are like."""
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import Final, Literal
 
 import numpy as np
 
-from fbench.datasets.city.actor import Actor, Body
-from fbench.datasets.city.traffic.advance_kernel import extend
-from fbench.datasets.city.traffic.drivers import Driver, drawn_driver
-from fbench.datasets.city.traffic.network import Network
+from fbench.datasets.city.mesh import Actor, Body
+from fbench.datasets.city.spec import WorldName
+from fbench.datasets.city.traffic.network import BIKE, DRIVE, WALK, Network
+from fbench.datasets.city.traffic.path_kernel import extend
 from fbench.datasets.city.traffic.state import HERE, MOVER, NUM_CHOICES, WINDOW, State
 from fbench.datasets.city.world.city_map import CityMap
-from fbench.replay.arrays import Array, Float64
-from fbench.replay.draws import generator
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Array, Float64
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What one mover is like: fields of `MOVER` of the same names, which says what they mean."""
+
+    kind: int
+    factor: float
+    fastest_mps: float
+    headway_s: float
+    standing_gap_m: float
+    acceleration_mps2: float
+    braking_mps2: float
+    margin_m: float
+    keeps_right: bool = False
+    cycle_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class Habits:
+    """Ranges from which a driver of one kind is drawn."""
+
+    fastest_mps: tuple[float, float]
+    headway_s: tuple[float, float]
+    acceleration_mps2: tuple[float, float]
+    braking_mps2: float
+    standing_gap_m: float
+    margin_m: float
+
+
+HABITS: Final[Mapping[str, Habits]] = {
+    "car": Habits((27.0, 38.0), (1.0, 1.6), (1.4, 2.0), 2.0, 2.0, 1.0),
+    "van": Habits((25.0, 34.0), (1.1, 1.7), (1.0, 1.4), 2.0, 2.0, 1.0),
+    "truck": Habits((22.2, 24.7), (1.4, 2.0), (0.6, 0.9), 1.6, 2.5, 1.2),
+    "bus": Habits((24.0, 27.8), (1.4, 2.0), (0.7, 1.0), 1.6, 2.5, 1.2),
+    "motorcycle": Habits((28.0, 40.0), (0.9, 1.5), (1.6, 2.4), 2.2, 1.8, 1.0),
+    "bicycle": Habits((4.0, 6.0), (0.8, 1.2), (0.8, 1.2), 1.5, 1.0, 0.5),
+    "pedestrian": Habits((1.0, 1.6), (0.4, 0.7), (0.8, 1.2), 1.2, 0.35, 0.15),
+}
+"""Around the typical values of Treiber, Kesting, "Traffic Flow Dynamics" (2013), table 11.2: T 1 s, s0 2 m, a 1 m/s^2,
+b 1.5 m/s^2, with longer headways and slower starts of heavy vehicles (T 1.5 s and more). Bicycles and people on foot
+follow the same rule with speeds typical of them (people: 1 to 1.6 m/s)."""
+_STRIDE_M, _TALL_M, _PEDALS_M = 1.4, 1.75, 4.5
+"""A cycle of two steps of a person this tall; what a turn of the pedals goes."""
+
+
+def drawn_driver(label: str, height_m: float, spread: float, draw: np.random.Generator) -> Driver:
+    """Draw whoever moves a body."""
+    habits = HABITS[label]
+    walks, rides = label == "pedestrian", label == "bicycle"
+    factor = float(np.clip(draw.normal(1.0, spread), 0.8, 1.2))
+    return Driver(
+        WALK if walks else BIKE if rides else DRIVE,
+        1.0 if walks or rides else factor,
+        float(draw.uniform(*habits.fastest_mps)), float(draw.uniform(*habits.headway_s)),
+        habits.standing_gap_m, float(draw.uniform(*habits.acceleration_mps2)), habits.braking_mps2, habits.margin_m,
+        label in ("truck", "bus"),
+        _STRIDE_M * height_m / _TALL_M if walks else _PEDALS_M if rides else 0.0,
+    )  # fmt: skip
+
 
 _TRIES = 300
 _START = 0.7
@@ -113,8 +177,8 @@ def _after(net: Network, lane: int) -> Array:
 def _state(net: Network, bodies: list[Body], drivers: list[Driver], places: list[Place], seed: int) -> State:
     movers = np.zeros(len(bodies), MOVER)
     draws = [generator(seed, "traffic", "ways", i) for i in range(len(bodies))]
-    for field in fields(Driver):
-        movers[field.name] = [getattr(driver, field.name) for driver in drivers]
+    for entry in fields(Driver):
+        movers[entry.name] = [getattr(driver, entry.name) for driver in drivers]
     movers["length_m"] = [body.size_lwh_m[0] for body in bodies]
     movers["width_m"] = [body.size_lwh_m[1] for body in bodies]
     movers["at_m"], movers["speed_mps"] = [p.at_m for p in places], [p.speed_mps for p in places]
@@ -138,3 +202,50 @@ def _ways(net: Network, places: list[Place]) -> Array:
         for k in range(HERE, 0, -1):
             ways[i, k - 1] = before[ways[i, k]] if ways[i, k] >= 0 else -1
     return ways
+
+
+URBAN_MIX: Mapping[str, float] = MappingProxyType(
+    {"car": 0.78, "van": 0.1, "truck": 0.04, "bus": 0.04, "motorcycle": 0.04}
+)
+HIGHWAY_MIX: Mapping[str, float] = MappingProxyType(
+    {"car": 0.72, "van": 0.09, "truck": 0.14, "bus": 0.02, "motorcycle": 0.03}
+)
+"""Shares of moving vehicles: passenger cars dominate, on motorways one vehicle in seven is a truck."""
+
+
+@dataclass(frozen=True)
+class TrafficParams:
+    """Densities and kinds.
+
+    Raises:
+        ConfigError: where a number is negative or above 1000, or a share above 1.
+    """
+
+    vehicles_per_km: float = 16.0
+    """Moving motor vehicles on each km of drive lane outside junctions."""
+    bicycles_per_km: float = 7.0
+    """On each km of bike lane."""
+    pedestrians_per_km: float = 5.5
+    """On each km of walk lane."""
+    parked_share: float = 0.2
+    """Of places to park."""
+    mix: Mapping[str, float] = field(default_factory=lambda: URBAN_MIX)
+    """How often a moving vehicle is of which kind."""
+    longest_m: float = 12.2
+    """Longer bodies are drawn anew."""
+    speed_spread: float = 0.08
+    """Standard deviation of the drivers' factor on speed limits."""
+
+    def __post_init__(self) -> None:
+        for name in ("vehicles_per_km", "bicycles_per_km", "pedestrians_per_km", "parked_share", "speed_spread"):
+            value, most = getattr(self, name), 1 if name == "parked_share" else 1000
+            if not 0 <= value <= most:
+                raise ConfigError(f"traffic {name}: expected 0 to {most}, got {value}")
+
+    @classmethod
+    def of(cls, world: WorldName, density: Literal["normal", "dense"] = "normal") -> "TrafficParams":
+        """Typical traffic of a world."""
+        dense = density == "dense"
+        if world == "highway":
+            return cls(14.0 if dense else 7.0, mix=HIGHWAY_MIX, longest_m=20.0, speed_spread=0.1)
+        return cls(29.0, 14.0, 11.0, 0.3) if dense else cls()

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.replay.arrays import Array, Float64
+from fbench.replay.data.arrays import Array, Float64
 
 WINDOW, HERE = 14, 4
 """How many lanes of its way each mover keeps, and which of them it is on."""

@@ -1,25 +1,194 @@
 """Everybody in the world and how they move, the same for the same layout, parameters and seed."""
 
 from copy import copy
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.actor import Actor, Body
 from fbench.datasets.city.bodies.make import make_body
-from fbench.datasets.city.motion import Motion
-from fbench.datasets.city.traffic.ego import best_ego, sizes_of
-from fbench.datasets.city.traffic.network import KINDS, Network, network_of
-from fbench.datasets.city.traffic.params import TrafficParams
-from fbench.datasets.city.traffic.placing import parked, placed
-from fbench.datasets.city.traffic.played import PlayedMotion, step_of
-from fbench.datasets.city.traffic.state import CHANGE, EMERGENCY, State
-from fbench.datasets.city.traffic.step import advance, decide
-from fbench.datasets.city.world.city_map import CityMap
-from fbench.datasets.city.world.layout import Layout
-from fbench.replay.arrays import Array
-from fbench.replay.draws import generator
-from fbench.replay.errors import ConfigError
+from fbench.datasets.city.mesh import Actor, Body
+from fbench.datasets.city.motion import BodyStates, Motion
+from fbench.datasets.city.traffic.follow_kernel import accelerate, change_lanes
+from fbench.datasets.city.traffic.gate_kernel import asking_movers, give_rights, holders, lights_at, take_back
+from fbench.datasets.city.traffic.network import DRIVE, KINDS, Network, network_of
+from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader, left_sides, near_pairs, occupancy
+from fbench.datasets.city.traffic.path_kernel import MARGIN_M, extend, move, poses, stop_before_touching
+from fbench.datasets.city.traffic.placing import TrafficParams, parked, placed
+from fbench.datasets.city.traffic.state import CHANGE, EMERGENCY, HERE, State
+from fbench.datasets.city.world.city_map import CityMap, Layout, SignalPlan
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Array, Bool, Float64
+
+
+def decide(net: Network, state: State, sizes: Float64, step: int, step_s: float) -> None:
+    """Set what everybody does from step `step` to the next; `sizes` (N, 2) are lengths and widths."""
+    taken, lights, roads = occupied(net, state), lights_at(net, step * step_s), net.roads
+    num_changed = change_lanes(roads, net.gates, state.movers, state.way, taken, step)
+    if num_changed:
+        extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
+    _give_rights(net, state, taken, lights, step_s)
+    accelerate(roads, net.gates, lights, state.movers, state.way, taken)
+    state.counters[CHANGE] += num_changed
+    state.counters[EMERGENCY] += _stop_before_touching(net, state, sizes, step_s)
+
+
+def _give_rights(net: Network, state: State, taken: Occupancy, lights: Array, step_s: float) -> None:
+    take_back(net.lanes, lights, state.movers, state.way)
+    held = holders(net.lanes, state.movers, state.way)
+    asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, step_s)
+    give_rights(net.lanes, net.gates, net.conflicts, lights, state.movers, state.way, taken, held, asking)
+
+
+def _stop_before_touching(net: Network, state: State, sizes: Float64, step_s: float) -> int:
+    now, then = poses_of(net, state, 0.0), poses_of(net, state, step_s)
+    return stop_before_touching(state.movers, now, then, sizes, near_pairs(now, then, sizes, MARGIN_M))
+
+
+def advance(net: Network, state: State, step_s: float) -> None:
+    """Do what was decided."""
+    move(net.lanes, state.movers, state.way, step_s)
+    extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
+
+
+def occupied(net: Network, state: State) -> Occupancy:
+    """Find who is where on each lane."""
+    return occupancy(net.path, net.lanes, state.movers, state.way)
+
+
+def poses_of(net: Network, state: State, since_s: float) -> Float64:
+    """Poses (N, 9) of all movers, `since_s` after the step's beginning; see `poses`."""
+    return poses(net.path, net.lanes, state.movers, state.way, since_s)
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedMotion:
+    """What everybody does in some steps; implements `Motion`."""
+
+    net: Network
+    signals: SignalPlan
+    states: tuple[State, ...]
+    """One for each step, as decided at its beginning."""
+    first_step: int
+    step_s: float
+    from_s: float
+    to_s: float
+    parked: Float64
+    """(K, 4) x, y, z, yaw."""
+
+    def at(self, time_s: float) -> BodyStates:
+        """Return the bodies at a time from `from_s` to `to_s`.
+
+        Raises:
+            ConfigError: at another time.
+        """
+        if not self.from_s - 1e-9 <= time_s <= self.to_s + 1e-9:
+            raise ConfigError(f"motion: expected a time from {self.from_s:g} to {self.to_s:g} s, got {time_s:g} s")
+        step = step_of(time_s, self.step_s)
+        state = self.states[min(max(step - self.first_step, 0), len(self.states) - 1)]
+        since = max(time_s - step * self.step_s, 0.0)
+        moving, still = poses_of(self.net, state, since), np.zeros(len(self.parked))
+        return BodyStates(
+            float(time_s),
+            np.concatenate([moving[:, :3], self.parked[:, :3]]),
+            np.concatenate([moving[:, 6], self.parked[:, 3]]),
+            np.concatenate([moving[:, 3:6], np.zeros((len(self.parked), 3))]),
+            np.concatenate([moving[:, 7], still]),
+            np.concatenate([_phase(state, moving[:, 8]), still]),
+            np.concatenate([state.movers["braking"], still > 0]),
+            _lamps(self.signals, time_s),
+        )
+
+
+def step_of(time_s: float, step_s: float) -> int:
+    """The step in which a time is; borders belong to the step that begins there, give or take rounding."""
+    return int(np.floor(time_s / step_s + 1e-9))
+
+
+def _phase(state: State, gone: Float64) -> Float64:
+    movers, walks = state.movers, state.movers["cycle_m"] > 0
+    cycles = (movers["base_m"] + movers["at_m"] + gone) / np.where(walks, movers["cycle_m"], 1.0)
+    phase: Float64 = np.where(walks, cycles - np.floor(cycles), 0.0)
+    return np.where(phase < 1.0, phase, 0.0)
+
+
+def _lamps(signals: SignalPlan, time_s: float) -> Bool:
+    """Red, yellow and green of every group, (3 G,)."""
+    green, yellow = signals.is_green(time_s), signals.is_yellow(time_s)
+    lamps: Bool = np.column_stack([~green & ~yellow, yellow & ~green, green]).ravel()
+    return lamps
+
+
+_TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
+"""How long the trial is, for how long one should not stop, and steps between looks around."""
+_AHEAD_M, _BEHIND_M, _AT_ONCE_M = 50.0, 20.0, 40.0
+"""Whom one sees: ahead, within 45 degrees on both sides, and behind; whom one must see at first."""
+_ENOUGH = 5.0
+"""More company than this doesn't count."""
+_MOVING_MPS = 2.0
+_FREE_M = 1.5
+"""Room before and behind, so that its body may be longer."""
+_LONGEST_M = 12.0
+
+
+def best_ego(net: Network, state: State, cars: Array, step: int, step_s: float) -> int:
+    """Choose among movers, after a trial of some seconds: who moves on, in company, and isn't far from the middle."""
+    trial, sizes = State(*(field.copy() for field in state)), sizes_of(state)
+    motor = np.flatnonzero(state.movers["kind"] == DRIVE)
+    here = poses_of(net, state, 0.0)
+    company, speed, slowest = np.zeros(len(cars)), np.zeros(len(cars)), np.full(len(cars), np.inf)
+    num = int(_TRIAL_S / step_s)
+    for k in range(num):
+        if k % _EVERY == 0:
+            company += np.minimum(_company(poses_of(net, trial, 0.0), cars, motor), _ENOUGH) * _EVERY / num
+        decide(net, trial, sizes, step + k, step_s)
+        v = trial.movers["speed_mps"][cars]
+        speed += v / num
+        slowest = np.minimum(slowest, v) if k * step_s < _START_S else slowest
+        advance(net, trial, step_s)
+    limit = np.array([min(net.lanes["speed_mps"][state.way[i, HERE]], state.movers["fastest_mps"][i]) for i in cars])
+    sees = _company(here, cars, motor, ahead_m=_AT_ONCE_M, behind_m=0.0) > 0
+    score = company / _ENOUGH + np.minimum(speed / limit, 0.8) + 0.5 * sees + (slowest > _MOVING_MPS)
+    score -= 1.5 * np.maximum(_border(here[:, :2])[cars] - 0.6, 0.0)
+    return int(cars[np.argmax(np.where(_has_room(net, state, cars), score, -np.inf))])
+
+
+def sizes_of(state: State) -> Float64:
+    """Footprints (N, 2)."""
+    return np.column_stack([state.movers["length_m"], state.movers["width_m"]])
+
+
+def _company(
+    at: Float64, cars: Array, others: Array, ahead_m: float = _AHEAD_M, behind_m: float = _BEHIND_M
+) -> Float64:
+    """How many of some others each car (K,) has before and behind it; `at` (N, 9) are poses."""
+    apart = at[None, others, :2] - at[cars, None, :2]
+    cos, sin = np.cos(at[cars, 6])[:, None], np.sin(at[cars, 6])[:, None]
+    ahead, left = apart[..., 0] * cos + apart[..., 1] * sin, np.abs(apart[..., 1] * cos - apart[..., 0] * sin)
+    far = np.sqrt(ahead * ahead + left * left)
+    seen = ((far < ahead_m) & (left < ahead)) | ((far < behind_m) & (left < -ahead))
+    return np.asarray(seen.sum(axis=1), np.float64)
+
+
+def _border(here: Float64) -> Float64:
+    """How far from the middle everybody (N,) is: 1 at the border."""
+    middle = here - (here.min(axis=0) + here.max(axis=0)) / 2
+    return np.asarray(np.abs(middle / np.maximum(np.abs(middle).max(axis=0), 1.0)).max(axis=1))
+
+
+def _has_room(net: Network, state: State, cars: Array) -> Array:
+    """Which cars (K,) are not changing lanes and have nobody just before or behind them."""
+    taken, sides, room = occupied(net, state), left_sides(state.movers), np.zeros(len(cars), bool)
+    for row, i in enumerate(cars):
+        ahead, _ = leader(net.roads, state.movers, state.way[i], taken, i, 50.0)
+        same = taken.first[state.way[i, HERE]], taken.first[state.way[i, HERE] + 1]
+        who, at = taken.who[slice(*same)], taken.at_m[slice(*same)]
+        behind = at[(who != i) & (at <= state.movers["at_m"][i])]
+        gap = state.movers["at_m"][i] - behind.max(initial=-np.inf) - _LONGEST_M
+        room[row] = ahead > _FREE_M and gap > _FREE_M and sides[i] == 0
+    return room
+
 
 __all__ = ["Traffic", "TrafficParams"]
 

@@ -1,15 +1,178 @@
-"""The highway: a closed ring of two carriageways with barriers, gantries and what grows beside it."""
+"""The highway: a closed ring of two carriageways with barriers, gantries and plants."""
 
 import numpy as np
 
-from fbench.datasets.city.world.city_map import CityMap, Parking, SignalPlan
-from fbench.datasets.city.world.highway_furniture import highway_furniture, highway_lamps_m
-from fbench.datasets.city.world.highway_ground import BAY_WIDTH_M, highway_patches, highway_regions
-from fbench.datasets.city.world.highway_lanes import LENGTH_M, PAVED_M, highway_lanes, ring_heading, ring_points
-from fbench.datasets.city.world.lane_graph import joined
-from fbench.datasets.city.world.layout import Layout
-from fbench.replay.arrays import Float64
-from fbench.replay.draws import generator
+from fbench.datasets.city.world.city_map import (
+    GROUND_Z_M,
+    CityMap,
+    Kind,
+    Layout,
+    Parking,
+    Placement,
+    SignalPlan,
+    joined,
+)
+from fbench.datasets.city.world.highway_lanes import (
+    BAY_M,
+    BAY_WIDTH_M,
+    LENGTH_M,
+    MEDIAN_M,
+    PAVED_M,
+    RADIUS_M,
+    highway_lanes,
+    highway_patches,
+    highway_regions,
+    ring_heading,
+    ring_points,
+)
+from fbench.replay.conditions.generators import generator
+from fbench.replay.data.arrays import Float64
+
+LAMP_REACH_M, LAMP_HEIGHT_M = 3.0, 11.0
+BARRIER_M = 11.9
+"""Pieces of barrier: their chord is within 50 mm of the curve."""
+_MEDIAN_BARRIER_M, _RAIL_M, _FENCE_M = 0.6, 0.7, 4.0
+"""From the median's middle; from the asphalt's end."""
+_LIT_SHARE, _LAMP_SPACING_M = 0.3, 40.0
+
+
+def highway_furniture(seed: int, bays_m: Float64) -> list[Placement]:
+    """All that stands; `bays_m` (B, 2) as in `highway_patches`."""
+    return [
+        *_barriers(bays_m), *_gantries(seed, bays_m), *_signs(seed), *_lamp_posts(seed, bays_m),
+        *_fences(_fence_spans(seed)), *_plants(seed),
+    ]  # fmt: skip
+
+
+def highway_lamps_m(seed: int, bays_m: Float64) -> Float64:
+    """Where the lamps shine from (L, 3): under the tips of the posts' arms."""
+    posts = _lamp_posts(seed, bays_m)
+    foot = np.array([post.position_m for post in posts])
+    yaw = np.array([post.yaw_rad for post in posts])
+    reach = LAMP_REACH_M * np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))])
+    lamps: Float64 = foot + reach + np.array([0.0, 0.0, LAMP_HEIGHT_M - 0.2])
+    return lamps
+
+
+def _barriers(bays_m: Float64) -> list[Placement]:
+    """Two in the median, guard rails beside the shoulders; these step aside at the bays."""
+    placements = []
+    for left in (-_MEDIAN_BARRIER_M, _MEDIAN_BARRIER_M, -PAVED_M - _RAIL_M, PAVED_M + _RAIL_M):
+        size = (0.3, 0.9) if abs(left) < MEDIAN_M else (0.25, 0.75)
+        for start, end in _cut([(0.0, LENGTH_M)], left, bays_m):
+            placements += _chain("barrier", start, end, left, size)
+    for s, side in bays_m:
+        left = side * (PAVED_M + BAY_WIDTH_M + _RAIL_M)
+        placements += _chain("barrier", s - BAY_M / 2, s + BAY_M / 2, left, (0.25, 0.75))
+    return placements
+
+
+def _cut(spans: list[tuple[float, float]], left_m: float, bays_m: Float64) -> list[tuple[float, float]]:
+    """Take the bays out of a guard rail."""
+    for s, side in bays_m:
+        if abs(left_m) > MEDIAN_M and side * left_m > 0:
+            a, b = s - BAY_M / 2, s + BAY_M / 2
+            spans = [part for x, y in spans for part in ((x, min(y, a)), (max(x, b), y)) if part[1] > part[0]]
+    return spans
+
+
+def _chain(
+    kind: Kind, from_m: float, to_m: float, left_m: float, width_height_m: tuple[float, float]
+) -> list[Placement]:
+    """Pieces end to end along the ring, each a chord."""
+    num = int(np.ceil((to_m - from_m) * max(1.0, 1 - left_m / RADIUS_M) / BARRIER_M))
+    ends = ring_points(np.linspace(from_m, to_m, num + 1), left_m)
+    middle, way = (ends[:-1] + ends[1:]) / 2, np.diff(ends, axis=0)
+    yaw, length = np.arctan2(way[:, 1], way[:, 0]), np.sqrt((way * way).sum(axis=1))
+    return [
+        Placement(kind, (float(x), float(y), GROUND_Z_M), float(a), (float(piece), *width_height_m), i)
+        for i, ((x, y), a, piece) in enumerate(zip(middle, yaw, length, strict=True))
+    ]
+
+
+def _gantries(seed: int, bays_m: Float64) -> list[Placement]:
+    """Over one carriageway each, some hundred metres apart; their feet stand between and behind the barriers."""
+    draw = generator(seed, "highway layout", "gantries")
+    width = PAVED_M + 1.5
+    placements = []
+    for side in (-1, 1):
+        for k in range(5):
+            s, variant = (k + float(draw.uniform(0.2, 0.8))) * LENGTH_M / 5, _variant(draw)
+            if not _at_bay(s, side, bays_m):
+                placements.append(_facing("gantry", s, side * width / 2, (0.6, width, 7.2), side, variant))
+    return placements
+
+
+def _at_bay(s_m: float, side: int, bays_m: Float64) -> bool:
+    away = np.abs((bays_m[:, 0] - s_m + LENGTH_M / 2) % LENGTH_M - LENGTH_M / 2)
+    return bool(np.any((away < BAY_M / 2 + 2) & (bays_m[:, 1] == side)))
+
+
+def _signs(seed: int) -> list[Placement]:
+    """Behind the guard rails."""
+    draw = generator(seed, "highway layout", "signs")
+    return [
+        _facing("sign", float(draw.uniform(0, LENGTH_M)), side * (PAVED_M + BAY_WIDTH_M + 1.6), (0.1, 0.9, 2.8), side,
+                _variant(draw))
+        for side in (-1, 1) for _ in range(14)
+    ]  # fmt: skip
+
+
+def _facing(
+    kind: Kind, s_m: float, left_m: float, size: tuple[float, float, float], side: int, variant: int
+) -> Placement:
+    """Something that looks at the traffic of its side: counter-clockwise outside (-1), clockwise inside (1)."""
+    x, y = ring_points(np.array([s_m]), left_m)[0]
+    yaw = float(ring_heading(np.array([s_m]))[0]) + (np.pi if side < 0 else 0.0)
+    return Placement(kind, (float(x), float(y), GROUND_Z_M), float(yaw % (2 * np.pi)), size, variant)
+
+
+def _lamp_posts(seed: int, bays_m: Float64) -> list[Placement]:
+    """Over both shoulders of one stretch."""
+    start = float(generator(seed, "highway layout", "lamps").uniform(0, LENGTH_M))
+    spots = np.arange(0, _LIT_SHARE * LENGTH_M, _LAMP_SPACING_M) + start
+    return [_lamp_post(float(s), side) for s in spots for side in (-1, 1) if not _at_bay(float(s), side, bays_m)]
+
+
+def _lamp_post(s_m: float, side: int) -> Placement:
+    x, y = ring_points(np.array([s_m]), side * (PAVED_M + 1.3))[0]
+    yaw = float(ring_heading(np.array([s_m]))[0]) - side * np.pi / 2
+    size = (LAMP_REACH_M, 0.25, LAMP_HEIGHT_M)
+    return Placement("lamp_post", (float(x), float(y), GROUND_Z_M), float(yaw % (2 * np.pi)), size)
+
+
+def _fence_spans(seed: int) -> list[tuple[float, float, int]]:
+    """Stretches with a noise fence: from, to, side."""
+    draw = generator(seed, "highway layout", "fences")
+    starts = np.sort(draw.uniform(0, LENGTH_M - 250, 4))
+    return [(float(s), float(s + draw.uniform(90, 220)), int(draw.choice([-1, 1]))) for s in starts]
+
+
+def _fences(spans: list[tuple[float, float, int]]) -> list[Placement]:
+    left = PAVED_M + BAY_WIDTH_M + _FENCE_M
+    return [piece for start, end, side in spans for piece in _chain("fence", start, end, side * left, (0.2, 3.5))]
+
+
+def _plants(seed: int) -> list[Placement]:
+    """Trees and bushes on both sides; clear of fences, signs and lamp posts."""
+    draw = generator(seed, "highway layout", "plants")
+    spots = [(float(s + draw.uniform(-5, 5)), side) for s in np.arange(0, LENGTH_M, 14.0) for side in (-1, 1)]
+    return [_plant(draw, s, side) for s, side in spots if draw.random() < 0.75]
+
+
+def _plant(draw: np.random.Generator, s_m: float, side: int) -> Placement:
+    away = draw.uniform(10, 40 if draw.random() < 0.6 else 16)
+    x, y = ring_points(np.array([s_m]), side * (PAVED_M + float(away)))[0]
+    position, yaw, variant = (float(x), float(y), GROUND_Z_M), float(draw.uniform(0, 2 * np.pi)), _variant(draw)
+    wide = float(draw.uniform(0, 1))
+    if draw.random() < 0.35:
+        return Placement("bush", position, yaw, (1.2 + wide, 1.2 + wide, 1.0 + wide), variant)
+    return Placement("tree", position, yaw, (4 + 3 * wide, 4 + 3 * wide, 8 + 6 * wide), variant)
+
+
+def _variant(draw: np.random.Generator) -> int:
+    return int(draw.integers(1 << 30))
+
 
 _BAYS = 4
 """Emergency bays of each carriageway."""

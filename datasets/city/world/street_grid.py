@@ -1,12 +1,12 @@
-"""The streets of the urban world: a closed grid, what each street holds, and coordinates along its arms."""
+"""The streets of the urban world: a closed grid, and coordinates along it."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from fbench.replay.arrays import Float64
-from fbench.replay.draws import generator
+from fbench.replay.conditions.generators import generator
+from fbench.replay.data.arrays import Float64
 
 LANE_M, BIKE_M, PARKING_M, SIDEWALK_M = 3.25, 1.5, 2.1, 3.0
 """Widths of a drive lane, a bike lane, a parking strip and a sidewalk."""

@@ -1,19 +1,239 @@
-"""The urban world's ground: outlines of streets, junctions, sidewalks and blocks, as patches and as regions.
+"""Ground of the urban world: streets, junctions, markings and blocks of houses.
 
 They touch and don't overlap: streets lie between junctions, sidewalks follow one side of a street and the bend after
 it, and what they enclose is the block.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 
-from fbench.datasets.city.world.buildings import is_park
-from fbench.datasets.city.world.city_map import Polygon
-from fbench.datasets.city.world.lane_paths import rounded, sparse, straight
-from fbench.datasets.city.world.layout import Patch
-from fbench.datasets.city.world.street_grid import CORNER_M, SIDEWALK_M, Arm, Grid, Node
-from fbench.datasets.city.world.urban_walks import CROSSING_M, OUTER_CORNER_M, SIDEWALK_Z_M, kerb_corner
-from fbench.replay.arrays import Float64
-from fbench.replay.draws import generator
+from fbench.datasets.city.world.city_map import Patch, Placement, Polygon, rounded, sparse, straight
+from fbench.datasets.city.world.street_grid import (
+    BIKE_M,
+    CORNER_M,
+    LANE_M,
+    PARKING_M,
+    SIDEWALK_M,
+    STOP_M,
+    Arm,
+    Cell,
+    Grid,
+    Node,
+)
+from fbench.datasets.city.world.urban_lanes import (
+    CROSSING_M,
+    OUTER_CORNER_M,
+    SIDEWALK_Z_M,
+    kerb_corner,
+    lane_offset_m,
+    spaces_m,
+)
+from fbench.replay.conditions.generators import generator
+from fbench.replay.data.arrays import Float64
+
+PAINT_Z_M, ARROW_Z_M = 0.005, 0.008
+_LINE_M, _THIN_M = 0.15, 0.10
+_DASH_M, _GAP_M = 3.0, 4.0
+_STOP_LINE_M = (11.8, 12.2)
+"""Along an arm, just beyond the lanes' ends."""
+
+
+def marking_patches(grid: Grid) -> list[Patch]:
+    """Markings of all streets."""
+    arms = list(grid.arm.values())
+    centre = [outline for arm in arms if arm.way < 2 for outline in _centre_line(arm, grid.opposite(arm))]
+    sides = [outline for arm in arms for outline in _left_side(arm, grid.opposite(arm))]
+    ends = [outline for arm in arms for outline in (*_zebra(arm), *_stop_lines(arm))]
+    arrows = [outline for arm in arms if arm.num_lanes > 1 for outline in _arrows(grid, arm)]
+    return [
+        *(Patch("marking", outline, PAINT_Z_M) for outline in (*centre, *sides, *ends)),
+        *(Patch("marking", outline, ARROW_Z_M) for outline in arrows),
+    ]
+
+
+def _centre_line(arm: Arm, far: Arm) -> Iterator[Float64]:
+    end = arm.length_to(far) - STOP_M
+    if arm.num_lanes > 1:
+        yield from (_bar(arm, (STOP_M, end), (o - _THIN_M / 2, o + _THIN_M / 2)) for o in (-0.12, 0.12))
+    else:
+        yield from _dashes(arm, end, 0.0)
+
+
+def _left_side(arm: Arm, far: Arm) -> Iterator[Float64]:
+    """Lane lines, the edge of the drive lanes, and parking spaces on the left side of an arm."""
+    end = arm.length_to(far) - STOP_M
+    for k in range(1, arm.num_lanes):
+        yield from _dashes(arm, end, k * LANE_M)
+    yield _bar(arm, (STOP_M, end), (arm.half_m - _LINE_M / 2, arm.half_m + _LINE_M / 2))
+    parking = arm.left_kerb_m - PARKING_M
+    spaces = spaces_m(arm, far)
+    if spaces and arm.left_extra_m > PARKING_M:
+        yield _bar(arm, (STOP_M, end), (parking - _THIN_M, parking))
+    for s in sorted({s for space in spaces for s in space}):
+        yield _bar(arm, (s - _THIN_M / 2, s + _THIN_M / 2), (parking + 0.1, parking + PARKING_M - 0.05))
+
+
+def _dashes(arm: Arm, end_m: float, left_m: float) -> Iterator[Float64]:
+    for start in np.arange(STOP_M, end_m - _DASH_M, _DASH_M + _GAP_M):
+        yield _bar(arm, (float(start), float(start) + _DASH_M), (left_m - _THIN_M / 2, left_m + _THIN_M / 2))
+
+
+def _zebra(arm: Arm) -> Iterator[Float64]:
+    """Bars of 0.5 m across the whole street."""
+    num = int((arm.left_kerb_m + arm.right_kerb_m) - 0.3)
+    middle = (arm.left_kerb_m - arm.right_kerb_m) / 2
+    for k in range(num):
+        o = middle + k - (num - 1) / 2
+        yield _bar(arm, CROSSING_M, (o - 0.25, o + 0.25))
+
+
+def _stop_lines(arm: Arm) -> Iterator[Float64]:
+    yield _bar(arm, _STOP_LINE_M, (0.2, arm.half_m - 0.2))
+    if arm.has_bikes:
+        yield _bar(arm, _STOP_LINE_M, (arm.half_m + 0.2, arm.half_m + BIKE_M - 0.2))
+
+
+def _arrows(grid: Grid, arm: Arm) -> Iterator[Float64]:
+    """On avenues: straight on from each lane that goes there, with a branch for the turn that it also allows."""
+    ways = {(exit_.way - arm.way) % 4 for exit_ in grid.arms(arm.node)}
+    for k in range(arm.num_lanes):
+        o = lane_offset_m(k)
+        turn = 3 if k == 0 else 1
+        side = {3: -1.0, 1: 1.0}[turn]  # seen outwards, the driver's left is on our right
+        yield _polygon(arm, o, [(17.0, -0.1), (21.0, -0.1), (21.0, 0.1), (17.0, 0.1)])
+        if 2 in ways:
+            yield _polygon(arm, o, [(15.6, 0.0), (17.0, -0.4), (17.0, 0.4)])
+        if turn in ways:
+            tip = [(18.2, side * 1.0), (17.7, side * 0.45), (18.7, side * 0.45)]
+            stem = [(18.05, side * 0.1), (18.05, side * 0.45), (18.35, side * 0.45), (18.35, side * 0.1)]
+            yield from (_polygon(arm, o, shape) for shape in (tip, stem))
+
+
+def _polygon(arm: Arm, left_m: float, shape: list[tuple[float, float]]) -> Float64:
+    """An outline from (along, left) pairs, counter-clockwise whichever way they are given."""
+    points = np.array([arm.at(along, left_m + left) for along, left in shape])
+    x, y = points.T
+    area = (x * np.roll(y, -1) - np.roll(x, -1) * y).sum()
+    return points if area > 0 else points[::-1].copy()
+
+
+def _bar(arm: Arm, along_m: tuple[float, float], left_m: tuple[float, float]) -> Float64:
+    (a, b), (right, left) = along_m, left_m
+    return np.array([arm.at(a, right), arm.at(b, right), arm.at(b, left), arm.at(a, left)])
+
+
+_CORNER_M = 1.2
+"""Houses at corners stand back from both streets, so that they don't reach into the sidewalk's bend."""
+_PARK_SHARE, _GAP_SHARE = 0.2, 0.25
+_WIDTH_M, _DEPTH_M, _HEIGHT_M = (9.0, 24.0), (9.0, 14.0), (6.0, 25.0)
+
+
+@dataclass(frozen=True)
+class _Front:
+    """Where one row of houses stands: along the left side of an arm."""
+
+    arm: Arm
+    from_m: float
+    to_m: float
+    """Along the arm."""
+    depth_m: float
+
+
+def block_placements(seed: int, grid: Grid) -> list[Placement]:
+    """Houses, parks and yards of all blocks, and houses around the world."""
+    placements: list[Placement] = []
+    for cell, ring in zip(grid.cells, grid.rings, strict=False):
+        draw = generator(seed, "urban layout", "block", *cell)
+        fronts = _fronts(draw, grid, ring)
+        if is_park(seed, cell):
+            placements += _green(draw, ring, grid, 0.0, 40)
+        else:
+            tall = float(draw.uniform(8, 22))
+            placements += [house for front in fronts for house in _row(draw, front, tall)]
+            placements += _green(draw, ring, grid, max(front.depth_m for front in fronts) + 4.0, 8)
+    return placements + _around_the_world(seed, grid)
+
+
+def is_park(seed: int, cell: Cell) -> bool:
+    """Whether a block has trees instead of houses."""
+    return bool(generator(seed, "urban layout", "park", *cell).random() < _PARK_SHARE)
+
+
+def _fronts(draw: np.random.Generator, grid: Grid, ring: list[Arm]) -> list[_Front]:
+    """Two rows from end to end of a block and two between them."""
+    depths = [float(draw.uniform(*_DEPTH_M)) for _ in ring]
+    fronts = []
+    for k, arm in enumerate(ring):
+        before, after, far = ring[k - 1], ring[(k + 1) % 4], grid.opposite(arm)
+        start, end = before.left_extra_m + SIDEWALK_M, arm.length_to(far) - after.left_extra_m - SIDEWALK_M
+        if k % 2:  # between the rows beside it, with a passage of 3 m and room for their setback
+            start, end = start + depths[k - 1] + 4.5, end - depths[(k + 1) % 4] - 4.5
+        else:
+            start, end = start + _CORNER_M, end - _CORNER_M
+        fronts.append(_Front(arm, start, end, depths[k]))
+    return fronts
+
+
+def _row(draw: np.random.Generator, front: _Front, tall_m: float) -> list[Placement]:
+    """Houses side by side, some with a gap between them."""
+    row, at = [], front.from_m
+    while front.to_m - at >= _WIDTH_M[0]:
+        width = float(min(draw.uniform(*_WIDTH_M), front.to_m - at))
+        if front.to_m - at - width < _WIDTH_M[0]:
+            width = min(front.to_m - at, _WIDTH_M[1] + 5)
+        height = float(np.clip(tall_m + draw.uniform(-4, 4), *_HEIGHT_M))
+        setback = _CORNER_M + float(draw.choice([0.0, 0.0, 0.3]))
+        depth = front.depth_m - float(draw.uniform(0, 2))
+        row.append(_house(draw, front.arm, at + width / 2, setback, (depth, width, height)))
+        at += width + (float(draw.uniform(2, 7)) if draw.random() < _GAP_SHARE else 0.02)
+    return row
+
+
+def _house(draw: np.random.Generator, arm: Arm, along: float, setback: float,
+           size: tuple[float, float, float]) -> Placement:  # fmt: skip
+    x, y = arm.at(along, arm.left_kerb_m + SIDEWALK_M + setback + size[0] / 2)
+    yaw = (arm.yaw_rad - np.pi / 2) % (2 * np.pi)
+    return Placement("building", (float(x), float(y), SIDEWALK_Z_M), float(yaw), size, int(draw.integers(1 << 30)))
+
+
+def _green(draw: np.random.Generator, ring: list[Arm], grid: Grid, inset_m: float, num: int) -> list[Placement]:
+    """Trees and bushes at least `inset_m` within a block's sidewalks, no two within 4 m."""
+    arm, after = ring[0], ring[1]
+    margin = SIDEWALK_M + inset_m + 2.5
+    corner = arm.at(ring[-1].left_extra_m + margin, arm.left_kerb_m + margin)
+    opposite = grid.opposite(after).at(ring[2].left_extra_m + margin, -after.left_kerb_m - margin)
+    if (opposite - corner).min() < 2:
+        return []
+    chosen: list[Placement] = []
+    for spot in draw.uniform(corner, opposite, (num, 2)):
+        if all(np.hypot(spot[0] - p.position_m[0], spot[1] - p.position_m[1]) > 4 for p in chosen):
+            chosen.append(plant(draw, float(spot[0]), float(spot[1]), SIDEWALK_Z_M))
+    return chosen
+
+
+def plant(draw: np.random.Generator, x: float, y: float, z: float) -> Placement:
+    """A tree, or sometimes a bush."""
+    position, yaw, variant = (x, y, z), float(draw.uniform(0, 2 * np.pi)), int(draw.integers(1 << 30))
+    if draw.random() < 0.25:
+        wide = float(draw.uniform(0.8, 1.8))
+        return Placement("bush", position, yaw, (wide, wide, wide * 0.8), variant)
+    wide = float(draw.uniform(3, 4.5))
+    return Placement("tree", position, yaw, (wide, wide, float(wide * draw.uniform(1.6, 2.2))), variant)
+
+
+def _around_the_world(seed: int, grid: Grid) -> list[Placement]:
+    """Rows of houses outside of the border streets; a tree where a street ends."""
+    placements = []
+    for k, arm in enumerate(grid.rings[-1]):
+        draw = generator(seed, "urban layout", "outside", k)
+        front = _Front(arm, 0.0, arm.length_to(grid.opposite(arm)), float(draw.uniform(*_DEPTH_M)))
+        placements += _row(draw, front, float(draw.uniform(8, 20)))
+        x, y = arm.at(-arm.edge_m, arm.left_kerb_m + SIDEWALK_M + 6.0)
+        placements.append(plant(draw, float(x), float(y), SIDEWALK_Z_M))
+    return placements
+
 
 OUTSKIRTS_M = 45.0
 """How far the ground of the blocks goes on around the world, from the outer sidewalk."""

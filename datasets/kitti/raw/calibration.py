@@ -1,4 +1,4 @@
-"""Calibration of a raw drive of KITTI: `calib_cam_to_cam.txt`, `calib_velo_to_cam.txt`, `calib_imu_to_velo.txt`.
+"""Calibration of a raw drive of KITTI.
 
 Lines `NAME: numbers`, for camera X: S_0X, K_0X, D_0X, R_0X, T_0X as recorded, and S_rect_0X, R_rect_0X, P_rect_0X after
 rectification; see the paper that `rig` names, section IV, and the readme of the raw data.
@@ -10,14 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from fbench.datasets.importing.files import read_text
+from fbench.datasets.importing.summary import is_pinhole, is_rotation, mount_of
 from fbench.datasets.kitti.raw.files import Drive
 from fbench.datasets.kitti.rig import BODY_T_CAMERA0, LIDAR, Calibration, camera_name, rig_of
-from fbench.replay.boxfiles.parse import number
-from fbench.replay.data import CameraModel, Float64, Rig
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.formats.objects import parse_number
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
-from fbench.replay.imports.files import read_text
-from fbench.replay.imports.rigs import is_pinhole, is_rotation, mount_of
 
 CAMERAS = "calib_cam_to_cam.txt"
 LIDAR_TO_CAMERA = "calib_velo_to_cam.txt"
@@ -45,7 +46,7 @@ class Numbers:
         where, texts = f"{self.path}: {name}", self.texts[name].split()
         if len(texts) != np.prod(shape):
             raise LogError(f"{where}: {len(texts)} numbers, expected {np.prod(shape)}")
-        values = np.array([number(text, where, "a value") for text in texts])
+        values = np.array([parse_number(text, where, "a value") for text in texts])
         if not (np.abs(values) < _MAX_MAGNITUDE).all():
             raise LogError(f"{where}: holds a number that isn't finite, or is beyond all reason")
         return values.reshape(shape)

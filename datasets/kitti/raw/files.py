@@ -1,17 +1,17 @@
-"""Files of a raw drive of KITTI, and their stamps."""
+"""Files of a raw drive of KITTI, their stamps, and the order in which they are read."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+from fbench.datasets.importing.files import entries, read_text
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
 from fbench.datasets.kitti.rig import LIDAR, camera_name
-from fbench.replay.boxfiles.parse import stamp_of_time
-from fbench.replay.boxfiles.text import MAX_FRAMES
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import read_text
-from fbench.replay.imports.listing import entries
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.formats.objects import MAX_FRAMES, stamp_of_time
 
 _DATE = re.compile(r"\d{4}_\d\d_\d\d", re.ASCII)
 _DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d+_(sync|extract)", re.ASCII)
@@ -157,3 +157,67 @@ def read_stamps(path: Path) -> Stamps:
     """
     text = read_text(path, _MAX_STAMPS_BYTES).rstrip()
     return Stamps(path, tuple(line.strip() for line in text.split("\n")) if text else ())
+
+
+Met = Callable[[LogError], None]
+_END_NS = 2**63
+"""Behind all stamps, which aren't negative."""
+
+
+class Entry(NamedTuple):
+    """One file."""
+
+    stamp_ns: int
+    sensor: str
+    number: int
+
+
+def ordered(drive: Drive, sensors: Collection[str], frames: FrameRange, met: Met) -> list[Entry]:
+    """Return the files of some sensors that belong to a range of frames, by stamp.
+
+    Numbers of files are those of frames in rectified drives. In others each sensor counts for itself: the range is one
+    of the reference sensor's files, and takes what was recorded from its first stamp on until the first one after it.
+
+    Args:
+        drive: Where the files are.
+        sensors: Which ones to read.
+        frames: Which numbers.
+        met: Is told of files without a stamp, and of sensors without stamps.
+
+    Raises:
+        LogError: where `met` raises, or the range is empty.
+    """
+    series = [series for name, series in sorted(drive.series.items()) if name in sensors]
+    if drive.is_rectified:
+        chosen = [entry for one in series for entry in _entries(one, frames, met)]
+    else:
+        everything = [entry for one in series for entry in _entries(one, FrameRange(), met)]
+        window_ns = _window([entry for entry in everything if entry.sensor == drive.reference], frames)
+        chosen = [entry for entry in everything if entry.stamp_ns in window_ns]
+    if not chosen:
+        numbers = list(drive.series[drive.reference].paths)
+        raise LogError(f"{drive.folder}: no measurement in frames {frames}; there are {numbers[0]} to {numbers[-1]}")
+    return sorted(chosen)
+
+
+def _entries(series: Series, frames: FrameRange, met: Met) -> Iterator[Entry]:
+    wanted = [number for number in series.paths if number in frames]
+    try:
+        stamps = read_stamps(series.stamps_path)
+    except LogError as error:
+        met(error)
+        return
+    for number in wanted:
+        try:
+            yield Entry(stamps.stamp_ns(number), series.sensor, number)
+        except LogError as error:
+            met(error)
+
+
+def _window(reference: Sequence[Entry], frames: FrameRange) -> range:
+    """Return the stamps [ns] that belong to a range of the reference sensor's files."""
+    inside = [entry.stamp_ns for entry in reference if entry.number in frames]
+    behind = [entry.stamp_ns for entry in reference if frames.stop is not None and entry.number >= frames.stop]
+    if not inside:
+        return range(0)
+    return range(min(inside) if frames.first else 0, min(behind, default=_END_NS))

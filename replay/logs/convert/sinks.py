@@ -1,15 +1,18 @@
-"""Where the items of a conversion go: MCAP or Parquet."""
+"""Sinks of a conversion: MCAP or Parquet."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
-from fbench.replay.data import Rig
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.container import Channel
-from fbench.replay.logs.convert.encode import Encoded, Encoder
-from fbench.replay.logs.convert.items import Copied, Decoded, Item, RigAt
-from fbench.replay.logs.parquet.write import ParquetWriter
-from fbench.replay.logs.truth_part import TruthPart
+from fbench.replay.logs.containers.mcap.write import RawMcapWriter
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
+from fbench.replay.logs.convert.items import Copied, Decoded, Encoded, Encoder, Item, RigAt
+from fbench.replay.logs.convert.target import PartsWriter, Target
+from fbench.replay.logs.header import LogHeader
 
 
 class Sink(Protocol):
@@ -159,3 +162,27 @@ class ParquetSink:
     def discard(self) -> None:
         """Leave nothing behind."""
         self._writer.discard()
+
+
+_CHUNK = 1024 * 1024
+
+
+def open_sink(target: Target, about: LogHeader) -> Sink:
+    """Begin to write a log.
+
+    Raises:
+        ConfigError: where it can't be written, or not with this compression.
+        LogError: where its metadata aren't Unicode.
+    """
+    compression = target.compression or "zstd"
+    if target.form == "parquet":
+        info = LogInfo(target.path.stem, about.log_id, about.metadata)
+        return ParquetSink(ParquetWriter(target.path, info, None, compression, target.rows_per_group, about.kinds))
+
+    def open_file(path: Path) -> RawMcapWriter:
+        return RawMcapWriter(path, about, compression, target.chunk_size or _CHUNK)
+
+    if target.split is None:
+        return McapSink(open_file(target.path), str(target.path))
+    parts = PartsWriter(target.path, target.split, open_file)
+    return McapSink(parts, str(target.path), parts.names)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.replay.images import encode_jpeg
+from fbench.replay.data.images import encode_jpeg
 
 CALIBRATION = {
     "sensors": [

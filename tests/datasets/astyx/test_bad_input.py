@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from fbench.datasets.astyx import Astyx
-from fbench.replay.data import Message, PointCloud
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.imports.run import ImportedLog, import_one
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.datasets.importing.run import ImportedLog, import_one
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Message, PointCloud
 from fbench.replay.logs.open import open_log
 
 SWEEP, OBJECTS = "lidar_vlp16/000008.txt", "groundtruth_obj3d/000008.json"

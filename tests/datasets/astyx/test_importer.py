@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from fbench.datasets.astyx import Astyx
-from fbench.replay.data import Boxes3D, Image, Message, PointCloud, RadarScan, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
+from fbench.datasets.importing.run import import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
 from fbench.replay.logs.open import open_log
-from fbench.replay.protocols import Reader
 
 HOUR_NS = 3_600_000_000_000
 

@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from fbench.datasets.astyx import Astyx
 from fbench.datasets.astyx.importer import VELOCITY_PERIOD_MPS
-from fbench.replay.arrays import Array
-from fbench.replay.data import Boxes3D, Message, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
+from fbench.datasets.importing.run import import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Message, PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import Rig
 from fbench.replay.logs.open import open_log
 
 Frames = Mapping[int, Message]

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 from tests.program import fbench
 
-from fbench.replay.data import Image, LogInfo, Message, PointCloud, Pose, RadarScan, Rig, Truth
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs.open import open_log
 
 RIG = """

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RadarSpec, RigSpec
-from fbench.datasets.city.spec import VERSION, CitySpec
-from fbench.replay.data import Image, Truth
-from fbench.replay.digest import digest
-from fbench.replay.host import describe_host, package_versions
-from fbench.replay.images import decode
+from fbench.datasets.city.spec import VERSION, CitySpec, condition
+from fbench.replay.data.images import decode
+from fbench.replay.data.messages import Image, Truth
+from fbench.replay.runs.digest import digest
+from fbench.replay.runs.manifest import describe_host, package_versions
 
 PINNED = Path(__file__).with_name("pinned.json")
 _DECIDE = ("numpy", "scipy", "numba", "llvmlite", "embreex", "opencv-python-headless")

@@ -12,7 +12,7 @@ import pytest
 from tests.datasets.city.city_logs import read
 from tests.program import fbench as run
 
-FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+FBENCH = [sys.executable, "-c", "from fbench.cli import main; main()"]
 SHORT = ("--sensors", "radar", "--set", "radar.points_per_s=2000", "--seconds", "0.1")
 # Seeds are 0 and 1 throughout, as each other city takes seconds to build.
 

@@ -7,11 +7,10 @@ from tests.city_log import SMALL_RIG
 from tests.kept_cities import kept
 from tests.program import fbench as run
 
-from fbench.datasets.city.conditions import condition
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec
-from fbench.datasets.city.spec import CitySpec
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.city.spec import CitySpec, condition
+from fbench.datasets.importing.run import write_recording
 from fbench.replay.logs.convert.target import Target
 
 

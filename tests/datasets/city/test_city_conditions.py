@@ -1,9 +1,9 @@
 import pytest
 
-from fbench.datasets.city.conditions import CONDITIONS, condition
+from fbench.datasets.city.request import CityWish
+from fbench.datasets.city.spec import CONDITIONS, condition
 from fbench.datasets.city.suite import SEEDS, SUITE
-from fbench.datasets.city.wish import CityWish
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
 
 
 def test_the_conditions_of_the_thesis_are_there():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.suite import SEEDS
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.replay.data import Boxes2D
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.replay.data.boxes import Boxes2D
 
 FOLDER = Path(__file__).parents[3] / "benchmarks"
 with pytest.MonkeyPatch.context() as patch:

@@ -7,8 +7,8 @@ from tests.datasets.city.city_logs import body_velocity, in_boxes, moved, pixels
 
 from fbench.datasets.city.camera.develop import linear
 from fbench.datasets.city.scenery.scenery import scenery
-from fbench.datasets.city.world.worlds import layout
-from fbench.replay.regions import inside
+from fbench.datasets.city.world.urban import layout
+from fbench.replay.data.metadata import inside
 
 SIGMA_M = 0.01
 SEEDS = {"urban": 3, "highway": 4}

@@ -13,7 +13,7 @@ from tests.datasets.city.city_logs import read, simulated
 from tests.kept_cities import forget_cities
 from tests.program import fbench as run
 
-FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+FBENCH = [sys.executable, "-c", "from fbench.cli import main; main()"]
 SMALL = (
     "--set", "lidar.points_per_s=60000", "--set", "radar.points_per_s=20000", "--set", "camera.size_wh=[96, 72]",
     "--sensors", "lidar", "--sensors", "radar", "--sensors", "camera",
@@ -141,7 +141,7 @@ def test_parquet_keeps_everything(under, tmp_path):
 
 _PEAK = """
 import resource, sys
-from fbench.replay.cli import main
+from fbench.cli import main
 sys.argv = ["fbench", *sys.argv[1:]]
 try:
     main()

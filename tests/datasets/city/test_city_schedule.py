@@ -2,8 +2,8 @@ from itertools import pairwise
 
 import pytest
 
+from fbench.datasets.city.measure import START_NS, plans
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RadarSpec, RigSpec, thesis_rig
-from fbench.datasets.city.schedule import START_NS, plans
 
 MS = 1_000_000
 

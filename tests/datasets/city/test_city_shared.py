@@ -2,13 +2,11 @@
 
 from tests.city_log import SMALL_RIG
 
-from fbench.datasets.city import city
-from fbench.datasets.city.city import Cities
-from fbench.datasets.city.conditions import condition
-from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city import recording as city
+from fbench.datasets.city.recording import Cities, CityRecording
 from fbench.datasets.city.rig import RigSpec
-from fbench.datasets.city.spec import CitySpec
-from fbench.replay.data import PointCloud
+from fbench.datasets.city.spec import CitySpec, condition
+from fbench.replay.data.messages import PointCloud
 
 RIG = RigSpec(lidars=SMALL_RIG.lidars, pose_rate_hz=10.0)
 

@@ -4,14 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.datasets.city.conditions import Condition
+from fbench.datasets.city.request import CityWish, read_rig
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RigSpec, thesis_rig
-from fbench.datasets.city.rig_file import read_rig
-from fbench.datasets.city.spec import CitySpec
-from fbench.datasets.city.wish import CityWish
-from fbench.replay.errors import ConfigError
+from fbench.datasets.city.spec import CitySpec, Condition
+from fbench.replay.conditions.weather import Weather
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.geometry.camera import project
-from fbench.replay.weather import Weather
 
 
 def test_the_rig_is_that_of_the_thesis():

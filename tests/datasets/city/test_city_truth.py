@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.datasets.city.city_logs import in_boxes, moved, simulated
 
+from fbench.replay.data.metadata import inside
 from fbench.replay.geometry.camera import project_boxes
-from fbench.replay.regions import inside
 
 
 def in_world(log, stamp_ns):

@@ -9,12 +9,12 @@ from zlib import crc32
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import ImportedLog, import_recordings
 from fbench.datasets.kitti import Kitti
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.imports.run import ImportedLog, import_recordings
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.data.images import encode_jpeg
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_log
 

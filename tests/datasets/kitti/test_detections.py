@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.datasets.kitti import Kitti
-from fbench.datasets.kitti.params import KittiParams
-from fbench.pipelines.recorded import Recorded
-from fbench.replay.data import Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import ImportedLog, import_one
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.datasets.kitti.files import KittiParams
+from fbench.pipelines.variants.recorded import Recorded
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.plugins import make_importer
+from fbench.replay.data.messages import Truth
 from fbench.replay.logs.open import open_log
-from fbench.replay.plugins import make_importer
 
 CAR = "Car -1 -1 -1.5 10 5 60 30 1.5 2.0 4.0 3 1.6 20 0.5"
 FLAT = "Pedestrian -1 -1 -10 1 2 3 4 -1 -1 -1 -1 -1 -1 -1"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.kitti import Kitti
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import ImportWish
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import ImportWish
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import BoxSource, Setup
 

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.datasets.kitti import Kitti
-from fbench.replay.check.check import CheckOptions, check_log
-from fbench.replay.data import Image, PointCloud, Pose
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import ImportedLog, import_one
-from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.replay.check.log_check import CheckOptions, check_log
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.messages import Image, PointCloud, Pose
 from fbench.replay.logs.open import open_log
-from fbench.replay.protocols import Reader
 
 S = 1_000_000_000
 

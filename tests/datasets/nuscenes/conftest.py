@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.arrays import Array
-from fbench.replay.images import encode_jpeg
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.images import encode_jpeg
 
 TABLES = (
     "scene", "sample", "sample_data", "ego_pose", "calibrated_sensor", "sensor", "sample_annotation", "instance",

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes, NuScenesParams
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.data.images import encode_jpeg
 from fbench.replay.logs.open import open_log
 
 FIRST, DEFAULTS = ImportWish(("scene-0001",)), NuScenesParams()

@@ -6,7 +6,7 @@ import pytest
 from tests.program import fbench
 from tests.recordings import PIPELINES, require_runs_or_says_why
 
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
 pytestmark = pytest.mark.slow
 CAMERAS = ["CAM_BACK", "CAM_BACK_LEFT", "CAM_BACK_RIGHT", "CAM_FRONT", "CAM_FRONT_LEFT", "CAM_FRONT_RIGHT"]

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.datasets.nuscenes import json_rows as module
-from fbench.datasets.nuscenes.json_rows import json_rows
-from fbench.replay.errors import LimitError, LogError
+from fbench.datasets.nuscenes import rows as module
+from fbench.datasets.nuscenes.rows import json_rows
+from fbench.replay.contracts.errors import LimitError, LogError
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.text(max_size=20),

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes
-from fbench.replay.arrays import Array
-from fbench.replay.data import Boxes3D, Image, PointCloud, Pose, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.geometry.boxes import corners
-from fbench.replay.imports.run import import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose
+from fbench.replay.data.rig import Rig
+from fbench.replay.geometry.iou import corners
 from fbench.replay.logs.open import open_log
 
 TILTED = {7: 1, 10: 2, 16: -1, 18: -16, 41: -5, 42: 1, 60: 1, 68: 2}

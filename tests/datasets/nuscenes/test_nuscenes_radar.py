@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.datasets.nuscenes.radar import read_echoes
-from fbench.replay.errors import LogError
+from fbench.datasets.nuscenes.sensors import read_echoes
+from fbench.replay.contracts.errors import LogError
 
 HEADER = b"""# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.nuscenes import NuScenes, NuScenesParams
-from fbench.replay.data import Boxes3D, Image, LogInfo, Message, PointCloud, Pose, RadarScan, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.testing import check_importer
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs.open import open_log
-from fbench.replay.testing import check_importer
 
 START_NS = 1_532_402_927_000_000_000
 TIMES_S = (0.0, 0.5, 1.0, 1.5, 3.2, 5.0)

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.radiate import Radiate
-from fbench.datasets.radiate.params import RadiateParams
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import FrameRange, ImportWish
+from fbench.datasets.radiate.radar import RadiateParams
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import FrameRange, ImportWish
 from fbench.replay.logs.open import open_log
 
 SWEEP, POLAR, LEFT = "velo_lidar/000002.csv", "Navtech_Polar/000002.png", "zed_left/000001.png"

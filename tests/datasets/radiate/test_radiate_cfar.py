@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.radiate.cfar import CfarParams, clutter, detect
-from fbench.replay.errors import ConfigError
+from fbench.datasets.radiate.radar import CfarParams, clutter, detect
+from fbench.replay.contracts.errors import ConfigError
 
 
 def plain_mean(column: np.ndarray, cell: int, guard: int, training: int) -> float:

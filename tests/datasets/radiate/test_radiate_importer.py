@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.radiate import Radiate
-from fbench.datasets.radiate.params import DEFAULTS, RadiateParams
-from fbench.replay.data import Image, Message, PointCloud, Pose, RadarScan
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.logs.open import open_log
-from fbench.replay.protocols import Reader
 
 SECOND = 1_574_859_771_000_000_000
 STEP_M = 0.173611

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.datasets.radiate import Radiate, RadiateParams
-from fbench.replay.arrays import Float64
-from fbench.replay.data import PointCloud, Pose, RadarScan
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import ImportedLog, import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.messages import PointCloud, Pose, RadarScan
 from fbench.replay.logs.open import open_log
-from fbench.replay.protocols import Reader
 
 STEP_M = 0.173611
 NUM_RADAR, NUM_LIDAR, NUM_IMAGES, NUM_BOXES = 18, 42, 50, 42

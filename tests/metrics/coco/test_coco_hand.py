@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.coco.profile import CocoProfile
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.coco.profile import CocoProfile
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.scores import Score
 
 Rectangle = tuple[float, float, float, float]
 Values = np.ndarray | list[int] | list[float] | list[bool] | float

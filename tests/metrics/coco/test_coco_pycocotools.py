@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from tests.metrics.coco.oracles.make_coco import CLASSES, SEEDS, Boxes, random_images
 
-from fbench.metrics.coco.profile import CocoProfile
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.coco.profile import CocoProfile
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.replay.data.scores import Score
 
 NAMES = ("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")
 FROZEN = json.loads((Path(__file__).parent / "oracles" / "coco.json").read_text())

@@ -10,15 +10,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
-from fbench.metrics.explaining.frame import explain_frame
-from fbench.metrics.explaining.verdict import Explanation, Verdict
+from fbench.cli.explain import explain_run
+from fbench.metrics.explanation import Explanation, Verdict, explain_frame
 from fbench.metrics.runs.detection import detection_entries
 from fbench.metrics.runs.tracking import tracking_entries
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.cli.explain import explain_run
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.scores import ScoreOptions
-from fbench.replay.store import Run
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.runs.folder import Run
 
 OPTIONS = ScoreOptions()
 NOTHING = Boxes3D.empty()

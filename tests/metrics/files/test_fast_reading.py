@@ -7,17 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.files import kitti, mot
+from fbench.metrics.files import kitti
+from fbench.metrics.files import kitti as mot
 from fbench.metrics.files.kitti import (
     read_ab3dmot,
     read_ab3dmot_rows,
     read_images,
     read_images_rows,
+    read_mot,
+    read_mot_rows,
     read_tracking,
     read_tracking_rows,
 )
-from fbench.metrics.files.mot import read_mot, read_mot_rows
-from fbench.replay.errors import LimitError, LogError
+from fbench.replay.contracts.errors import LimitError, LogError
 
 DONT_CARE = "0 -1 DontCare -1 -1 -10 10 20 30 40 -1000 -1000 -1000 -10 -1 -1 -1"
 CAR = "0 3 Car 0 2 -1.79 296.7 161.7 455.2 292.3 2.0 1.8 4.4 -4.5 1.8 13.4 -2.1"

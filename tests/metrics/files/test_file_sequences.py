@@ -4,13 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from tests.metrics.files.conftest import kitti_row, kitti_text
 
-from fbench.metrics.files.forms import open_source
-from fbench.metrics.files.pairing import Choice
-from fbench.metrics.files.sequences import open_files
-from fbench.replay.errors import ConfigError, FbenchError, LogError, MetricError
-
-from .conftest import kitti_row, kitti_text
+from fbench.metrics.files.sequences import Choice, open_files, open_source
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, MetricError
 
 COLUMNS = "frame,label,track_id,score,left,top,right,bottom"
 

@@ -3,8 +3,7 @@
 import numpy as np
 from tests.metrics.kitti.oracles.kitti_objects_input import Rows
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
 
 
 def objects_of(frames: list[Rows]) -> Objects:

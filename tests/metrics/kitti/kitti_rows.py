@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
 
 
 def tracking_objects(lines: list[str]) -> Objects:

@@ -9,12 +9,11 @@ import pytest
 from tests.metrics.kitti.kitti_rows import tracking_objects, tracking_sequence
 from tests.metrics.kitti.oracles.kitti_tracks_input import SEQUENCES, made_sequence
 
-from fbench.metrics.kitti.mot3d import Kitti3dMot
-from fbench.metrics.kitti.recalls import recall_thresholds
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence
-from fbench.replay.errors import ConfigError, MetricError
+from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.profiles.kitti.rows import recall_thresholds
+from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError, MetricError
 
 PROFILE = Kitti3dMot()
 

@@ -10,9 +10,9 @@ import pytest
 from tests.metrics.kitti.kitti_rows import tracking_sequence
 from tests.metrics.kitti.oracles.kitti_tracks_input import SEQUENCES, made_sequence
 
-from fbench.metrics.kitti.mot3d import Kitti3dMot, TrackStatistics
-from fbench.metrics.kitti.track_passes import run_passes
-from fbench.metrics.profile import Match
+from fbench.metrics.profiles.kitti.track_passes import run_passes
+from fbench.metrics.profiles.kitti.tracking import Kitti3dMot, TrackStatistics
+from fbench.metrics.profiles.profile import Match
 
 REFERENCE = json.loads((Path(__file__).parent / "oracles/kitti_3dmot.json").read_text())
 MATCHES = {name: Match("iou3d" if name[0] == "3" else "iou2d", float(name.split()[1])) for name in REFERENCE}

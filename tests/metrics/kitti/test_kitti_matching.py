@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from fbench.metrics.kernels.kitti_matching import match_frame
+from fbench.metrics.profiles.kitti.kernels import match_frame
 
 
 def solved(block: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,11 +8,10 @@ import pytest
 from tests.metrics.kitti.kitti_frames import object_sequence
 from tests.metrics.kitti.oracles.kitti_objects_input import made_frames
 
-from fbench.metrics.kitti.objects3d import KittiObject
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.errors import ConfigError
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.kitti.object import KittiObject
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError
 
 PROFILE = KittiObject()
 IOU2D = PROFILE.with_match(Match("iou2d", 0.7))

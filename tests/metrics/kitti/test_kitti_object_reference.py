@@ -7,7 +7,7 @@ import pytest
 from tests.metrics.kitti.kitti_frames import object_sequence
 from tests.metrics.kitti.oracles.kitti_objects_input import made_frames
 
-from fbench.metrics.kitti.objects3d import KittiObject
+from fbench.metrics.profiles.kitti.object import KittiObject
 
 REFERENCE = json.loads((Path(__file__).parent / "oracles/kitti_object.json").read_text())
 CASES = {"sparse": (0, 80, 12.0), "crowded": (1, 60, 3.0)}

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.matching.greedy import match_greedily, score_order
+from fbench.metrics.core.matching import match_greedily, score_order
 
 ONE_STEP = (np.array([0, 2]), np.array([0, 3]), np.array([0, 6]))
 SIMILARITY = np.array([[0.6, 0.7, 0.5], [0.5, 0.65, 0.9]])

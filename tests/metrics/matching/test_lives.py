@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.matching.lives import content_ranks, life_ranks
+from fbench.metrics.core.ordering import content_ranks, life_ranks
 
 
 def test_equal_rows_have_one_rank_and_the_first_column_counts_most():

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fbench.metrics.matching.blocks import Blocks, block_starts
-from fbench.metrics.matching.one_to_one import match_best, match_greedy
-from fbench.replay.arrays import Bool, Float64, Int64
+from fbench.metrics.core.matching import match_best, match_greedy
+from fbench.metrics.core.similarity import Blocks, block_starts
+from fbench.replay.data.arrays import Bool, Float64, Int64
 
 THRESHOLD = 0.5
 

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.matching.similarity import blocks, image_overlaps
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import LIKENESSES, Likeness
-from fbench.replay.arrays import Float64
-from fbench.replay.errors import MetricError
-from fbench.replay.geometry.boxes import distance_bev, iou_2d
+from fbench.metrics.core.sequence import Objects
+from fbench.metrics.core.similarity import blocks, image_overlaps
+from fbench.metrics.profiles.profile import LIKENESSES, Likeness
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.geometry.iou import distance_bev, iou_2d
 
 Solid = tuple[float, float, float, float, float, float, float]
 

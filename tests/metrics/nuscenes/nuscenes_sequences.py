@@ -5,10 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from tests.metrics.nuscenes.oracles.nuscenes_scenes import Row, Scene
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.arrays import text_array
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.arrays import text_array
+from fbench.replay.data.scores import Score
 
 
 def row(step: int, name: str, own: int, x: float, y: float = 0.0, **changes: object) -> Row:

@@ -9,13 +9,17 @@ import pytest
 from tests.metrics.nuscenes.nuscenes_sequences import find, of_scene, row, sequence
 from tests.metrics.nuscenes.oracles.nuscenes_scenes import DETECTION_PLANS, RACK, Row, scenes_of
 
-from fbench.metrics.nuscenes.curves import average_precision, cumulative_mean, precision_curve
-from fbench.metrics.nuscenes.detection import NuscenesDetection
-from fbench.metrics.nuscenes.ranking import DetectionStatistics
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Objects
+from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
+from fbench.metrics.profiles.nuscenes.ranking import (
+    DetectionStatistics,
+    average_precision,
+    cumulative_mean,
+    precision_curve,
+)
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.scores import Score
 
 PROFILE = NuscenesDetection()
 

@@ -8,12 +8,11 @@ import pytest
 from tests.metrics.nuscenes.nuscenes_sequences import find, of_scene
 from tests.metrics.nuscenes.oracles.nuscenes_scenes import DETECTION_PLANS, TRACKING_PLANS, scenes_of
 
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.nuscenes.clear_values import UNITS
-from fbench.metrics.nuscenes.detection import NuscenesDetection
-from fbench.metrics.nuscenes.errors import ERRORS
-from fbench.metrics.nuscenes.tracking import NuscenesTracking
-from fbench.replay.scores import Score
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
+from fbench.metrics.profiles.nuscenes.ranking import ERRORS
+from fbench.metrics.profiles.nuscenes.tracking import UNITS, NuscenesTracking
+from fbench.replay.data.scores import Score
 
 FROZEN = json.loads((Path(__file__).parent / "oracles" / "nuscenes_metrics.json").read_text())
 DEVKIT_ERRORS = dict(zip(ERRORS, ("trans_err", "scale_err", "orient_err", "vel_err", "attr_err"), strict=True))

@@ -9,12 +9,12 @@ import pytest
 from tests.metrics.nuscenes.nuscenes_sequences import find, of_scene, row, sequence
 from tests.metrics.nuscenes.oracles.nuscenes_scenes import TRACKING_PLANS, Row, scenes_of
 
-from fbench.metrics.nuscenes.clip import TrackingStatistics
-from fbench.metrics.nuscenes.tracking import NuscenesTracking
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Sequence, Steps
+from fbench.metrics.profiles.nuscenes.clips import TrackingStatistics
+from fbench.metrics.profiles.nuscenes.tracking import NuscenesTracking
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.scores import Score
 
 PROFILE = NuscenesTracking()
 

@@ -4,17 +4,15 @@ import json
 
 import pytest
 
-from fbench.metrics.cards.catalog import CARDS, COUNTS, card_of
-from fbench.metrics.evaluate import evaluate
+from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, card_of
 from fbench.metrics.files.sequences import open_files
-from fbench.metrics.profile import Match
-from fbench.metrics.profiles.catalog import PROFILES, profile_of
+from fbench.metrics.profiles.catalog import PROFILES, described, explained, facts_of, profile_of
 from fbench.metrics.profiles.choose import chosen, fitted, only
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.profiles.describe import described, explained
-from fbench.metrics.profiles.facts import facts_of
-from fbench.metrics.profiles.headlines import headlines_of, lines
-from fbench.replay.errors import ConfigError, MetricError
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.profiles.remarks import headlines_of, lines
+from fbench.replay.contracts.errors import ConfigError, MetricError
 
 CAR = "{f} {i} Car 0 0 0.5 {l} 100 {r} 190 1.5 1.6 4.0 {x} 1.7 10.0 0.1"
 
@@ -70,7 +68,7 @@ def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp
     profile = fitted(profile_of(name), pair, has_match=False)
     rows = evaluate(profile, pair.sequences()).scores()
     assert profile.name == name
-    assert [row.metric for row in rows if row.metric not in CARDS] == []
+    assert [row.metric for row in rows if row.metric not in DEFINITIONS] == []
     headlines = headlines_of(name)
     assert set(headlines.metrics) <= {row.metric for row in rows}
     table = lines(rows, name)
@@ -177,7 +175,7 @@ def test_only_some_classes(tmp_path):
 
 
 def test_cards_are_whole():
-    for name, card in CARDS.items():
+    for name, card in DEFINITIONS.items():
         assert name == card.name == card.name.lower()
         assert card.meaning.endswith(".")
         assert card.formula
@@ -192,7 +190,7 @@ def test_cards_are_whole():
     )
     wanted += "detpr assre asspr owta amota amotp samota motar map ap ate ase aoe ave aae nds ap40 ap11 aos "
     wanted += "occlusion_survival distance_error range_rate_error"
-    assert set(wanted.split()) <= set(CARDS)
+    assert set(wanted.split()) <= set(DEFINITIONS)
 
 
 def test_default_refuses_an_id_twice_among_all_vehicles(tmp_path):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Rig
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import project_boxes
 
 CALIB = """P0: 700 0 600 0 0 700 180 0 0 0 1 0

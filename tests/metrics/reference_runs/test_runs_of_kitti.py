@@ -7,12 +7,12 @@ import pytest
 from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
 from tests.replay.export.made import rig, run_of, solids, stamp, sweeps, write_log
 
-from fbench.metrics.profile import Match
 from fbench.metrics.profiles.catalog import PROFILES, profile_of
-from fbench.metrics.profiles.of_run import run_sequence
-from fbench.replay.data import Truth
-from fbench.replay.errors import MetricError
-from fbench.replay.store import Run
+from fbench.metrics.profiles.choose import run_sequence
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.messages import Truth
+from fbench.replay.runs.folder import Run
 
 IN_IMAGES, IN_SPACE = ("trackeval-kitti", "kitti-object"), ("trackeval-kitti", "kitti-3dmot", "kitti-object")
 

@@ -8,10 +8,11 @@ import pytest
 from tests.replay.export.made import exported, run_of, stamp, sweeps, write_log
 
 from fbench.metrics.profiles.catalog import profile_of
-from fbench.metrics.profiles.of_run import run_sequence
-from fbench.replay.arrays import text_array
-from fbench.replay.data import Boxes2D, Truth
-from fbench.replay.store import Run
+from fbench.metrics.profiles.choose import run_sequence
+from fbench.replay.data.arrays import text_array
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.messages import Truth
+from fbench.replay.runs.folder import Run
 
 NUM, NUM_TRACKS = 30, 12
 WORDS = ("pedestrian", "pedestrian", "pedestrian", "static person", "distractor", "car")

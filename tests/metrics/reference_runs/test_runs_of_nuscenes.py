@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 from tests.replay.export.made import exported, run_of, stamp, sweeps, write_log
 
 from fbench.metrics.profiles.catalog import profile_of
-from fbench.metrics.profiles.of_run import run_sequence
-from fbench.replay.arrays import text_array
-from fbench.replay.data import Boxes3D, Pose, Truth
-from fbench.replay.errors import MetricError
-from fbench.replay.store import Run
+from fbench.metrics.profiles.choose import run_sequence
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.arrays import text_array
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Pose, Truth
+from fbench.replay.runs.folder import Run
 
 NUM, NUM_TRACKS = 16, 24
 TOKENS = [f"token{i:02d}" for i in range(NUM)]

@@ -7,9 +7,8 @@ from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
 from tests.metrics.reference_runs.test_runs_of_nuscenes import drive, made_run
 from tests.replay.export.made import exported
 
-from fbench.metrics.files.forms import open_source
-from fbench.metrics.files.sequences import open_files
-from fbench.replay.errors import ConfigError, LogError, MetricError
+from fbench.metrics.files.sequences import open_files, open_source
+from fbench.replay.contracts.errors import ConfigError, LogError, MetricError
 
 
 def imported(program, tmp_path: Path, out: Path) -> Path:

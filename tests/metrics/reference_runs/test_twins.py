@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.reference_runs.names import names_of
-from fbench.metrics.reference_runs.stacked import stacked
-from fbench.metrics.reference_runs.twins import twins
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.export.pairs import paired
+from fbench.metrics.reference_runs.rows import names_of, stacked, twins
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.formats.sequence import paired
 
 WORDS = np.array(["Car", "Van", "DontCare"])
 

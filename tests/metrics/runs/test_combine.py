@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import Case, boxes3d, front_camera, write_run
 
-from fbench.metrics.combine import RunStatistics, combined, measure_run, told_of
-from fbench.metrics.profile import Match
-from fbench.metrics.profiles.own import own_rows
+from fbench.cli.score_jobs import score_together
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.runs.combine import RunStatistics, combined, measure_run, score_run, told_of
 from fbench.metrics.runs.detection import Detection
+from fbench.metrics.runs.scoring import own_rows
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.score import score_run
-from fbench.metrics.statistics.bootstrap import Bootstrap
-from fbench.replay.cli.score_together import score_together
-from fbench.replay.errors import ConfigError, MetricError
-from fbench.replay.manifest import LogEntry
-from fbench.replay.scores import Score, ScoreOptions, load_scores
-from fbench.replay.store import Run
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.scores import Score, ScoreOptions, load_scores
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import LogEntry
 
 METRICS = (Detection(), Tracking())
 CAR = boxes3d((10, 0), label="car", ids=[1])

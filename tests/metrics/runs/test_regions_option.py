@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import NO_CAMERA, Case, boxes2d, boxes3d, front_camera, make_manifest
 
+from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.score import score_run
-from fbench.replay.data import Rig, Truth
-from fbench.replay.errors import ConfigError
-from fbench.replay.manifest import LogEntry
-from fbench.replay.regions import Region, regions_text
-from fbench.replay.scores import Score, ScoreOptions, region_kinds
-from fbench.replay.store import FrameRecord, Run, RunWriter
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.metadata import Region, regions_text
+from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import Score, ScoreOptions, region_kinds
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
+from fbench.replay.runs.manifest import LogEntry
 
 ROAD = Region("road", np.array([[100.0, -5], [130, -5], [130, 5], [100, 5]]))
 WALK = Region("sidewalk", np.array([[100.0, 5], [130, 5], [130, 15], [100, 15]]))

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import NO_CAMERA, Case, boxes3d, make_manifest
 
-from fbench.metrics.one_run import intervals_of_run
+from fbench.metrics.core.bootstrap import Bootstrap
+from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
-from fbench.metrics.runs.stretches import Pieces, pieces
+from fbench.metrics.runs.scoring import Pieces, intervals_of_run, pieces
+from fbench.metrics.runs.spaces import views
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.runs.views import views
-from fbench.metrics.score import score_run
-from fbench.metrics.statistics.bootstrap import Bootstrap
-from fbench.replay.data import Truth
-from fbench.replay.errors import MetricError
-from fbench.replay.scores import Score, ScoreOptions, load_scores, save_scores
-from fbench.replay.store import FrameRecord, Run, RunWriter
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.scores import Score, ScoreOptions, load_scores, save_scores
+from fbench.replay.runs.folder import FrameRecord, Run, RunWriter
 
 OPTIONS = ScoreOptions()
 CAR = boxes3d((10, 0), label="car", ids=[1])

@@ -9,16 +9,16 @@ import pytest
 from tests.metrics.conftest import CAMERA_XYZW, NO_CAMERA, Case, MakeRun, boxes2d, boxes3d, front_camera, write_run
 from typer.testing import CliRunner
 
-from fbench.metrics.explaining.frame import explain_frame
+from fbench.cli.app import app
+from fbench.metrics.explanation import explain_frame
+from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.score import score_run
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.cli.app import app
-from fbench.replay.data import Mount, Rig
-from fbench.replay.errors import ConfigError
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
 
 ALL, SEEN = ScoreOptions(), ScoreOptions(seen=1)
 EVERY = ("lidar", "radar", "camera")

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
+from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
-from fbench.metrics.runs.shared import SharedRun, once
+from fbench.metrics.runs.places import SharedRun, once
 from fbench.metrics.runs.tracking import Tracking
-from fbench.metrics.score import score_run
-from fbench.replay.scores import Score, ScoreOptions
-from fbench.replay.store import Run
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
 
 TRUTH = boxes3d((10, 0), (20, 3), (60, 0), label=["car", "bus", "car"], ids=[1, 2, 3])
 FOUND = boxes3d((10.3, 0.1), (21, 2.7), ids=[1, 2], score=[0.5, 0.9])

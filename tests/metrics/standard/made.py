@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
 
 
 @dataclass(frozen=True)

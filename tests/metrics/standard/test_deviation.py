@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.standard.detection import detection_counts, deviation_rows
-from fbench.metrics.standard.deviation import Deviation, range_rates
-from fbench.metrics.standard.entries import Heading
-from fbench.metrics.standard.groups import VEHICLE
+from fbench.metrics.core.slices import VEHICLE, Heading
+from fbench.metrics.detection.scores import Deviation, detection_counts, deviation_rows, range_rates
+from fbench.metrics.profiles.profile import Match
 
 MATCH = Match("bev", 2.0)
 HEAD = Heading("vehicle", "all", "iou 0.5", None, 1)

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, objects, sequence
 
-from fbench.metrics.objects import Objects
+from fbench.metrics.core.ordering import in_order
+from fbench.metrics.core.sequence import Objects
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.standard.order import in_order
-from fbench.replay.scores import Score
+from fbench.replay.data.scores import Score
 
 
 def test_by_place_then_score_then_class() -> None:

@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.standard.detection import detection_counts
-from fbench.metrics.standard.groups import VEHICLE
-from fbench.metrics.standard.ranking import Ranking
+from fbench.metrics.core.slices import VEHICLE
+from fbench.metrics.detection.scores import Ranking, detection_counts
+from fbench.metrics.profiles.profile import Match
 
 Hits = list[tuple[float, bool]]
 

@@ -7,13 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence
-from fbench.metrics.standard.counted import alike
-from fbench.metrics.standard.counts import BoxCounts
-from fbench.metrics.standard.detection import detection_counts, part_counts
-from fbench.metrics.standard.groups import VEHICLE
-from fbench.metrics.standard.slices import Part, by_range, by_source, by_visibility
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.core.slices import VEHICLE, Part, by_range, by_source, by_visibility
+from fbench.metrics.detection.outcomes import BoxCounts, alike
+from fbench.metrics.detection.scores import detection_counts, part_counts
+from fbench.metrics.profiles.profile import Match
 
 MATCH = Match("bev", 2.0)
 C, L, R = 1, 2, 4

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence
-from fbench.metrics.standard.groups import VEHICLE
-from fbench.metrics.standard.survival import SurvivalCounts, survival_rows
-from fbench.metrics.standard.tracking import tracking_counts
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.core.slices import VEHICLE
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.tracking.scores import tracking_counts
+from fbench.metrics.tracking.survival import SurvivalCounts, survival_rows
 
 
 def made(truth: str, tracks: str, streams: list[int] | None = None, period_s: float = 0.1) -> Sequence:

@@ -10,13 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence
-from fbench.metrics.standard.entries import Heading
-from fbench.metrics.standard.groups import VEHICLE
-from fbench.metrics.standard.tracking import TrackingCounts, tracking_counts
-from fbench.metrics.standard.tracking_rows import tracking_rows
-from fbench.replay.scores import Score
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.core.slices import VEHICLE, Heading
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts, tracking_rows
+from fbench.replay.data.scores import Score
 
 MATCH = Match("bev", 2.0)
 HEAD = Heading("vehicle", "all", "bev 2 m", None, 1)

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.profile import Match
+from fbench.metrics.core.bootstrap import Bootstrap, Interval, interval, intervals, weighted_sums, with_intervals
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.standard.tracking import TrackingCounts
-from fbench.metrics.statistics.bootstrap import Bootstrap, Interval, interval, intervals, with_intervals
-from fbench.metrics.statistics.leaves import weighted_sums
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.hota import HotaCounts
-from fbench.replay.draws import generator
-from fbench.replay.errors import ConfigError
-from fbench.replay.scores import Score, ratio
+from fbench.metrics.tracking.scores import TrackingCounts
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.scores import Score, ratio
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
 
 MOT_LABELS = (
     "", "pedestrian", "person on vehicle", "car", "bicycle", "motorbike", "non motorized vehicle", "static person",

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from fbench.metrics.kernels.assignment import assign
-from fbench.metrics.kernels.assignment_steps import best_places
-from fbench.metrics.statistics.exact import exact_sum
+from fbench.metrics.core.assignment_kernel import assign, best_places
+from fbench.metrics.core.exact import exact_sum
 
 
 def theirs(cost: np.ndarray) -> list[int]:

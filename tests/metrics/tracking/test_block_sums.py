@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.kernels.sums import block_sums
-from fbench.metrics.matching.blocks import block_starts
+from fbench.metrics.core.similarity import block_starts
+from fbench.metrics.core.sums_kernel import block_sums
 
 
 @pytest.mark.parametrize("most", [12, 300])

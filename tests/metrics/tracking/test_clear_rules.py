@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
-from fbench.metrics.kernels.clear_events import START
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Steps
+from fbench.metrics.core.sequence import Steps
+from fbench.metrics.profiles.motmetrics import MOTMETRICS, MOTMETRICS_RULES
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.profiles.trackeval.fields import clear_fields
+from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, problems
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearCounts, ClearRules, clear_counts, clear_pairs
-from fbench.metrics.tracking.fields import clear_fields
-from fbench.metrics.tracking.motmetrics import MOTMETRICS, MOTMETRICS_RULES
-from fbench.metrics.tracking.prepare import problems
-from fbench.metrics.tracking.rules import EVERYTHING, HALF
+from fbench.metrics.tracking.clear_events import START
 
 FAR = 500.0
 

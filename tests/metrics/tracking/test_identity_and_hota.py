@@ -7,16 +7,13 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.profile import Match
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.metrics.tracking.fields import identity_fields
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.profile import Match
+from fbench.metrics.profiles.trackeval.fields import alpha_fields, identity_fields, mean_fields
+from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, overlaps, problems
+from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.metrics.tracking.hota import ALPHAS, hota_counts
-from fbench.metrics.tracking.hota_fields import alpha_fields, mean_fields
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
-from fbench.metrics.tracking.prepare import overlaps, problems
-from fbench.metrics.tracking.rules import EVERYTHING, HALF
-from fbench.metrics.tracking.trackeval import TRACKEVAL_KITTI
 
 
 def problem(truth, estimates):

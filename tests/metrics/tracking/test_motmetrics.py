@@ -8,10 +8,10 @@ import pytest
 from tests.metrics.tracking.kitti_text import mot_objects, mot_sequence
 from tests.metrics.tracking.oracles.made_tracks import MOT_NAMES, NUM_FRAMES, mot_texts
 
-from fbench.metrics.evaluate import evaluate
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.metrics.tracking.motmetrics import MOTMETRICS
-from fbench.metrics.tracking.prepare import problems
+from fbench.metrics.core.sequence import Sequence, Steps
+from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.motmetrics import MOTMETRICS
+from fbench.metrics.profiles.trackeval.prepare import problems
 
 ORACLE = json.loads((Path(__file__).parent / "oracles/motmetrics.json").read_text())
 # py-motmetrics multiplies a sequence's undefined MOTP with its 0 matches, so that its overall MOTP is nan where one

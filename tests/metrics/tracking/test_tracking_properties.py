@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.metrics.objects import Objects
-from fbench.metrics.sequence import Sequence, Steps
-from fbench.metrics.tracking.motmetrics import MOTMETRICS
-from fbench.metrics.tracking.rules import EVERYTHING
-from fbench.metrics.tracking.trackeval import TRACKEVAL_KITTI, TRACKEVAL_MOT
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.motmetrics import MOTMETRICS
+from fbench.metrics.profiles.trackeval.prepare import EVERYTHING
+from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI, TRACKEVAL_MOT
 
 NUM_STEPS = 8
 PROFILES = [TRACKEVAL_KITTI, TRACKEVAL_MOT, MOTMETRICS]

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fbench.metrics.tracking.hota_fields import LABELS
-from fbench.replay.scores import Score
+from fbench.metrics.profiles.trackeval.fields import LABELS
+from fbench.replay.data.scores import Score
 
 # Where TrackEval prints a conventional number for what is undefined, a row is null: with no truth, the first; with no
 # results, the second; with no match, the third; without any of them, or without truth tracks, the others.

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.wish import CityWish
-from fbench.pipelines.camera.builtin import CITY_WEIGHTS, builtin_identity, with_builtin
-from fbench.pipelines.camera.detector import CameraDetector, CameraParams
-from fbench.pipelines.camera.thresholds import Thresholds, thresholds
-from fbench.replay.data import VEHICLES, Image, LogInfo, Truth
-from fbench.replay.errors import ModelError
-from fbench.replay.geometry.boxes import iou_2d
-from fbench.replay.images import decode
+from fbench.datasets.city.request import CityWish
+from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams, Thresholds, thresholds
+from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS, builtin_identity, with_builtin
+from fbench.replay.contracts.errors import ModelError
+from fbench.replay.data.boxes import VEHICLES
+from fbench.replay.data.images import decode
+from fbench.replay.data.messages import Image, Truth
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.geometry.iou import iou_2d
 
 SIMULATED = LogInfo("city", "city-1", {"simulated": "2"})
 REAL = LogInfo("drive", "drive-1", {})

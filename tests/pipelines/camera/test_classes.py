@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.camera.classes import COCO_80, labels_by_name, parse_names, translate
-from fbench.replay.errors import ModelError
+from fbench.pipelines.sensors.camera.layouts import COCO_80, labels_by_name, parse_names, translate
+from fbench.replay.contracts.errors import ModelError
 
 
 def test_names_as_dict_or_list() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.pipelines.camera.detector import CameraDetections, CameraDetector, CameraParams
-from fbench.replay.data import Image
-from fbench.replay.errors import ConfigError, ModelError
-from fbench.replay.images import Pixels, decode
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.data.images import Pixels, decode
+from fbench.replay.data.messages import Image
 
 Model = Callable[..., Path]
 PIXELS = np.zeros((100, 120, 3), np.uint8)

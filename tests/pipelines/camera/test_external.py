@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.camera.external import refers_to_files
-from fbench.replay.errors import ModelError
+from fbench.pipelines.sensors.camera.model import refers_to_files
+from fbench.replay.contracts.errors import ModelError
 
 
 def message(number: int, data: bytes) -> bytes:

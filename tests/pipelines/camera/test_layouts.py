@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.camera.classes import COCO_80, COCO_91
-from fbench.pipelines.camera.detr import Detr
-from fbench.pipelines.camera.torchvision import Torchvision
-from fbench.pipelines.camera.ultralytics import Ultralytics
-from fbench.pipelines.camera.yolox import YoloX, grid
+from fbench.pipelines.sensors.camera.families import Detr, Torchvision, Ultralytics, YoloX, grid
+from fbench.pipelines.sensors.camera.layouts import COCO_80, COCO_91
 
 PIXELS = np.full((50, 200, 3), (255, 0, 0), np.uint8)
 SIZE = (200, 50)

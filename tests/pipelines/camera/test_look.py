@@ -2,11 +2,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.pipelines.camera.detector import CameraDetector, CameraParams
-from fbench.pipelines.camera.look import look
-from fbench.pipelines.stages import StageClock
-from fbench.replay.data import Fault, Image
-from fbench.replay.images import encode_jpeg
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams
+from fbench.pipelines.sensors.camera.stage import look
+from fbench.replay.data.frames import Fault
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image
 
 
 def image(data: bytes) -> Image:

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.camera.candidates import Candidates
-from fbench.pipelines.camera.merging import MAX_WINDOWS, merge, to_image, windows
+from fbench.pipelines.sensors.camera.detector import MAX_WINDOWS, merge, to_image, windows
+from fbench.pipelines.sensors.camera.layouts import Candidates
 
 
 def candidates(*rows: tuple[list[float], float, str]) -> Candidates:

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.camera.candidates import Candidates
-from fbench.pipelines.camera.placing import PAD_VALUE, letterbox, place, planes, squash
+from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, letterbox, place, planes, squash
 
 
 def box(*xyxy: float) -> Candidates:

@@ -1,12 +1,8 @@
 import pytest
 
-from fbench.pipelines.camera.detr import Detr
-from fbench.pipelines.camera.layouts import ModelHeader, Port
-from fbench.pipelines.camera.recognise import recognise
-from fbench.pipelines.camera.torchvision import Torchvision
-from fbench.pipelines.camera.ultralytics import Ultralytics
-from fbench.pipelines.camera.yolox import YoloX
-from fbench.replay.errors import ModelError
+from fbench.pipelines.sensors.camera.families import Detr, Torchvision, Ultralytics, YoloX, recognise
+from fbench.pipelines.sensors.camera.layouts import ModelHeader, Port
+from fbench.replay.contracts.errors import ModelError
 
 F, I = "tensor(float)", "tensor(int64)"  # noqa: E741
 Shape = tuple[int | None, ...]

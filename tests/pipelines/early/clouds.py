@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fbench.pipelines.early.cloud import Cloud
-from fbench.replay.data import Source
+from fbench.pipelines.fusion.early.cloud import Cloud
+from fbench.replay.data.boxes import Source
 
 L, R, S = int(Source.L), int(Source.R), int(Source.S)
 

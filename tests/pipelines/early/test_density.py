@@ -2,12 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.pipelines.early.clouds import L, R, S, joined, points, row
 
-from fbench.pipelines.early.density import DensityParams, clusters
-from fbench.pipelines.early.density_kernel import connected
-from fbench.replay.errors import ConfigError
-
-from .clouds import L, R, S, joined, points, row
+from fbench.pipelines.fusion.early.density import DensityParams, clusters, connected
+from fbench.replay.contracts.errors import ConfigError
 
 
 def found(cloud, is_seen=False, **params):

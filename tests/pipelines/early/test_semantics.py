@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
+from tests.pipelines.early.clouds import L, R, joined, points
+from tests.pipelines.frames import AHEAD
+from tests.pipelines.scenes import car_back
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.early.semantics import SemanticsParams, label_points
-from fbench.pipelines.points.ground import Plane
-from fbench.replay.data import CameraModel, Mount, Rig
-
-from ..frames import AHEAD
-from ..scenes import car_back
-from .clouds import L, R, joined, points
+from fbench.pipelines.fusion.early.groups import SemanticsParams, label_points
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 CAMERA = CameraModel(np.array([[500.0, 0, 399.5], [0, 500, 299.5], [0, 0, 1]]), (800, 600))
 RIG = Rig({"cam": Mount("camera", np.zeros(3), AHEAD)}, {"cam": CAMERA})

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.external.pipeline import Exec, ExecParams
-from fbench.replay.data import Frame, LogInfo, Mount, PointCloud, Rig
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 ROOT = Path(__file__).resolve().parents[3]
 CLIENT = ROOT / "examples" / "exec" / "python"

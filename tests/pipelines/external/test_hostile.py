@@ -7,7 +7,7 @@ from tests.replay.mutations import complaint, mutated
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.responses import parse_response, to_output
-from fbench.replay.errors import DataError
+from fbench.replay.contracts.errors import DataError
 
 
 def boxes(num=1, **fields):

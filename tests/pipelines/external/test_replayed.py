@@ -13,16 +13,15 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 from tests.city_log import write_city_log
+from tests.pipelines.external.programs import ROOT, wicked
 
-from fbench.replay.errors import RunError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import RunError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
+from fbench.replay.runs.folder import Run
 
-from .programs import ROOT, wicked
-
-FBENCH = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+FBENCH = [sys.executable, "-c", "from fbench.cli import main; main()"]
 NEAREST = f"exec:{sys.executable} nearest.py 4"
 
 

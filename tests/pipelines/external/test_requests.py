@@ -7,7 +7,9 @@ from hypothesis.extra.numpy import arrays
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.requests import frame_request, hello, small_request
-from fbench.replay.data import CameraModel, Frame, Image, LogInfo, Mount, PointCloud, Pose, RadarScan, Rig
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 
 STAMPS = st.integers(0, 2**63 - 1)
 NAMES = st.text(st.characters(codec="utf-8"), min_size=1, max_size=8)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
 from fbench.pipelines.external.responses import ProtocolError, parse_response, to_output
-from fbench.replay.data import LABELS, Boxes2D, Boxes3D
-from fbench.replay.errors import DataError
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D
 
 FINITE = st.floats(-1e8, 1e8)
 

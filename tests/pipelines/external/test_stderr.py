@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.external.stderr import KeptText
+from fbench.pipelines.external.process import KeptText
 
 
 @given(st.lists(st.binary(max_size=30)), st.integers(1, 20))

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.pipelines.external.programs import INFO, RIG, frame, wicked
 
-from fbench.pipelines.external.dialogue import ProgramError, ProtocolError, RefusedError
-from fbench.pipelines.external.pipeline import Exec, ExecParams
-from fbench.replay.data import Mount, Rig
-from fbench.replay.errors import ConfigError, DataError, LogError, RunError
-from fbench.replay.protocols import Closes, KeepsStderr, TakesArgument
-
-from .programs import INFO, RIG, frame, wicked
+from fbench.pipelines.external.pipeline import Exec, ExecParams, RefusedError
+from fbench.pipelines.external.process import ProgramError
+from fbench.pipelines.external.responses import ProtocolError
+from fbench.replay.contracts.errors import ConfigError, DataError, LogError, RunError
+from fbench.replay.contracts.protocols import Closes, KeepsStderr, TakesArgument
+from fbench.replay.data.rig import Mount, Rig
 
 
 def x_of(output):

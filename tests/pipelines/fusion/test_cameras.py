@@ -5,15 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.pipelines.fusion.views import AHEAD, K, car, lidar_view, radar_view
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.late import Seen, fuse
-from fbench.pipelines.fusion.params import FusionParams
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes
-
-from .views import AHEAD, K, car, lidar_view, radar_view
 
 PLACES = {"left": 0.6, "middle": 0.0, "right": -0.6}
 RIG = Rig(

@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.fusion.views import PLANE, RIG, car, lidar_view, outline, radar_view
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.flat import flat_view
-from fbench.pipelines.fusion.late import Seen, fuse
-from fbench.pipelines.fusion.lift import sightings
-from fbench.pipelines.fusion.params import AssociationParams, FusionParams
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Rig
+from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.params import AssociationParams, FusionParams
+from fbench.pipelines.fusion.lift import flat_view, sightings
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project_boxes
-
-from .views import PLANE, RIG, car, lidar_view, outline, radar_view
 
 BENT = [("plumb_bob", (-0.25, 0.08, 0.001, -0.001, 0.0)), ("rational", (0.3, 0.1, 0, 0, 0, 0.5, 0.1, 0)),
         ("fisheye", (0.02, -0.01, 0.0, 0.0))]  # fmt: skip

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
+from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 
-from fbench.pipelines.camera.detector import CameraDetections
+from fbench.pipelines.fusion.late.params import AssociationParams
 from fbench.pipelines.fusion.lift import AT_MIN_SCORE, believed, sightings
-from fbench.pipelines.fusion.params import AssociationParams
+from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.geometry.camera import project_boxes
-
-from .views import PLANE, RIG, car, outline
 
 PARAMS = AssociationParams()
 

@@ -4,19 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.fusion.views import AHEAD, PLANE, RIG, K, car, lidar_view, outline, radar_view, standing_view
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.late import LateFusion, Seen, fuse
-from fbench.pipelines.fusion.params import FusionParams
-from fbench.pipelines.points.ground import Plane
-from fbench.pipelines.points.lidar import LidarView
-from fbench.pipelines.points.radar import RadarView
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.pipelines.fusion.late.late import LateFusion, Seen, fuse
+from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.radar.radar import RadarView
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes
 from fbench.replay.geometry.transforms import wrap_angle
-
-from .views import AHEAD, PLANE, RIG, K, car, lidar_view, outline, radar_view, standing_view
 
 PARAMS = FusionParams(min_score=0.2, ruled_weight=1.0)
 SEEDS = range(12)

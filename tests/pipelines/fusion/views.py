@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.fusion.late import Seen
-from fbench.pipelines.points.ground import Plane
-from fbench.pipelines.points.lidar import LidarView
-from fbench.pipelines.points.radar import RadarView
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.pipelines.fusion.late.late import Seen
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.radar.radar import RadarView
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import project_boxes
 
 AHEAD = np.array([-0.5, 0.5, -0.5, 0.5])

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fbench.pipelines.imaging.cloud import Cloud
-from fbench.pipelines.points.ground import Plane
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.pipelines.sensors.image.objects import Cloud
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 AHEAD = np.array([-0.5, 0.5, -0.5, 0.5])
 CAMERA = CameraModel(np.array([[400.0, 0, 399.5], [0, 400, 299.5], [0, 0, 1]]), (800, 600))

@@ -3,20 +3,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.imaging.places import CAMERA, RIG, back, cloud, wall
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.imaging.belief import SURE
-from fbench.pipelines.imaging.fuse import ImageView, fuse
-from fbench.pipelines.imaging.fusion_params import ImageFusionParams
-from fbench.pipelines.imaging.merge import merged
-from fbench.pipelines.imaging.params import LidarImageParams
-from fbench.pipelines.imaging.rays import Rays
-from fbench.pipelines.imaging.sightings import Sightings, by_camera, by_points
-from fbench.pipelines.imaging.spots import SpotParams, spots
-from fbench.pipelines.imaging.trust import CameraTrust
-from fbench.replay.data import Source
-
-from .places import CAMERA, RIG, back, cloud, wall
+from fbench.pipelines.fusion.image import ImageView, fuse, merged
+from fbench.pipelines.fusion.image_reliability import CameraTrust, ImageFusionParams
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.image.objects import SpotParams, spots
+from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera, by_points
+from fbench.pipelines.sensors.image.params import LidarImageParams
+from fbench.pipelines.sensors.image.stage import Rays
+from fbench.replay.data.boxes import Source
 
 DEFAULT = LidarImageParams()
 PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
+from tests.pipelines.imaging.places import RIG, back
 
-from fbench.pipelines.imaging.rays import Rays, nearest_dense, seen_through
-
-from .places import RIG, back
+from fbench.pipelines.sensors.image.stage import Rays, nearest_dense, seen_through
 
 
 def test_the_background_doesnt_leak_into_a_depth():

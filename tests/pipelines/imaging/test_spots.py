@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from tests.pipelines.imaging.places import RIG, back, cloud, wall
 
-from fbench.pipelines.imaging.params import LidarImageParams, ShapeParams
-from fbench.pipelines.imaging.spots import SpotParams, Spots, spots
-from fbench.replay.errors import ConfigError
-
-from .places import RIG, back, cloud, wall
+from fbench.pipelines.sensors.image.objects import SpotParams, Spots, spots
+from fbench.pipelines.sensors.image.params import LidarImageParams, ShapeParams
+from fbench.replay.contracts.errors import ConfigError
 
 DEFAULT = LidarImageParams()
 PARAMS = SpotParams(DEFAULT.cluster, DEFAULT.shape, DEFAULT.margin_px)

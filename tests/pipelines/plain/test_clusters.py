@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.plain.clusters import boxes, cloud, cropped, image_clusters, members, one_cloud, space_clusters
-from fbench.pipelines.plain.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
-from fbench.replay.data import Source
+from fbench.pipelines.baseline.boxes import boxes, cloud, cropped, image_clusters, members, one_cloud, space_clusters
+from fbench.pipelines.baseline.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
+from fbench.replay.data.boxes import Source
 
 ANY = PlainSizeParams(1, 0.0, 100.0, 100.0, 0.0, 100.0)
 PAIR = PlainClusterParams(eps_m=1.0, min_points=2)

@@ -1,13 +1,20 @@
 """What cameras say of boxes and points in space. The camera of `frames` looks along x; its focal length is 500 px."""
 
 import numpy as np
+from tests.pipelines.frames import rig
 
-from fbench.pipelines.camera.detector import CameraDetections
-from fbench.pipelines.plain.extents import extents
-from fbench.pipelines.plain.labels import camera_extents, cluster_labels, named, painted, projected, solid, with_camera
-from fbench.replay.data import Source
-
-from ..frames import rig
+from fbench.pipelines.baseline.boxes import extents
+from fbench.pipelines.baseline.labels import (
+    camera_extents,
+    cluster_labels,
+    named,
+    painted,
+    projected,
+    solid,
+    with_camera,
+)
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.replay.data.boxes import Source
 
 RIG = rig("cam")
 # u = 29.5 - 500 y / x, v = 19.5 - 500 z / x

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.plain.extents import extents, iou, joined, no_extents
-from fbench.pipelines.plain.merge import merged
-from fbench.replay.data import Source
+from fbench.pipelines.baseline.boxes import extents, iou, joined, no_extents
+from fbench.pipelines.baseline.labels import merged
+from fbench.replay.data.boxes import Source
 
 
 def flat(*rectangles, source=Source.L, **known):

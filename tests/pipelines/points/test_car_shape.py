@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.car_shape import CarShapeParams, plausibility
-from fbench.replay.errors import ConfigError
+from fbench.pipelines.sensors.lidar.classification import CarShapeParams, plausibility
+from fbench.replay.contracts.errors import ConfigError
 
 PARAMS = CarShapeParams(num_over=(0.0, 1000.0))
 

@@ -7,14 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fbench.pipelines.lidar3d import Lidar3DParams
-from fbench.pipelines.points.clusterers import CLUSTERERS
-from fbench.pipelines.points.clustering import METHODS, Grouping
-from fbench.pipelines.points.image_clusters import ImageClusterParams, cluster_in_image
-from fbench.pipelines.points.lidar import LidarClusterParams, LidarParams, detect, obstacles
-from fbench.pipelines.radar3d import Radar3DParams
-from fbench.replay.errors import ConfigError
-from fbench.replay.settings import apply_settings
+from fbench.pipelines.sensors.image.params import ImageClusterParams, cluster_in_image
+from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, detect, obstacles
+from fbench.pipelines.sensors.points.clustering import CLUSTERERS, METHODS, Grouping
+from fbench.pipelines.variants.lidar3d import Lidar3DParams
+from fbench.pipelines.variants.radar3d import Radar3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.settings import apply_settings
 
 BLOBS = np.concatenate(
     [np.random.Generator(np.random.Philox(5)).normal(center, 0.15, (40, 2)) for center in ([9, 0], [0, 0], [4, 4])]

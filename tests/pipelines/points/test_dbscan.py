@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sklearn.cluster import DBSCAN
 
-from fbench.pipelines.points.dbscan import dbscan
-from fbench.replay.errors import ConfigError
+from fbench.pipelines.sensors.points.dbscan import dbscan
+from fbench.replay.contracts.errors import ConfigError
 
 
 @st.composite

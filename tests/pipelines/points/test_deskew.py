@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from fbench.pipelines.points.deskew import FROZEN, Deskew, motion
-from fbench.pipelines.points.deskew_kernel import carried
-from fbench.pipelines.points.merged import Outline, lidar_points
-from fbench.replay.data import Frame, LogInfo, Mount, PointCloud, Pose, Rig
+from fbench.pipelines.sensors.points.deskew import FROZEN, Deskew, carried, motion
+from fbench.pipelines.sensors.points.merged import Outline, lidar_points
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud, Pose
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 STRAIGHT = np.array([0.0, 0, 0, 1])
 RIG = Rig({name: Mount("lidar", np.array([x, 0, 2.0]), STRAIGHT) for name, x in (("front", 2.0), ("back", -2.0))}, {})

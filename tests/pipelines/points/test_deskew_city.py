@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial import KDTree
 from tests.datasets.city.city_logs import Log, simulated
 
-from fbench.pipelines.points.deskew import Deskew
-from fbench.pipelines.points.merged import Outline, lidar_points
-from fbench.replay.data import Frame, Pose
+from fbench.pipelines.sensors.points.deskew import Deskew
+from fbench.pipelines.sensors.points.merged import Outline, lidar_points
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Pose
 
 OWN = Outline(4.0, 2.5, 1.1)
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.doppler import (
+from fbench.pipelines.sensors.points.merged import Echoes
+from fbench.pipelines.sensors.radar.doppler import (
     PERIOD_KEY,
     DopplerParams,
     range_rates,
@@ -10,9 +11,8 @@ from fbench.pipelines.points.doppler import (
     with_logged_ego_motion,
     wrapped,
 )
-from fbench.pipelines.points.merged import Echoes
-from fbench.replay.data import LogInfo
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import LogInfo
 
 PERIOD = 128 * 0.0812
 

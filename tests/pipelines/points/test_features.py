@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.features import FEATURES, Standing, features
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
+from fbench.pipelines.sensors.lidar.classification import FEATURES, Standing, features
+from fbench.pipelines.sensors.points.vehicle import fit_rectangles
 
 HEADINGS = np.radians(np.arange(0.0, 90.0, 2.0))
 

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.ground import GroundParams, fit_plane, height_above_ground, lowest_points, surroundings
+from fbench.pipelines.sensors.points.ground import (
+    GroundParams,
+    fit_plane,
+    height_above_ground,
+    lowest_points,
+    surroundings,
+)
 
 PARAMS = GroundParams()
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.inside import SortedPoints
+from fbench.pipelines.sensors.lidar.classification import SortedPoints
 
 
 def one_by_one(rectangles, points, margin_m):

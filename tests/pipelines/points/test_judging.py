@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import cloud, fields, frame, rig
+from tests.pipelines.scenes import road
 
-from fbench.pipelines.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.points.lidar import LidarParams, LidarView, detect, judging, obstacles
-from fbench.replay.data import LogInfo, PointCloud
-from fbench.replay.log_keys import SIMULATED
-
-from ..frames import cloud, fields, frame, rig
-from ..scenes import road
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, judging, obstacles
+from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
 
 SIMULATION = LogInfo("drive", "id", {SIMULATED: "city"})
 

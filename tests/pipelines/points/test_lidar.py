@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
+from tests.pipelines.scenes import car_back, road
 
-from fbench.pipelines.points.lidar import LidarParams, LidarView, detect, obstacles
-
-from ..scenes import car_back, road
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, obstacles
 
 EYE = np.zeros(2)
 

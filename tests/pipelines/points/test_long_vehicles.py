@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.ground import Plane
-from fbench.pipelines.points.lidar import LidarView
-from fbench.pipelines.points.long_vehicles import with_whole_trucks
-from fbench.replay.boxes import Boxes3D
+from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.lidar.stage import with_whole_trucks
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.data.boxes import Boxes3D
 
 EYE = np.zeros(2)
 STRIPES = np.arange(21.4, 30.1, 1.2)

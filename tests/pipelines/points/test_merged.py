@@ -1,18 +1,20 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.merged import (
+from fbench.pipelines.sensors.points.merged import (
     Outline,
     lidar_points,
     lidar_position,
     radar_scans,
+    reported,
     require,
     world_T_body,
 )
-from fbench.pipelines.points.reported import reported
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Frame, LogInfo, Mount, PointCloud, Pose, RadarScan, Rig, Source
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes3D, Source
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import PointCloud, Pose, RadarScan
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 TURNED = np.array([0, 0, 1.0, 0])  # half a turn about z
 STRAIGHT = np.array([0, 0, 0, 1.0])

@@ -4,21 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.frames import UPRIGHT, assert_equal, cloud, frame, rig, scan
+from tests.pipelines.scenes import echoes, radial, surroundings
 
-from fbench.pipelines.fusion.late import Seen, fuse
-from fbench.pipelines.fusion.params import FusionParams
-from fbench.pipelines.late3d import Late3D
-from fbench.pipelines.points.lidar import LidarView
-from fbench.pipelines.points.merged import Echoes
-from fbench.pipelines.points.radar import RadarParams, RadarView, compensate, detect
-from fbench.pipelines.points.unmeasured import UnmeasuredParams, strong
-from fbench.pipelines.radar3d import Radar3D, Radar3DParams
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import LogInfo, Mount, RadarScan, Rig
-from fbench.replay.errors import ConfigError
-
-from ..frames import UPRIGHT, assert_equal, cloud, frame, rig, scan
-from ..scenes import echoes, radial, surroundings
+from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.sensors.lidar.lidar import LidarView
+from fbench.pipelines.sensors.points.merged import Echoes
+from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
+from fbench.pipelines.sensors.radar.radar import RadarParams, RadarView, compensate, detect
+from fbench.pipelines.variants.late3d import Late3D
+from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import RadarScan
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 LOG = LogInfo("drive", "id")
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.points.ordering import lexicographic_order, median
+from fbench.pipelines.sensors.points.grid import lexicographic_order, median
 
 VALUES = st.sampled_from([-np.inf, -1.5, -0.0, 0.0, 1e-9, 2.0, np.inf, np.nan])
 

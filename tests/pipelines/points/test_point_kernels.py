@@ -8,13 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.pipelines.points import dbscan as grids
-from fbench.pipelines.points.doppler_kernel import agreement
-from fbench.pipelines.points.grid_kernel import cell_bounds, cell_numbers, cells_of, lexicographic, row_starts
-from fbench.pipelines.points.ground_kernel import fullest_bands, heights, lowest_rows
-from fbench.pipelines.points.inside import SortedPoints
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
-from fbench.pipelines.points.touching_kernel import may_touch
+from fbench.pipelines.sensors.lidar.classification import SortedPoints
+from fbench.pipelines.sensors.points import dbscan as grids
+from fbench.pipelines.sensors.points.grid import (
+    cell_bounds,
+    cell_numbers,
+    cells_of,
+    lexicographic,
+    may_touch,
+    row_starts,
+)
+from fbench.pipelines.sensors.points.ground import fullest_bands, heights, lowest_rows
+from fbench.pipelines.sensors.points.vehicle import fit_rectangles
+from fbench.pipelines.sensors.radar.doppler import agreement
 
 seeds = st.integers(0, 2**32 - 1)
 often = settings(deadline=None, max_examples=1000)

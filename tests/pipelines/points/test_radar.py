@@ -2,14 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.pipelines.scenes import echoes, radial, surroundings
 
-from fbench.pipelines.points.doppler import wrapped
-from fbench.pipelines.points.merged import Echoes
-from fbench.pipelines.points.radar import RadarParams, compensate, detect, scoring
-from fbench.replay.data import LogInfo
-from fbench.replay.log_keys import SIMULATED
-
-from ..scenes import echoes, radial, surroundings
+from fbench.pipelines.sensors.points.merged import Echoes
+from fbench.pipelines.sensors.radar.doppler import wrapped
+from fbench.pipelines.sensors.radar.radar import RadarParams, compensate, detect, scoring
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
 
 PERIOD = 10.4
 

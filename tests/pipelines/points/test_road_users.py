@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.features import FEATURES
-from fbench.pipelines.points.road_users import RoadUserModel, fitted_model, interpolated
+from fbench.pipelines.sensors.lidar.classification import FEATURES, RoadUserModel, fitted_model, interpolated
 
 
 def test_weights_between_knots():

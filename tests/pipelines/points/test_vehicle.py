@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.points.rectangle_kernel import fit_rectangles
-from fbench.pipelines.points.vehicle import VehicleSize, complete, fading, half_turn
+from fbench.pipelines.sensors.points.vehicle import VehicleSize, complete, fading, fit_rectangles, half_turn
 
 CAR = VehicleSize(length_m=4.0, width_m=2.0, height_m=1.5)
 ORIGIN = np.zeros(2)

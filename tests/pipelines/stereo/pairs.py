@@ -4,11 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from tests.pipelines.frames import AHEAD
 
-from fbench.replay.data import CameraModel, Frame, Image, Mount, Rig
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import Image
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import rays
-
-from ..frames import AHEAD
 
 SIZE = (400, 300)
 BASELINE_M = 0.4

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.pipelines.stereo.cells_kernel import gather
+from fbench.pipelines.sensors.stereo.depth import gather
 
 
 def plain(disparity, focal_baseline, per_px, body_T_camera, depth_m, bins, z_m):

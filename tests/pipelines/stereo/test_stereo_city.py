@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from tests.datasets.city.city_logs import Log, moved, simulated
 
-from fbench.pipelines.stages import StageClock
-from fbench.pipelines.stereo.params import StereoParams
-from fbench.pipelines.stereo.stage import StereoStage, StereoView
-from fbench.replay.data import Frame
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
+from fbench.replay.data.frames import Frame
 
 PAIR = ("stereo_left", "stereo_right")
 

@@ -5,17 +5,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from tests.pipelines.stereo.pairs import BASELINE_M, HEIGHT_M, K, frame, rig, road, seen, wall
 
-from fbench.pipelines.stages import StageClock
-from fbench.pipelines.stereo.depth import DepthParams, points
-from fbench.pipelines.stereo.disparity import DisparityParams, Matcher
-from fbench.pipelines.stereo.params import StereoParams
-from fbench.pipelines.stereo.rectify import chosen_pair, rectifier
-from fbench.pipelines.stereo.stage import StereoStage, StereoView
-from fbench.replay.data import Rig
-from fbench.replay.errors import ConfigError
-
-from .pairs import BASELINE_M, HEIGHT_M, K, frame, rig, road, seen, wall
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, points
+from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
+from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.rig import Rig
 
 FULL = DisparityParams(shrink=1)
 

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
+from tests.pipelines.stereo.pairs import BASELINE_M, HEIGHT_M, SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.stages import StageClock
-from fbench.pipelines.stereo.disparity import DisparityParams
-from fbench.pipelines.stereo.params import StereoParams
-from fbench.pipelines.stereo.quality import QualityParams, last_row
-from fbench.pipelines.stereo.rectify import chosen_pair, rectifier
-from fbench.pipelines.stereo.stage import StereoStage, StereoView
-from fbench.replay.data import Frame
-from fbench.replay.errors import ConfigError
-
-from .pairs import BASELINE_M, HEIGHT_M, SIZE, K, car, frame, image, rig, road, wall
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.stereo.depth import DisparityParams, QualityParams, last_row
+from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
+from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.frames import Frame
 
 SENSORS = rig()
 PARAMS = StereoParams(disparity=DisparityParams(shrink=1))

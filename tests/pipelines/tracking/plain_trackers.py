@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fbench.pipelines.tracking.likeness import footprint_iou, giou_2d, giou_3d
+from fbench.pipelines.tracking.association import footprint_iou, giou_2d, giou_3d
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import LABELS, VEHICLES
+from fbench.replay.data.boxes import LABELS, VEHICLES, Boxes2D, Boxes3D
 
 
 @dataclass

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from fbench.pipelines.tracking.hull_kernel import hull_areas
+from fbench.pipelines.tracking.association import giou_2d, giou_3d, image_iou, mahalanobis_nearness
 from fbench.pipelines.tracking.kalman import States, begin
-from fbench.pipelines.tracking.likeness import giou_2d, giou_3d, image_iou, mahalanobis_nearness
-from fbench.replay.geometry.boxes import iou_2d
+from fbench.pipelines.tracking.kernels import hull_areas
+from fbench.replay.geometry.iou import iou_2d
 
 
 def box(x=0.0, y=0.0, z=0.0, length=4.0, width=2.0, height=1.5, yaw=0.0):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.tracking.smoothing import coasted_score, mean_of, mean_yaw, weight
+from fbench.pipelines.tracking.tracks import coasted_score, mean_of, mean_yaw, weight
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20))

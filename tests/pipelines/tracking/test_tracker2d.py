@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.replay.boxes import Boxes2D
-from fbench.replay.errors import DataError
+from fbench.pipelines.tracking.params import Tracker2DParams
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.boxes import Boxes2D
 
 MS = 1_000_000
 FIELDS = {

@@ -3,11 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.errors import DataError
-from fbench.replay.geometry.boxes import moved
+from fbench.pipelines.tracking.params import Tracker3DParams
+from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
 
 MS = 1_000_000

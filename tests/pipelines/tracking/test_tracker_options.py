@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.pipelines.tracking.tracker2d import Tracker2D, Tracker2DParams
-from fbench.pipelines.tracking.tracker3d import Tracker3D, Tracker3DParams
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.geometry.boxes import moved
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
 
 MS = 1_000_000

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fbench.pipelines.tracking.kalman import States, predict, update
-from fbench.pipelines.tracking.rectangle_kernel import as_corners, as_measured
+from fbench.pipelines.tracking.kernels import as_corners, as_measured
 
 LEAST = 1e-3
 

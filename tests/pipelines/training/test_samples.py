@@ -3,12 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.pipelines.training.samples import samples
-from fbench.pipelines.training.settings import CLASSES
-from fbench.replay.data import Boxes2D, CameraModel, Image, LogInfo, Mount, Rig, Truth
-from fbench.replay.errors import LogError
-from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.pipelines.models.samples import CLASSES, samples
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 
 K = np.array([[40.0, 0, 31.5], [0, 40.0, 23.5], [0, 0, 1]])
 RIG = Rig(

@@ -2,9 +2,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is an extra")
 
-from fbench.pipelines.training.loss import giou, loss  # noqa: E402
-from fbench.pipelines.training.network import CityDetector, cell_strides, cells  # noqa: E402
-from fbench.pipelines.training.targets import Targets, Truths, assign  # noqa: E402
+from fbench.pipelines.models.network import CityDetector, cell_strides, cells  # noqa: E402
+from fbench.pipelines.models.train import Targets, Truths, assign, giou, loss  # noqa: E402  # noqa: E402
 
 SIZE = (256, 128)
 POINTS, STRIDES = cells(*SIZE), cell_strides(*SIZE)

@@ -7,15 +7,13 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is an extra")
 pytest.importorskip("onnx", reason="onnx is an extra")
 
-from fbench.pipelines.camera.detector import CameraDetector, CameraParams  # noqa: E402
-from fbench.pipelines.training.export import export  # noqa: E402
-from fbench.pipelines.training.network import CityDetector  # noqa: E402
-from fbench.pipelines.training.samples import Sample  # noqa: E402
-from fbench.pipelines.training.settings import CLASSES, TrainingSettings  # noqa: E402
-from fbench.pipelines.training.train import Training  # noqa: E402
-from fbench.replay.data import Image  # noqa: E402
-from fbench.replay.errors import ConfigError  # noqa: E402
-from fbench.replay.images import encode_jpeg  # noqa: E402
+from fbench.pipelines.models.network import CityDetector, export  # noqa: E402
+from fbench.pipelines.models.samples import CLASSES, Sample, TrainingSettings  # noqa: E402
+from fbench.pipelines.models.train import Training  # noqa: E402
+from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams  # noqa: E402
+from fbench.replay.contracts.errors import ConfigError  # noqa: E402
+from fbench.replay.data.images import encode_jpeg  # noqa: E402
+from fbench.replay.data.messages import Image  # noqa: E402
 
 pytestmark = pytest.mark.slow
 SHORT = TrainingSettings(steps=12, crops=4, wholes=1, warm_up=4, checkpoint_every=5)

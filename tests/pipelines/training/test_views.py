@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.training.batches import Batcher
-from fbench.pipelines.training.samples import Sample
-from fbench.pipelines.training.settings import INPUT_WH, TrainingSettings
-from fbench.pipelines.training.views import View, crop, whole
-from fbench.replay.data import Image
-from fbench.replay.images import encode_jpeg
+from fbench.pipelines.models.batches import Batcher, View, crop, whole
+from fbench.pipelines.models.samples import INPUT_WH, Sample, TrainingSettings
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image
 
 GREEN = np.array([0, 255, 0], np.uint8)
 

@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 from tests.weights_server import CONTENT, Server, cut_chunk, fails, redirects, sends, serving
 
-from fbench.pipelines.weights.cache import store
-from fbench.pipelines.weights.catalogue import Entry
-from fbench.pipelines.weights.fetch import downloaded, origin
-from fbench.replay.errors import ModelError
+from fbench.pipelines.models.fetch import downloaded, origin
+from fbench.pipelines.models.weights import Entry, store
+from fbench.replay.contracts.errors import ModelError
 
 
 @pytest.fixture(autouse=True)

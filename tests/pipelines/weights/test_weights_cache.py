@@ -7,12 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from fbench.pipelines.camera2d import Camera2DParams
-from fbench.pipelines.weights.cache import file_blocks, state, store, weights_folder
-from fbench.pipelines.weights.catalogue import CATALOGUE, Entry, entry_named
-from fbench.pipelines.weights.fetch import origin
-from fbench.pipelines.weights.named import resolve, resolve_settings
-from fbench.replay.errors import ConfigError, ModelError
+from fbench.pipelines.models.fetch import origin
+from fbench.pipelines.models.weights import (
+    CATALOGUE,
+    Entry,
+    entry_named,
+    file_blocks,
+    resolve,
+    resolve_settings,
+    state,
+    store,
+    weights_folder,
+)
+from fbench.pipelines.variants.camera2d import Camera2DParams
+from fbench.replay.contracts.errors import ConfigError, ModelError
 
 CONTENT = b"weights" * 1000
 ENTRY = Entry(

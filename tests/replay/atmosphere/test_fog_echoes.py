@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import beta
 
-from fbench.replay.atmosphere.fog import fog_echoes, fog_return
-from fbench.replay.draws import generator
+from fbench.replay.conditions.generators import generator
+from fbench.replay.conditions.lidar import fog_echoes, fog_return
 
 C = 299_792_458.0
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from fbench.replay.atmosphere.radar import fog_db_per_km, liquid_water_g_m3, radar_rain_db_per_km
-from fbench.replay.errors import ConfigError
+from fbench.replay.conditions.attenuation import fog_db_per_km, liquid_water_g_m3, radar_rain_db_per_km
+from fbench.replay.contracts.errors import ConfigError
 
 
 @pytest.mark.parametrize(("rain_mm_h", "db_per_km"), [(5, 3.52), (10, 5.75), (25, 10.99), (50, 17.94), (100, 29.29)])

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.boxfiles.open import open_boxes
-from fbench.replay.data import CameraModel, Mount, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.formats.open import open_boxes
+from fbench.replay.logs.coordinate_frames import CoordinateFrames, tree_of
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.logs.tree import tree_of
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 FORWARD = np.array([-0.5, 0.5, -0.5, 0.5])

@@ -11,7 +11,7 @@ import pytest
 from tests.replay.boxfiles.made import read
 from tests.replay.mutations import complaint, mutated
 
-from fbench.replay.errors import ConfigError, LimitError, LogError
+from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 
 HEADER = "frame,x,y,z,length,width,height,yaw,label,track_id\n"
 ROW = "0,12,0,0.7,4,1.8,1.5,0,car,3\n"

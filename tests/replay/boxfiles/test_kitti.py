@@ -4,19 +4,17 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from tests.replay.boxfiles.made import FORWARD, form, read
 
-from fbench.replay.boxes import finite
-from fbench.replay.boxfiles.open import open_boxes
-from fbench.replay.data import CameraModel, Mount, Rig
-from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.geometry.boxes import corners, iou_2d
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import finite
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.formats.open import open_boxes
+from fbench.replay.geometry.iou import corners, iou_2d
 from fbench.replay.geometry.transforms import inverse, quaternion, transform
-from fbench.replay.logs.coordinates import CoordinateFrames
+from fbench.replay.logs.coordinate_frames import CoordinateFrames, Edge, tree_of
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.logs.tree import Edge, tree_of
-
-from .made import FORWARD, form, read
 
 CAR = "Car 0.00 1 -1.5 10 20 30 40 1.5 2.0 4.0 3 1.6 20 0.5"
 REGION = "DontCare -1 -1 -10 100 20 130 40 -1 -1 -1 -1000 -1000 -1000 -10"

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.replay.boxfiles.made import form, read
 
-from fbench.replay.errors import FbenchError
-
-from .made import form, read
+from fbench.replay.contracts.errors import FbenchError
 
 GT = "1,2,10,20,30,40,1,1,0.8\n3,2,11,20,30,40,0,12,0.1\n1,5,100,20,30,40,1,3,1\n"
 

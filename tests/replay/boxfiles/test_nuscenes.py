@@ -4,13 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from tests.replay.boxfiles.made import form, read
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.errors import FbenchError, LimitError
-from fbench.replay.geometry.boxes import moved
+from fbench.replay.contracts.errors import FbenchError, LimitError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse, quaternion
-
-from .made import form, read
 
 BOX = {
     "sample_token": "abc", "translation": [10, 20, 1], "size": [2, 4, 1.5],

@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from tests.replay.boxfiles.made import S, form, read
 
-from fbench.replay.errors import FbenchError, LimitError
-from fbench.replay.faults import FaultLog
-
-from .made import S, form, read
+from fbench.replay.contracts.errors import FbenchError, LimitError
+from fbench.replay.contracts.faults import FaultLog
 
 TURN = [0, 0, float(np.sin(0.3)), float(np.cos(0.3))]
 CUBOID = {"name": "shape", "val": [1, 2, 3, *TURN, 4, 2, 1.5]}

@@ -10,16 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.boxfiles.made import S, coordinates, read
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.boxfiles.open import open_boxes
-from fbench.replay.boxfiles.table_order import _MAX_AT_ONCE
-from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.formats.open import open_boxes
+from fbench.replay.formats.table_columns import _MAX_AT_ONCE
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.tables import BoxWriter
-
-from .made import S, coordinates, read
+from fbench.replay.runs.tables import BoxWriter
 
 SOLID = "x,y,z,length,width,height,yaw"
 BOX = "1,2,0.5,4,2,1.5,0.25"
@@ -128,7 +127,7 @@ def test_rows_in_any_order(table):
 
 @given(st.integers(0, 2**63 - 1))
 def test_seconds_are_read_exactly(stamp_ns):
-    from fbench.replay.boxfiles.parse import stamp_of_seconds
+    from fbench.replay.formats.objects import stamp_of_seconds
 
     assert stamp_of_seconds(f"{stamp_ns // S}.{stamp_ns % S:09d}") == stamp_ns
 
@@ -275,11 +274,11 @@ def test_too_many_rows_at_one_instant(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts kibibytes as Linux does")
 def test_a_million_rows_stream(tmp_path):
-    from fbench.replay.boxfiles.open import open_boxes
-    from fbench.replay.faults import FaultLog
-    from fbench.replay.logs.setup import BoxSource
+    from tests.replay.boxfiles.made import coordinates
 
-    from .made import coordinates
+    from fbench.replay.contracts.faults import FaultLog
+    from fbench.replay.formats.open import open_boxes
+    from fbench.replay.logs.setup import BoxSource
 
     num = 1_000_000
     columns = {"frame": np.arange(num) // 50, **{n: np.ones(num) for n in SOLID.split(",")}}

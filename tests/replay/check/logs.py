@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from tests.replay.logs.builders import write
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.check.check import CheckOptions, CheckResult, check_log
-from fbench.replay.check.finding import Finding
-from fbench.replay.data import CameraModel, Image, Message, Mount, PointCloud, Pose, RadarScan, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
+from fbench.replay.check.findings import Finding
+from fbench.replay.check.log_check import CheckOptions, CheckResult, check_log
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.logs.open import open_log
-
-from ..logs.builders import write
 
 MS = 1_000_000
 S = 1000 * MS

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.replay.check.logs import JPEG, MS, RIG, START, box, changed, checked, clean, found, image, problems
+from tests.replay.logs.builders import write
+from tests.replay.logs.containers import NO_SUMMARY, chunks, rewrite
 
-from fbench.replay.check.finding import RULES, require_codes, rule_of
-from fbench.replay.data import CameraModel, Image, PointCloud, Pose, RadarScan, Rig, Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FAULTS
-
-from ..logs.builders import write
-from ..logs.containers import NO_SUMMARY, chunks, rewrite
-from .logs import JPEG, MS, RIG, START, box, changed, checked, clean, found, image, problems
+from fbench.replay.check.findings import RULES, require_codes, rule_of
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FAULTS
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, Rig
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -104,9 +104,9 @@ def test_sensor_of_the_rig_without_messages(path):
 
 
 def test_rig_that_changes_is_information(path):
-    from fbench.replay.logs.mcap.write import McapWriter
+    from tests.replay.logs.builders import INFO
 
-    from ..logs.builders import INFO
+    from fbench.replay.logs.containers.mcap.write import McapWriter
 
     moved = replace(RIG.mounts["radar"], translation_m=np.array([0.1, 0, 0]))
     with McapWriter(path, INFO, RIG) as writer:
@@ -144,8 +144,8 @@ def test_damaged_chunk(path):
 
 def test_damaged_chunk_of_an_unused_topic_is_found_too(path, tmp_path):
     from fbench.replay.logs.container import Channel
+    from fbench.replay.logs.containers.mcap.write import RawMcapWriter
     from fbench.replay.logs.header import LogHeader
-    from fbench.replay.logs.mcap.raw_write import RawMcapWriter
 
     writer = RawMcapWriter(path, LogHeader("id"), "none", chunk_size=100)
     for i in range(5):

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from tests.replay.check.logs import MS, RIG, START, changed, checked, clean, found, problems
+from tests.replay.fakes import Echo
 
-from fbench.replay.data import PointCloud, RadarScan, Rig
-from fbench.replay.errors import ConfigError, ModelError, RunError
-from fbench.replay.sync import SyncParams
-
-from ..fakes import Echo
-from .logs import MS, RIG, START, changed, checked, clean, found, problems
+from fbench.replay.contracts.errors import ConfigError, ModelError, RunError
+from fbench.replay.data.messages import PointCloud, RadarScan
+from fbench.replay.data.rig import Rig
+from fbench.replay.engine.frame_buffer import SyncParams
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_unused_messages_are_information(path):
 
 
 def test_pipeline_that_cannot_use_the_rig(path):
-    from fbench.pipelines.lidar3d import Lidar3D
+    from fbench.pipelines.variants.lidar3d import Lidar3D
 
     items = [m for m in clean() if not isinstance(m, PointCloud)]
     mounts = {name: mount for name, mount in RIG.mounts.items() if name != "lidar"}

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.check.logs import MS, START, UPRIGHT, S, changed, checked, clean, found, problems, scan
 
-from fbench.replay.check.stats import quantile, stream_stats
-from fbench.replay.check.stream import Times, out_of_order, repeated, timeline
-from fbench.replay.data import Pose
-from fbench.replay.errors import ConfigError
+from fbench.replay.check.times import Times, out_of_order, quantile, repeated, stream_stats, timeline
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.messages import Pose
+from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.container import Entry
-from fbench.replay.restamp import StampParams
-from fbench.replay.sync import SyncParams
-
-from .logs import MS, START, UPRIGHT, S, changed, checked, clean, found, problems, scan
+from fbench.replay.logs.setup import StampParams
 
 
 @pytest.fixture
@@ -173,8 +171,8 @@ def test_stamps_of_zero(path):
 
 
 def test_recorded_in_another_order(path):
-    from ..logs.builders import write
-    from .logs import RIG
+    from tests.replay.check.logs import RIG
+    from tests.replay.logs.builders import write
 
     write(path, reversed(clean()), RIG)
     result = checked(path)

@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.city_log import write_city_log
+from tests.replay.check.logs import MS, START, checked, clean
 
 from fbench.datasets.astyx.importer import Astyx
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.radiate.importer import Radiate
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.check.check import CheckOptions, check_log
-from fbench.replay.check.finding import Finding
-from fbench.replay.check.truth_clock import TruthClock
-from fbench.replay.data import Mount, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
+from fbench.replay.check.findings import Finding
+from fbench.replay.check.log_check import CheckOptions, check_log
+from fbench.replay.check.truth import TruthClock
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.open import open_log
-from fbench.replay.restamp import StampParams
-from fbench.replay.sync import SyncParams
-
-from .logs import MS, START, checked, clean
+from fbench.replay.logs.setup import StampParams
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 SIZE = np.array([4.0, 2.0, 1.5])

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.cli import main
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.images import encode_jpeg
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.cli import main
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 
 MS = 1_000_000
 UPRIGHT = np.array([0.0, 0, 0, 1])

@@ -9,7 +9,7 @@ import pytest
 ASCII = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 CHILD = """
 import os, subprocess, sys
-from fbench.replay.cli.answers import answers
+from fbench.cli.responses import answers
 
 with answers() as out:
     print("printed")
@@ -22,7 +22,7 @@ print("after")
 """
 WRITER = """
 from pathlib import Path
-from fbench.replay.files import replace_text
+from fbench.replay.data.files import replace_text
 
 replace_text(Path("text.txt"), "\\u2212 \\xc4")
 """

@@ -10,12 +10,11 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import shared_cities
 
-from fbench.datasets.city.conditions import condition
-from fbench.datasets.city.spec import CitySpec
-from fbench.replay.cli.demo_job import DemoWish, experiment, run_experiment
-from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines, results_of
-from fbench.replay.imports.claim import claimed
-from fbench.replay.store import Run
+from fbench.cli.demo_job import DemoWish, experiment, run_experiment
+from fbench.cli.experiment import Drive, Experiment, own_pipelines, results_of
+from fbench.datasets.city.spec import CitySpec, condition
+from fbench.datasets.importing.run import claimed
+from fbench.replay.runs.folder import Run
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
 

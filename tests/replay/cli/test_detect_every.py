@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 MINE = """
-from fbench.replay.data import Boxes3D, Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
 
 class Mine:
     def start(self, rig, log_info): pass

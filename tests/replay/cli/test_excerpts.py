@@ -4,12 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.replay.cli.conftest import messages, rig, write_log
 
-from fbench.replay.data import PointCloud
-from fbench.replay.digest import digest
-from fbench.replay.store import Run
-
-from .conftest import messages, rig, write_log
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.runs.digest import digest
+from fbench.replay.runs.folder import Run
 
 
 def rows(folder, table="detections"):

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.opcode import Opcode
+from tests.replay.cli import conftest as c
+from tests.replay.logs.containers import NO_SUMMARY, layout, rewrite
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Image, LogInfo, PointCloud, Truth
-from fbench.replay.faults import FAULTS
-from fbench.replay.logs.mcap.write import McapWriter
-from fbench.replay.logs.parquet.write import ParquetWriter
-
-from ..logs.containers import NO_SUMMARY, layout, rewrite
-from . import conftest as c
+from fbench.replay.contracts.faults import FAULTS
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Truth
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
 
 ROOT = Path(__file__).resolve().parents[3]
 HEAD = struct.Struct("<BQ")

@@ -1,8 +1,8 @@
 import pytest
 
-from fbench.replay.cli.fault_text import explained
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.cli.show import explained
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
 
 
 def raised(code):

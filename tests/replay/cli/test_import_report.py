@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from fbench.replay.cli.import_report import joined_lines
-from fbench.replay.imports.run import ImportedLog
+from fbench.cli.import_job import joined_lines
+from fbench.datasets.importing.run import ImportedLog
 
 
 def joined(*lines):

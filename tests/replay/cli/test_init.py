@@ -2,8 +2,7 @@
 
 import tomllib
 
-from fbench.replay.config.find import config_place, found_config
-from fbench.replay.config.model import Config
+from fbench.replay.setup.configuration import Config, config_place, found_config
 
 
 def test_writes_beside_the_log_and_says_why(fbench, log, tmp_path):

@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import pytest
+from tests.replay.cli.conftest import messages, rig, truths, write_log
 
-from fbench.replay.data import Rig
-
-from .conftest import messages, rig, truths, write_log
+from fbench.replay.data.rig import Rig
 
 STREAM = {
     "sensor": "lidar", "kind": "lidar", "num_messages": 6, "first_stamp_ns": 1_000_000_000,

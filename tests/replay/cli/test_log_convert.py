@@ -3,8 +3,7 @@
 import re
 
 import pytest
-
-from ..logs.containers import chunks
+from tests.replay.logs.containers import chunks
 
 
 def test_what_is_printed(fbench, log):
@@ -95,7 +94,7 @@ def test_what_is_no_log(fbench, tmp_path):
 
 
 def test_what_fbench_does_not_understand_is_said(fbench, tmp_path):
-    from ..logs.convert.test_cut import foreign
+    from tests.replay.logs.convert.test_cut import foreign
 
     foreign(tmp_path / "f.mcap")
     result = fbench("log", "convert", "f.mcap", "-o", "out.mcap", "--decode")

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.replay.cli.conftest import messages, truths, write_log
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Truth
-
-from .conftest import messages, truths, write_log
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
 
 
 def test_truth_of_a_log(fbench, log):

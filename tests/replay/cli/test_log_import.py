@@ -14,7 +14,7 @@ from tests.replay.imports.toy import write_toy
 
 TOY = f"{toy.__file__}:Toy"
 FIVE = ["a", "b", "c", "d", "e"]
-MAIN = "from fbench.replay.cli import main; main()"
+MAIN = "from fbench.cli import main; main()"
 COMMAND = [sys.executable, "-c", MAIN, "log", "import", TOY]
 
 

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from tests.replay.cli.conftest import UPRIGHT, car_points, messages, rig, truths, write_log
 
-from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
-from fbench.replay.logs.mcap.write import McapWriter
-
-from .conftest import UPRIGHT, car_points, messages, rig, truths, write_log
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 
 
 def test_table_and_json(fbench, log):

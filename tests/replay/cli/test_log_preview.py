@@ -7,12 +7,12 @@ from html.parser import HTMLParser
 import cv2
 import numpy as np
 import pytest
+from tests.replay.cli.conftest import FORWARD, MS, UPRIGHT, messages, rig, truths, write_log
 
-from fbench.replay.data import Image, LogInfo, Mount, PointCloud, Pose, Rig
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.data.messages import Image, PointCloud, Pose
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
-
-from .conftest import FORWARD, MS, UPRIGHT, messages, rig, truths, write_log
 
 
 class Sheet(HTMLParser):
@@ -228,7 +228,7 @@ def turned(log, out, yaw_deg):
     """Write a log again with its LiDAR's extrinsics turned."""
     from scipy.spatial.transform import Rotation
 
-    from fbench.replay.faults import FaultLog
+    from fbench.replay.contracts.faults import FaultLog
 
     reader = open_log(log, FaultLog())
     (name,) = reader.rig.sensors("lidar")

@@ -10,10 +10,10 @@ import pytest
 from tests.city_log import write_city_log
 
 from fbench.datasets.astyx import Astyx
-from fbench.replay.data import RigChange
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.datasets.importing.run import import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.rig import RigChange
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_log.py"

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from tests.replay.cli import conftest as c
 
-from fbench.replay.cli import main
-from fbench.replay.cli.job import keep_stderr
-from fbench.replay.data import Mount, Pose
-
-from . import conftest as c
+from fbench.cli import main
+from fbench.cli.replay_job import keep_stderr
+from fbench.replay.data.messages import Pose
+from fbench.replay.data.rig import Mount
 
 URL = "https://user:hush@host/x?X-Amz-Signature=HUSH"
 METADATA = {
@@ -24,7 +24,8 @@ METADATA = {
 LEAKY = """
 from dataclasses import dataclass
 from pathlib import Path
-from fbench.replay.data import Boxes3D, Fault, Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Fault, Output
 import numpy as np
 
 @dataclass(frozen=True)

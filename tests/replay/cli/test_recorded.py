@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
-
-from ..logs.ros.builders import DISTROS, Ros, cloud, structured
-from ..logs.ros.test_boxes import ARRAY3, NEW, box3d, results
+from tests.replay.logs.ros.builders import DISTROS, Ros, cloud, structured
+from tests.replay.logs.ros.test_boxes import ARRAY3, NEW, box3d, results
 
 MS = 1_000_000
 START_S = 1_700_000_000

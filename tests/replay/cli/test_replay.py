@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.replay.cli.conftest import messages, rig, truths, write_log
 
-from fbench.replay.data import Image, PointCloud, Rig
-
-from .conftest import messages, rig, truths, write_log
+from fbench.replay.data.messages import Image, PointCloud
+from fbench.replay.data.rig import Rig
 
 STILL = """
 import numpy as np
-from fbench.replay.data import Boxes3D, Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
 
 class Still:
     def start(self, rig, log_info): self.x = SHIFT
@@ -309,7 +310,7 @@ def test_debug_shows_the_traceback_of_the_first_failure(log, still, tmp_path):
     command = [
         sys.executable,
         "-c",
-        "from fbench.replay.cli import main; main()",
+        "from fbench.cli import main; main()",
         "replay",
         str(log),
         "-p",
@@ -338,13 +339,13 @@ def test_disk_that_is_full(fbench, log, still, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device", "runs/x")
 
-    monkeypatch.setattr("fbench.replay.store.save_manifest", full)
+    monkeypatch.setattr("fbench.replay.runs.folder.save_manifest", full)
     fails(fbench("replay", log, "-p", still()), 3, "runs/x: No space left on device")
     assert list(Path("runs").iterdir()) == []
 
 
 def test_termination_leaves_nothing_behind(log, still, tmp_path):
-    command = [sys.executable, "-c", "from fbench.replay.cli import main; main()"]
+    command = [sys.executable, "-c", "from fbench.cli import main; main()"]
     arguments = ["replay", str(log), "-p", still(), "-o", str(tmp_path / "runs" / "run"), "--rate", "0.01"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE)
     while not list(tmp_path.glob("runs/.run.partial-*")):

@@ -2,8 +2,8 @@
 
 import json
 
-from .conftest import messages as make_messages
-from .conftest import truths, write_log
+from tests.replay.cli.conftest import messages as make_messages
+from tests.replay.cli.conftest import truths, write_log
 
 SOLID = "x,y,z,length,width,height,yaw,label,track_id"
 

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from fbench.replay.data import Rig
+from tests.replay.cli.conftest import messages, rig, truths, write_log
 
-from .conftest import messages, rig, truths, write_log
+from fbench.replay.data.rig import Rig
 
 
 def manifest(folder="run"):

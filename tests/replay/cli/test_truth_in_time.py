@@ -8,13 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.city_log import write_city_log
+from tests.replay.cli.conftest import MS, messages, truths, write_log
 
-from fbench.replay.cli.coverage_gate import gated
-from fbench.replay.errors import EXIT_LOSSY, EXIT_OK
-from fbench.replay.store import Run
-from fbench.replay.truth.coverage import Coverage
-
-from .conftest import MS, messages, truths, write_log
+from fbench.cli.score_jobs import gated
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.shares import Coverage
 
 
 @pytest.fixture

@@ -3,8 +3,8 @@
 import pytest
 
 UNRULY = """
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
 
 class Quiet:
     def start(self, rig, log_info): pass

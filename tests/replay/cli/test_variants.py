@@ -6,11 +6,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from fbench.replay.cli.experiment import Drive, Experiment, own_pipelines
-from fbench.replay.config.source import NO_CONFIG, LogWish
-from fbench.replay.plugins import pipeline_parameters
-from fbench.replay.suites.cell import Cell
-from fbench.replay.suites.run import run_suite
+from fbench.api.cells import Cell
+from fbench.api.suite import run_suite
+from fbench.cli.experiment import Drive, Experiment, own_pipelines
+from fbench.replay.contracts.plugins import pipeline_parameters
+from fbench.replay.setup.source import NO_CONFIG, LogWish
 
 FAR = 'name = "far-cars"\ntitle = "looks far"\nbase = "lidar3d"\nsensors = ["lidar"]\n[parameters]\nmin_score = 0.25\n'
 
@@ -155,7 +155,7 @@ def test_what_variants_are_made_of_is_no_pipeline_of_the_demo():
 
 def test_list_of_pipelines_and_parameters_of_a_variant(fbench, far):
     listed = " ".join(fbench("plugins", "pipelines").out.split())
-    assert "thesis/late3d fbench.pipelines.thesis, a variant of plain3d" in listed
+    assert "thesis/late3d fbench.pipelines.variants.thesis, a variant of plain3d" in listed
     assert "thesis" not in fbench("plugins", "datasets").out
     text = fbench("plugins", "pipelines", far).out
     assert text.startswith("looks far\nbase: lidar3d\nsensors: lidar\n")

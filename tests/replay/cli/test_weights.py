@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from tests.weights_server import CONTENT, fails, sends, serving
 
-from fbench.pipelines.late3d import Late3DParams
-from fbench.pipelines.weights.catalogue import CATALOGUE, entry_named
-from fbench.replay.cli.weights_job import get_weights, show_weights
-from fbench.replay.errors import ModelError
-from fbench.replay.settings import apply_settings, describe
+from fbench.cli.weights_job import get_weights, show_weights
+from fbench.pipelines.models.weights import CATALOGUE, entry_named
+from fbench.pipelines.variants.late3d import Late3DParams
+from fbench.replay.contracts.errors import ModelError
+from fbench.replay.contracts.settings import apply_settings, describe
 
 FEMTO = "weights/deimv2_femto/deimv2_hgnetv2_femto_coco.onnx"
 

@@ -6,8 +6,8 @@ import pytest
 from tests.replay.config.test_load import GOOD
 from tests.replay.mutations import complaint, mutated
 
-from fbench.replay.config.load import load_config, setup_of
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.setup.configuration import load_config, setup_of
 
 
 def refused(tmp_path, text, match):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from fbench.replay.config.load import MAX_BYTES, load_config, setup_of
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.setup.configuration import MAX_BYTES, load_config, setup_of
 
 GOOD = """\
 version = 1

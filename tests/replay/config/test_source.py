@@ -2,9 +2,9 @@
 
 import pytest
 
-from fbench.replay.config.source import LogWish, log_source
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.logs.setup import BoxSource
+from fbench.replay.setup.source import LogWish, log_source
 
 TEXT = """\
 version = 1

@@ -6,32 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.boxfiles.open import open_boxes
-from fbench.replay.data import (
-    Boxes,
-    Boxes2D,
-    Boxes3D,
-    CameraModel,
-    Frame,
-    LogInfo,
-    Message,
-    Mount,
-    Output,
-    PointCloud,
-    Pose,
-    Rig,
-    Truth,
-)
-from fbench.replay.export.place import Place
-from fbench.replay.export.run import Export, Exported, export
-from fbench.replay.export.wish import make_wish
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.coordinates import CoordinateFrames
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.formats.export import Export, Exported, Place, export
+from fbench.replay.formats.export_request import make_wish
+from fbench.replay.formats.open import open_boxes
+from fbench.replay.logs.containers.mcap.write import McapWriter
+from fbench.replay.logs.coordinate_frames import CoordinateFrames, tree_of
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.logs.tree import tree_of
-from fbench.replay.run import Plan, replay
 
 STEP_NS = 100_000_000
 UPRIGHT = np.array([0.0, 0, 0, 1])

@@ -4,11 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.replay.export.made import (
+    CAMERA,
+    FORWARD,
+    exported,
+    flats,
+    log_of_labels,
+    read,
+    rig,
+    run_of,
+    solids,
+    stamp,
+    sweeps,
+    write_log,
+)
 
-from fbench.replay.data import Boxes3D, Mount, Rig, Truth
-from fbench.replay.errors import ConfigError, LogError
-
-from .made import CAMERA, FORWARD, exported, flats, log_of_labels, read, rig, run_of, solids, stamp, sweeps, write_log
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import Mount, Rig
 
 TRACKING = """\
 0 -1 DontCare -1 -1 -10.000000 320.980000 172.900000 357.440000 195.810000 -1000.000000 -1000.000000 -1000.000000 \
@@ -48,9 +62,9 @@ def test_object_labels_come_out_byte_for_byte(tmp_path):
 
 @pytest.mark.slow
 def test_all_real_tracking_labels_come_out_byte_for_byte(shared, tmp_path):
+    from fbench.datasets.importing.run import import_recordings
     from fbench.datasets.kitti import Kitti
-    from fbench.replay.imports.run import import_recordings
-    from fbench.replay.imports.wish import ImportWish
+    from fbench.replay.contracts.importing import ImportWish
     from fbench.replay.logs.convert.target import Target
 
     source = shared / "data" / "kitti_tracking"

@@ -4,11 +4,10 @@ import configparser
 
 import numpy as np
 import pytest
+from tests.replay.export.made import exported, flats, read, run_of, solids, stamp, sweeps, write_log
 
-from fbench.replay.data import Truth
-from fbench.replay.errors import LogError
-
-from .made import exported, flats, read, run_of, solids, stamp, sweeps, write_log
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.messages import Truth
 
 
 def test_results_by_hand(tmp_path):

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.replay.export.made import exported, flats, poses, read, run_of, solids, stamp, sweeps, write_log
 
-from fbench.replay.data import Boxes3D, Truth
-from fbench.replay.errors import LogError
-
-from .made import exported, flats, poses, read, run_of, solids, stamp, sweeps, write_log
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
 
 TOKENS = {"nuscenes.sample_tokens": "aaa bbb ccc"}
 KEYFRAMES = (0, None, 1, None, 2)

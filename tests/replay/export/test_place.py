@@ -1,12 +1,11 @@
 """What may be written where, and that nothing is left where an export fails."""
 
 import pytest
+from tests.replay.export.made import exported, run_of, solids, stamp, sweeps, write_log
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Truth
-from fbench.replay.errors import ConfigError, LogError
-
-from .made import exported, run_of, solids, stamp, sweeps, write_log
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
 
 
 @pytest.fixture

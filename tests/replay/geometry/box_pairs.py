@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from fbench.replay.arrays import Float64
+from fbench.replay.data.arrays import Float64
 
 _SIGNS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
 

@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.data import Boxes3D
-from fbench.replay.geometry.boxes import corners, distance_bev, iou_2d
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.iou import corners, distance_bev, iou_2d
 
 
 def test_corners_of_an_upright_box():

@@ -5,7 +5,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.replay.data import Boxes3D, CameraModel, Mount, Rig
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import in_image, project, project_body, project_boxes
 
 K = np.array([[400.0, 0, 399.5], [0, 400, 299.5], [0, 0, 1]])

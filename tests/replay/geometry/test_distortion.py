@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.replay.data import Boxes3D, CameraModel, Mount, Rig
-from fbench.replay.errors import LogError
-from fbench.replay.geometry.boxes import corners
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.camera import (
     in_image,
     not_projectable,
@@ -21,6 +21,7 @@ from fbench.replay.geometry.camera import (
     rays,
     undistorted,
 )
+from fbench.replay.geometry.iou import corners
 
 K = np.array([[400.0, 0, 399.5], [0, 410, 299.5], [0, 0, 1]])
 SKEWED = np.array([[400.0, 3, 399.5], [0, 410, 299.5], [0, 0, 1]])

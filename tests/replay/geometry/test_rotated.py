@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.replay.geometry.box_pairs import degenerate, ordinary, shapely_iou_bev
 
-from fbench.replay.arrays import Float64
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.geometry.rotated import flat_iou, iou_3d, iou_bev
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.iou import flat_iou, iou_3d, iou_bev
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float, z: float = 0.0, height: float = 1.0) -> Boxes3D:

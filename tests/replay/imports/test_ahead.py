@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from fbench.replay.imports.ahead import NUM_AHEAD, ahead
+from fbench.datasets.importing.run import NUM_AHEAD, ahead
 
 
 def test_the_same_items_in_the_same_order():

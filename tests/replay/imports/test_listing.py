@@ -1,7 +1,7 @@
 """Finding the files of datasets."""
 
-from fbench.replay.imports.listing import entries, numbered
-from fbench.replay.imports.wish import FrameRange
+from fbench.datasets.importing.files import entries, numbered
+from fbench.replay.contracts.importing import FrameRange
 
 
 def test_files_are_taken_by_number_and_suffix(tmp_path):

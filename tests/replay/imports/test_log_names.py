@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.replay.imports.log_names import log_names
+from fbench.datasets.importing.guard import log_names
 
 
 def test_names_are_kept_where_they_can_be():

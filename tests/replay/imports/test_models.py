@@ -3,8 +3,8 @@
 import pytest
 from pydantic import BaseModel
 
-from fbench.replay.errors import LogError
-from fbench.replay.imports.models import read_json
+from fbench.datasets.importing.files import read_json
+from fbench.replay.contracts.errors import LogError
 
 
 class Box(BaseModel):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.summary import BODY_T_OPTICAL, is_pinhole, is_rotation, mount_of
 from fbench.replay.geometry.transforms import pose_matrix
-from fbench.replay.imports.rigs import BODY_T_OPTICAL, is_pinhole, is_rotation, mount_of
 
 TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
 

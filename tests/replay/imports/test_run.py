@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from tests.replay.imports.toy import Toy, ToyParams, write_toy
 
-from fbench.replay.data import Image, LogInfo, Mount, PointCloud, RadarScan, Rig
-from fbench.replay.errors import ConfigError, FbenchError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.claim import claimed
-from fbench.replay.imports.run import import_one, import_recordings
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish, chosen_names
+from fbench.datasets.importing.run import claimed, import_one, import_recordings
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
+from fbench.replay.contracts.testing import check_importer
+from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_log
-from fbench.replay.testing import check_importer
 
 RIG = Rig({"lidar": Mount("lidar", np.zeros(3), np.array([0.0, 0, 0, 1]))}, {})
 

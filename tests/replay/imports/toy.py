@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.data import LogInfo, Mount, PointCloud, Rig
-from fbench.replay.errors import LogError
-from fbench.replay.imports.files import read_floats, require_folder
-from fbench.replay.imports.identity import file_facts, log_id
-from fbench.replay.imports.wish import ImportWish
+from fbench.datasets.importing.files import file_facts, log_id, read_floats, require_folder
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.data.rig import LogInfo, Mount, Rig
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.replay.init.drive import Drive
 
-from fbench.replay.config.model import Config
-from fbench.replay.faults import FaultLog
-from fbench.replay.init.run import draft_of
-from fbench.replay.init.write import write_toml
-
-from .drive import Drive
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.setup.configuration import Config
+from fbench.replay.setup.init import draft_of, write_toml
 
 Guess = Callable[[Drive | Path], tuple[Config, str]]
 

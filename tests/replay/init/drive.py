@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 from rosbags.typesys import Stores
+from tests.replay.logs.ros.builders import Ros, cloud, structured
 
-from fbench.replay.images import encode_jpeg
-
-from ..logs.ros.builders import Ros, cloud, structured
+from fbench.replay.data.images import encode_jpeg
 
 ROS = Ros(Stores.ROS2_HUMBLE)
 START_NS = 1_700_000_000_000_000_000

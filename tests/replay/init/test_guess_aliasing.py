@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fbench.replay.data import RadarScan
-from fbench.replay.init.guess_aliasing import period_lines
-from fbench.replay.init.guess_sensors import Candidate
-from fbench.replay.init.look import Heard, Seen
+from fbench.replay.data.messages import RadarScan
 from fbench.replay.logs.roles import Role
+from fbench.replay.setup.guess_radar import period_lines
+from fbench.replay.setup.guess_sensors import Candidate
+from fbench.replay.setup.inspection import Heard, Seen
 
 
 def radar(velocity_mps, name="front", is_own=False):

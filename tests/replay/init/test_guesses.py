@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from tests.replay.init import drive as d
 
-from fbench.replay.config.load import load_config, setup_of
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.open import open_log
-from fbench.replay.sync import SyncParams, choose_reference
-
-from . import drive as d
+from fbench.replay.setup.configuration import load_config, setup_of
 
 
 def reason(text, key):

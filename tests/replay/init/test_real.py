@@ -2,17 +2,16 @@
 
 from collections.abc import Iterator
 
-from fbench.datasets.astyx import Astyx
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.init.guess_boxes import classes_table
-from fbench.replay.init.guess_sensors import choose
-from fbench.replay.init.look import look_at
-from fbench.replay.init.sample import MAX_ENTRIES, NUM_WINDOWS
-from fbench.replay.logs.container import Entry
-from fbench.replay.logs.mcap.file import McapFile
+from tests.replay.init import drive as d
 
-from . import drive as d
+from fbench.datasets.astyx import Astyx
+from fbench.datasets.importing.run import import_one
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.container import Entry
+from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.setup.guess_sensors import choose
+from fbench.replay.setup.guess_truth import classes_table
+from fbench.replay.setup.inspection import MAX_ENTRIES, NUM_WINDOWS, look_at
 
 
 def test_kitti_in_ros2(guess, shared):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.replay.logs.builders import write
 
-from fbench.replay.data import Mount, RadarScan, Rig
-
-from ..logs.builders import write
+from fbench.replay.data.messages import RadarScan
+from fbench.replay.data.rig import Mount, Rig
 
 START, MS = 1_700_000_000_000_000_000, 1_000_000
 RIG = Rig({"radar": Mount("radar", np.zeros(3), np.array([0.0, 0, 0, 1]))}, {})

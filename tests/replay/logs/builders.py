@@ -9,24 +9,13 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from fbench.replay.data import (
-    Boxes2D,
-    Boxes3D,
-    CameraModel,
-    Image,
-    LogInfo,
-    Message,
-    Mount,
-    PointCloud,
-    Pose,
-    RadarScan,
-    Rig,
-    Truth,
-)
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
-from fbench.replay.protocols import Reader
 
 INFO = LogInfo("log", "id-1", {"place": "Köln"})
 NO_RIG = Rig({}, {})

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
 
-from fbench.replay.data import Rig
-from fbench.replay.errors import LogError
-
-from . import builders as b
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import Rig
 
 
 def with_mount(name, **changes):

@@ -14,13 +14,13 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import HEAD, NO_SUMMARY, chunks, layout, rewrite
 
-from fbench.replay.data import LogInfo, PointCloud, Rig, Truth
-from fbench.replay.errors import ConfigError, FbenchError, LimitError, LogError
-from fbench.replay.logs.mcap.write import McapWriter
-
-from . import builders as b
-from .containers import HEAD, NO_SUMMARY, chunks, layout, rewrite
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
+from fbench.replay.data.messages import PointCloud, Truth
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +234,7 @@ def test_chunk_that_is_a_little_larger_than_it_says_is_damaged(tmp_path, compres
 
 
 def test_record_beyond_the_limit_is_refused(tmp_path, monkeypatch, drive):
-    monkeypatch.setattr("fbench.replay.logs.mcap.records.MAX_RECORD", 1000)
+    monkeypatch.setattr("fbench.replay.logs.containers.mcap.records.MAX_RECORD", 1000)
     with pytest.raises(LogError, match="more than the limit of 1000"):
         content(drive)
 
@@ -289,7 +289,7 @@ def test_disk_that_fails_while_reading(drive, monkeypatch):
     def fail(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("fbench.replay.logs.mcap.file.parse_chunk", fail)
+    monkeypatch.setattr("fbench.replay.logs.containers.mcap.file.parse_chunk", fail)
     with pytest.raises(LogError, match=r"drive\.mcap: can't be read \(Input/output error\)"):
         list(messages)
 

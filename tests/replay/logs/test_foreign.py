@@ -18,12 +18,11 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
+from tests.replay.logs import builders as b
 
-from fbench.replay.data import Image, PointCloud, Pose, RadarScan
-from fbench.replay.errors import LogError
-from fbench.replay.images import encode_jpeg
-
-from . import builders as b
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 
 HALF = 2**-0.5
 JPEG = encode_jpeg(np.zeros((6, 8, 3), np.uint8))

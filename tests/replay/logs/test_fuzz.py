@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import NO_SUMMARY, chunks, layout, rewrite
 
-from fbench.replay.errors import FbenchError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import FbenchError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_container
-
-from . import builders as b
-from .containers import NO_SUMMARY, chunks, layout, rewrite
 
 KINDS = {
     "unchunked": {"use_chunking": False},

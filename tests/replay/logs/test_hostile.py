@@ -10,13 +10,13 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
+from tests.replay.logs import builders as b
 
-from fbench.replay.data import Boxes3D, Truth
-from fbench.replay.errors import FbenchError
-from fbench.replay.logs.foxglove.topics import message_records
-from fbench.replay.logs.mcap.records import MAGIC
-
-from . import builders as b
+from fbench.replay.contracts.errors import FbenchError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.logs.codecs.foxglove.topics import message_records
+from fbench.replay.logs.containers.mcap.records import MAGIC
 
 KINDS = ["calibration", "camera", "lidar", "pose", "radar", "transform", "truth"]
 SCHEMAS = [

@@ -4,10 +4,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
 
-from fbench.replay.data import PointCloud
-
-from . import builders as b
+from fbench.replay.data.messages import PointCloud
 
 POINTS = 20_000
 

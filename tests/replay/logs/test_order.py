@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
 
-from fbench.replay.data import Boxes2D, Boxes3D, PointCloud, Pose, Truth
-
-from . import builders as b
-from .containers import NO_SUMMARY, rewrite, shuffled_topics
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import PointCloud, Pose, Truth
 
 NONE = np.array([0, 0, 0, 1.0])
 

@@ -9,13 +9,13 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from tests.city_log import write_city_log
 
-from fbench.replay.data import RigChange
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.rig import RigChange
+from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.open import open_log
+from fbench.replay.logs.rig_patch import RigPatch
 from fbench.replay.logs.setup import BoxSource, SensorSetup, Setup
-from fbench.replay.logs.tree import Edge
-from fbench.replay.rig_patch import RigPatch
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "ros2_log.py"
 UPRIGHT = np.array([0.0, 0, 0, 1])

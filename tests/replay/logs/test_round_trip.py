@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.replay.logs import builders as b
 
-from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, LogInfo, Mount, Pose, Rig, Truth
-
-from . import builders as b
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Pose, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 

@@ -8,13 +8,12 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
+from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
+from tests.replay.logs.test_foreign import edge, log, packed
 
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.setup import Setup
-
-from .ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
-from .test_foreign import edge, log, packed
 
 HALF = 2**-0.5
 POINTS = packed([("x", "<f4"), ("y", "<f4"), ("z", "<f4")], [(1, 2, 3)])

@@ -3,14 +3,13 @@
 from pathlib import Path
 
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.convert.helpers import converted
+from tests.replay.logs.rosbag import builders as bags
 
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.containers.limits import Seekable, entries_from
 from fbench.replay.logs.open import open_container
-from fbench.replay.logs.seek import Seekable, entries_from
-
-from . import builders as b
-from .convert.helpers import converted
-from .rosbag import builders as bags
 
 
 def mcap(tmp_path: Path) -> Path:

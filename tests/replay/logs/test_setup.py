@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.images import encode_jpeg
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.convert.run import Wish, convert
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.open import open_container, open_log
+from fbench.replay.logs.rig_patch import RigPatch
 from fbench.replay.logs.setup import SensorSetup, Setup
-from fbench.replay.logs.tree import Edge
-from fbench.replay.rig_patch import RigPatch
 
 UPRIGHT = np.array([0.0, 0, 0, 1])
 TURNED = np.array([0.0, 0, np.sqrt(0.5), np.sqrt(0.5)])

@@ -3,19 +3,18 @@
 import numpy as np
 import pytest
 from google.protobuf.timestamp_pb2 import Timestamp
+from tests.replay.cli.test_recorded import START_S, drive, pose, write
+from tests.replay.logs.ros.builders import DISTROS, Ros
+from tests.replay.logs.test_foreign import edge, log, packed
 
-from fbench.replay.data import Pose
-from fbench.replay.errors import ConfigError, DecodeError, LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Pose
+from fbench.replay.logs.coordinate_frames import Edge, TransformTree
 from fbench.replay.logs.open import open_log
+from fbench.replay.logs.poses import TfPoses, of_body
 from fbench.replay.logs.setup import Setup
-from fbench.replay.logs.tf_poses import TfPoses, of_body
-from fbench.replay.logs.tree import Edge, TransformTree
-from fbench.replay.logs.truth_frames import PosesIn
-
-from ..cli.test_recorded import START_S, drive, pose, write
-from .ros.builders import DISTROS, Ros
-from .test_foreign import edge, log, packed
+from fbench.replay.logs.truth import PosesIn
 
 HALF = 2**-0.5
 UPRIGHT = np.array([0.0, 0, 0, 1])

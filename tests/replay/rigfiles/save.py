@@ -3,8 +3,8 @@
 import json
 from collections.abc import Iterator
 
-from fbench.replay.arrays import Array
-from fbench.replay.data import CameraModel, Mount, Rig
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 
 def rig_toml(rig: Rig) -> str:

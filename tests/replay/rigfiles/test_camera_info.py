@@ -2,8 +2,8 @@
 
 import pytest
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.rigfiles.open import open_rig_file
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.formats.rig_files import open_rig_file
 
 TEXT = """\
 image_width: 640

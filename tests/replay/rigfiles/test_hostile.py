@@ -5,8 +5,8 @@ from tests.replay.mutations import complaint, mutated
 from tests.replay.rigfiles.test_kalibr import CAM
 from tests.replay.rigfiles.test_urdf import ROBOT
 
-from fbench.replay.errors import ConfigError
-from fbench.replay.rigfiles.open import open_rig_file
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.formats.rig_files import open_rig_file
 
 OWN = """\
 [sensors.lidar]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.geometry.transforms import inverse, pose_matrix
-from fbench.replay.logs.tree import TransformTree
-from fbench.replay.rigfiles.open import open_rig_file
+from fbench.replay.logs.coordinate_frames import TransformTree
 
 CAM = """\
 cam{num}:

@@ -9,14 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests.replay.rigfiles.save import rig_toml
 
-from fbench.replay.data import CameraModel, Mount, Rig
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.geometry.transforms import pose_matrix
-from fbench.replay.logs.tree import TransformTree
-from fbench.replay.rigfiles.open import open_rig_file
-
-from .save import rig_toml
+from fbench.replay.logs.coordinate_frames import TransformTree
 
 FULL = """\
 # three ways to give a rotation

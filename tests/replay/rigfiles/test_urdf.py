@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.errors import ConfigError
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.formats.rig_files import open_rig_file
 from fbench.replay.geometry.transforms import pose_matrix
-from fbench.replay.logs.tree import TransformTree
-from fbench.replay.rigfiles.open import open_rig_file
+from fbench.replay.logs.coordinate_frames import TransformTree
 
 LINKS = "".join(f'<link name="{n}"/>' for n in ("base_footprint", "base_link", "mast", "lidar", "head"))
 ROBOT = f"""<?xml version="1.0"?>

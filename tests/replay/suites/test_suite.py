@@ -11,26 +11,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.replay.cli.conftest import messages, rig, truths, write_log
 
-from fbench.replay.cli.scoring import score_folder
-from fbench.replay.config.source import NO_CONFIG, LogWish
-from fbench.replay.data import Rig
-from fbench.replay.errors import ConfigError
-from fbench.replay.scores import ScoreOptions
-from fbench.replay.store import Run
-from fbench.replay.suites.cell import Cell
-from fbench.replay.suites.content import Contents
-from fbench.replay.suites.run import run_suite
-from fbench.replay.suites.seal import seal_run
-
-from ..cli.conftest import messages, rig, truths, write_log
+from fbench.api.cells import Cell, seal_run
+from fbench.api.suite import Contents, run_suite
+from fbench.cli.scoring import score_folder
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.rig import Rig
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.runs.folder import Run
+from fbench.replay.setup.source import NO_CONFIG, LogWish
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json"}
 MINE = """
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from fbench.replay.data import Boxes3D, Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
 
 class Mine:
     def start(self, rig, log_info): pass
@@ -234,7 +232,7 @@ def test_a_run_that_cannot_be_sealed_fails_alone(log, monkeypatch):
 
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in ("full", "other")]
     with monkeypatch.context() as patch:
-        patch.setattr("fbench.replay.suites.run.seal_run", seal)
+        patch.setattr("fbench.api.suite.seal_run", seal)
         full, other = run_suite(cells, 1)
     assert (full.state, full.reason) == ("failed", "runs/full: can't be made (No space left on device)")
     assert other.state == "replayed"
@@ -247,7 +245,7 @@ def test_code_counts_but_not_what_python_compiles_of_it(log, tmp_path, monkeypat
     (package / "__pycache__").mkdir(parents=True)
     (package / "__init__.py").write_text("")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("fbench.replay.suites.content._PACKAGES", ("suites_code",))
+    monkeypatch.setattr("fbench.api.suite._PACKAGES", ("suites_code",))
     one = [cell(log, "mine.py:Mine")]
     assert states(run_suite(one, 1)) == ["replayed"]
     (package / "__pycache__" / "a.cpython-311.pyc.140012345").write_text("half")
@@ -266,7 +264,7 @@ def test_all_code_of_a_package_with_a_pipeline_counts(log, tmp_path, monkeypatch
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: outsider\nVersion: 1.0\n")
     (told / "entry_points.txt").write_text("[fbench.pipelines]\noutsider = outsider.pipe:Mine\n")
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr("fbench.replay.suites.content._PACKAGES", ())
+    monkeypatch.setattr("fbench.api.suite._PACKAGES", ())
     one = cell(log, "outsider")
     before = Contents().of(one)
     assert Contents().of(one) == before
@@ -289,9 +287,9 @@ def test_no_cells_give_nothing():
 INTERRUPTED = """
 import sys
 from pathlib import Path
-from fbench.replay.config.source import NO_CONFIG, LogWish
-from fbench.replay.suites.cell import Cell
-from fbench.replay.suites.run import run_suite
+from fbench.replay.setup.source import NO_CONFIG, LogWish
+from fbench.api.cells import Cell
+from fbench.api.suite import run_suite
 
 log = LogWish(Path(sys.argv[1]), config=NO_CONFIG)
 names = ("mine.py:Mine", "mine.py:Slow", "mine.py:Broken")

@@ -1,6 +1,7 @@
 import numpy as np
 
-from fbench.replay.data import Boxes2D, Boxes3D, Truth
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
 from fbench.replay.truth.labelling import Instant, Labelling
 
 MS = 1_000_000

@@ -5,19 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.replay.fakes import MS, UPRIGHT, Echo, drive
 
-from fbench.replay.data import Mount, Pose, Rig
-from fbench.replay.errors import LogError, MetricError
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.setup import BoxSource
-from fbench.replay.restamp import StampParams
-from fbench.replay.run import Plan, replay
-from fbench.replay.store import Run
-from fbench.replay.sync import SyncParams
+from fbench.replay.contracts.errors import LogError, MetricError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Pose
+from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frame_buffer import SyncParams
+from fbench.replay.engine.loop import Plan, replay
+from fbench.replay.logs.setup import BoxSource, StampParams
+from fbench.replay.runs.folder import Run
 from fbench.replay.truth.relabel import relabel
-
-from ..fakes import MS, UPRIGHT, Echo, drive
 
 SOLID = "x,y,z,length,width,height,yaw"
 TURNED = np.array([0.0, 0, np.sqrt(0.5), np.sqrt(0.5)])

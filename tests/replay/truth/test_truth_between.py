@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.truth.between import brought, interpolated
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.truth.interpolation import brought, interpolated
 
 
 def solid(ids, x, yaw=None, **columns):

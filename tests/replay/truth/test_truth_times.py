@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.replay.boxes import Boxes2D, Boxes3D
-from fbench.replay.data import Truth
-from fbench.replay.errors import ConfigError
-from fbench.replay.geometry.boxes import moved
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.truth.labelling import Instant
 from fbench.replay.truth.times import TruthTimes, make_max_between_ns

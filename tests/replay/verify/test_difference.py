@@ -5,16 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.replay.fakes import MS, Echo, box, cloud, drive
 
-from fbench.replay.data import Boxes2D, Boxes3D
-from fbench.replay.faults import FaultLog
-from fbench.replay.run import Plan, replay
-from fbench.replay.scores import save_scores
-from fbench.replay.verify.difference import Outcome, boxes_difference, first_difference
-from fbench.replay.verify.task import WATCH
-from fbench.replay.verify.watch import WatchedPipeline, WatchedReader
-
-from ..fakes import MS, Echo, box, cloud, drive
+from fbench.replay.check.difference import Outcome, boxes_difference, first_difference
+from fbench.replay.check.verify_task import WATCH
+from fbench.replay.check.watch import WatchedPipeline, WatchedReader
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.scores import save_scores
+from fbench.replay.engine.loop import Plan, replay
 
 
 def four(**fields):

@@ -5,20 +5,19 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from tests.replay.cli.conftest import fbench, log, messages, write_log
 
-from fbench.replay.config.source import LogWish
-from fbench.replay.verify.run import verify
-from fbench.replay.verify.task import Task
-from fbench.replay.verify.variants import variants
-
-from ..cli.conftest import fbench, log, messages, write_log
+from fbench.replay.check.verify import variants, verify
+from fbench.replay.check.verify_task import Task
+from fbench.replay.setup.source import LogWish
 
 __all__ = ["fbench", "log"]
 
 PIPELINE = """
 import random, time
 import numpy as np
-from fbench.replay.data import Boxes3D, Output
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
 
 class Mine:
     def start(self, rig, log_info): self.seeded = random.Random(7)

@@ -10,9 +10,10 @@ import numpy as np
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
-from fbench.replay.data import CameraModel, Image, LogInfo, Mount, PointCloud, RadarScan, Rig
+from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.geometry.transforms import inverse, quaternion
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.logs.containers.mcap.write import McapWriter
 
 BODY_R_RADIATE = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 BODY_R_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

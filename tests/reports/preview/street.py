@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import CameraModel, Frame, Image, Message, Mount, PointCloud, RadarScan, Rig, Truth
-from fbench.replay.images import encode_jpeg
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.images import encode_jpeg
+from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.reports.preview.sample import Sample
 
 UPRIGHT = np.array([0.0, 0, 0, 1])

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.reports.preview.street import Street, gray, sample, street_rig
 
-from fbench.replay.data import Mount, Rig
+from fbench.replay.data.rig import Mount, Rig
 from fbench.reports.preview.alignment import aligned
-from fbench.reports.preview.depth_edges import depth_edges
-
-from .street import Street, gray, sample, street_rig
+from fbench.reports.preview.sample import depth_edges
 
 
 def turned(yaw_deg):

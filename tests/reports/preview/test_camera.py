@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.reports.preview.street import gray, one_box, sample, street_rig
 
-from fbench.replay.data import CameraModel, Rig
-from fbench.replay.errors import LogError
-from fbench.reports.preview.camera import bare, overlay, zoom
-from fbench.reports.preview.colors import TRUTH, of_depth, of_speed
-from fbench.reports.preview.layers import layer
-from fbench.reports.preview.window import Window, around, whole
-
-from .street import gray, one_box, sample, street_rig
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.reports.preview.camera import Window, around, bare, layer, overlay, whole, zoom
+from fbench.reports.preview.draw import TRUTH, of_depth, of_speed
 
 
 def pixel(picture, u, v):

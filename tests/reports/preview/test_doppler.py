@@ -1,11 +1,10 @@
 """Sign, ego motion and aliasing of radial velocities."""
 
 import numpy as np
+from tests.reports.preview.street import sample, street_rig
 
 from fbench.replay.geometry.ego_velocity import wrapped
 from fbench.reports.preview.doppler import doppler_panel, judged
-
-from .street import sample, street_rig
 
 
 def scans(speed=12.0, sign=1, period=None, movers=0, ego=None, num=3):

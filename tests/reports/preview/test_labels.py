@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.reports.preview.street import UPRIGHT, sample, street_rig
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Mount, Rig
-from fbench.reports.preview.labels import judged
-
-from .street import UPRIGHT, sample, street_rig
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.rig import Mount, Rig
+from fbench.reports.preview.measure import judged
 
 PLACES = np.array([[8.0, 3, 0], [12, -3, 0], [15, 3, 0], [18, -3, 0], [22, 3, 0], [24, -3, 0]])
 GROUND = np.array(

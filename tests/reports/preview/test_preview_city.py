@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec
-from fbench.replay.data import Mount, Rig
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import write_recording
+from fbench.datasets.importing.run import write_recording
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.partial_rig import partial_rig

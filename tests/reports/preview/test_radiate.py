@@ -1,16 +1,15 @@
 """A real drive in fog with stereo, LiDAR and radar points."""
 
 import pytest
+from tests.reports.preview.radiate_log import write_radiate
 
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.partial_rig import partial_rig
-from fbench.replay.sync import SyncParams
 from fbench.reports.preview.collect import Wish, collect
 from fbench.reports.preview.preview import write_preview
-
-from .radiate_log import write_radiate
 
 
 @pytest.fixture

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.reports.preview.street import FORWARD, sample, street_rig
 
-from fbench.replay.data import CameraModel, Mount, Rig
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.geometry.stereo_pairs import pairs, rectified
 from fbench.reports.preview.stereo import stereo_view
-
-from .street import FORWARD, sample, street_rig
 
 
 def texture(shift, depth_m, K, size):

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from fbench.replay.data import LogInfo, Rig
-from fbench.reports.preview.plot import spanned, ticks
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.reports.preview.collect import Spread
 from fbench.reports.preview.sample import Arrival, Instant, Material
-from fbench.reports.preview.spread import Spread
-from fbench.reports.preview.times import sensor_times, time_panel
+from fbench.reports.preview.times import sensor_times, spanned, ticks, time_panel
 
 MS = 1_000_000
 

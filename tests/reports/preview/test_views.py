@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.reports.preview.street import one_box, sample, street_rig
 
-from fbench.reports.preview.colors import TRUTH, of_sensor
+from fbench.reports.preview.draw import TRUTH, of_sensor
 from fbench.reports.preview.views import Ground, from_above, from_own, from_side, ground_of
-
-from .street import one_box, sample, street_rig
 
 GROUND = Ground((-20.0, -20.0), (20.0, 20.0), 20.0)
 

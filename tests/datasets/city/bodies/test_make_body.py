@@ -3,16 +3,14 @@ import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from fbench.datasets.city.actor import Body
 from fbench.datasets.city.bodies.cars import make_car
 from fbench.datasets.city.bodies.lorries import KINDS as LORRIES
 from fbench.datasets.city.bodies.lorries import make_truck
 from fbench.datasets.city.bodies.make import KINDS, make_body
-from fbench.datasets.city.materials import INDEX
-from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.mesh import INDEX, Body, Mesh
 from fbench.datasets.city.motion import BRAKE, HEAD, TAIL
-from fbench.replay.draws import generator
-from fbench.replay.errors import ConfigError
+from fbench.replay.conditions.generators import generator
+from fbench.replay.contracts.errors import ConfigError
 
 SIZES_M = {
     "car": ((3.5, 5.0), (1.7, 2.2), (1.4, 1.85)), "van": ((4.8, 6.1), (1.9, 2.5), (1.85, 2.7)),

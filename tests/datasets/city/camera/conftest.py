@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.city.actor import Actor, Body
 from fbench.datasets.city.camera.picture import picture
 from fbench.datasets.city.instant import Instant
-from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merged
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import CameraSpec, RigSpec
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather
+from fbench.replay.conditions.weather import Weather
 
 ASPHALT = Skin("asphalt", (0.12, 0.12, 0.12))
 GROUND = box((0, 0, -0.5), (600, 600, 1), ASPHALT)

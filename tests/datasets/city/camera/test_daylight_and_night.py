@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.camera.develop import linear, tone
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather
+from fbench.datasets.city.mesh import Skin, box
+from fbench.replay.conditions.weather import Weather
 
 NIGHT = Weather(lux=0.3, sun_elevation_deg=-30.0)
 GREY = Skin("pole", (0.18, 0.18, 0.18))

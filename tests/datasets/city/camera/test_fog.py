@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.camera.develop import linear
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather
+from fbench.datasets.city.mesh import Skin, box
+from fbench.replay.conditions.weather import Weather
 
 
 def contrast(look, spec, distance_m, weather):

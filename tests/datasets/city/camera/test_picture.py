@@ -5,14 +5,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from fbench.datasets.city.materials import INDEX
+from fbench.datasets.city.mesh import INDEX, Skin, box
 from fbench.datasets.city.rays.hits import MISS, STATIC
 from fbench.datasets.city.rig import RigSpec
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.boxes import Boxes3D
+from fbench.replay.conditions.weather import Weather
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.images import decode
 from fbench.replay.geometry.camera import project_boxes
-from fbench.replay.images import decode
-from fbench.replay.weather import Weather
 
 
 def test_wall_has_its_exact_depth_everywhere(look, spec):

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.city.camera.develop import linear
-from fbench.datasets.city.camera.light import light_of
-from fbench.datasets.city.camera.rain import add_streaks
+from fbench.datasets.city.camera.develop import add_streaks, linear
 from fbench.datasets.city.camera.samples import Eye, first_samples
+from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.camera.wet import mirrored_samples, spread_mirrored
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather
+from fbench.datasets.city.mesh import Skin, box
+from fbench.replay.conditions.weather import Weather
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from fbench.datasets.city.mesh import Skin, box
 from fbench.datasets.city.rig import thesis_rig
-from fbench.datasets.city.shapes import Skin, box
 
 
 @pytest.fixture(scope="module")

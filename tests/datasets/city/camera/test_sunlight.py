@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from fbench.datasets.city.camera.light import light_of
-from fbench.datasets.city.camera.samples import Eye, first_samples
-from fbench.datasets.city.camera.sunlight import sunlit_pixels
+from fbench.datasets.city.camera.samples import Eye, first_samples, sunlit_pixels
+from fbench.datasets.city.camera.sky import light_of
+from fbench.datasets.city.mesh import Skin, box
 from fbench.datasets.city.rays.hits import STATIC, Hits, Rays
 from fbench.datasets.city.rig import RigSpec
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather
+from fbench.replay.conditions.weather import Weather
 
 
 def test_shadows_are_those_of_a_ray_for_every_pixel(look, ground, spec):

@@ -5,10 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
-from fbench.datasets.city.actor import Actor, Body
-from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merged
 from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.shapes import Skin, box
 
 MakeStates = Callable[..., BodyStates]
 

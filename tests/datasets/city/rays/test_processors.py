@@ -11,8 +11,8 @@ import numpy as np
 os.sched_setaffinity(0, set(list(os.sched_getaffinity(0))[: int(sys.argv[1])]))
 from embreex.rtcore import EmbreeDevice
 from fbench.datasets.city.mesh import merged
-from fbench.datasets.city.rays.scenes import Scene
-from fbench.datasets.city.shapes import Skin, box
+from fbench.datasets.city.rays.smooth import Scene
+from fbench.datasets.city.mesh import Skin, box
 rng = np.random.default_rng(1)
 skin = Skin("concrete", (0.5, 0.5, 0.5))
 sizes = rng.integers(1, 4, (3000, 3)) * 2.0  # many faces in one plane, many edges in one line

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from fbench.datasets.city.actor import Actor, Body
+from fbench.datasets.city.mesh import Actor, Body, Skin, box, cylinder
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rays.hits import Rays
-from fbench.datasets.city.shapes import Skin, box, cylinder
 
 PAINT = Skin("paint", (0.5, 0.5, 0.5))
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.mesh import Mesh
-from fbench.datasets.city.world.city_map import CityMap, SignalPlan
-from fbench.datasets.city.world.layout import Layout, Patch, Placement
-from fbench.replay.arrays import Array, Float64
+from fbench.datasets.city.world.city_map import CityMap, Layout, Patch, Placement, SignalPlan
+from fbench.replay.data.arrays import Array, Float64
 
 MakeLayout = Callable[[Sequence[Patch], Sequence[Placement]], Layout]
 

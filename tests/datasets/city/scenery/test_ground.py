@@ -5,12 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from fbench.datasets.city.materials import INDEX
-from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.mesh import INDEX, Mesh
 from fbench.datasets.city.scenery.ground import GROUND_SIDE_M, ground
-from fbench.datasets.city.world.layout import GROUND_Z_M, Patch
-from fbench.replay.arrays import Array, Float64
-from fbench.replay.errors import ConfigError
+from fbench.datasets.city.world.city_map import GROUND_Z_M, Patch
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Array, Float64
 
 
 def _ring_strip(num: int, from_rad: float, to_rad: float) -> Float64:

@@ -9,13 +9,11 @@ import pytest
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
-from fbench.datasets.city.materials import INDEX
-from fbench.datasets.city.mesh import Mesh
+from fbench.datasets.city.mesh import INDEX, Mesh, Three
 from fbench.datasets.city.scenery.scenery import scenery
-from fbench.datasets.city.shapes import Three
-from fbench.datasets.city.world.layout import Kind, Layout, Patch, Placement
-from fbench.datasets.city.world.worlds import layout
-from fbench.replay.arrays import Array, Float64
+from fbench.datasets.city.world.city_map import Kind, Layout, Patch, Placement
+from fbench.datasets.city.world.urban import layout
+from fbench.replay.data.arrays import Array, Float64
 
 Make = Callable[[list[Patch], list[Placement]], Layout]
 NUM_GROUND = 2

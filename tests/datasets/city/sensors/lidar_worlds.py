@@ -2,15 +2,13 @@
 
 import numpy as np
 
-from fbench.datasets.city.actor import Actor, Body
 from fbench.datasets.city.instant import Instant
-from fbench.datasets.city.mesh import Mesh, merged
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merged, quad
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import LidarSpec, thesis_rig
 from fbench.datasets.city.sensors.lidar import Sweep, sweep
-from fbench.datasets.city.shapes import Skin, box, cylinder, quad
-from fbench.replay.weather import Weather
+from fbench.replay.conditions.weather import Weather
 
 GREY = (0.5, 0.5, 0.5)
 SPEC = thesis_rig().lidars["lidar"]

@@ -5,7 +5,7 @@ import pytest
 from tests.datasets.city.sensors.lidar_worlds import CLEAR, bytes_of, drum, lidar, ranges, turn
 
 from fbench.datasets.city.rays.hits import MISS, STATIC
-from fbench.replay.weather import Weather
+from fbench.replay.conditions.weather import Weather
 
 LEVEL = {"upper_deg": 0.5, "lower_deg": -0.5}
 """Beams that meet a drum at right angles."""

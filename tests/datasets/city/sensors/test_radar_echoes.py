@@ -17,10 +17,9 @@ from tests.datasets.city.sensors.radar_worlds import (
     world,
 )
 
-from fbench.datasets.city.mesh import merged
+from fbench.datasets.city.mesh import Skin, box, merged
 from fbench.datasets.city.rays.hits import MISS
-from fbench.datasets.city.shapes import Skin, box
-from fbench.replay.weather import Weather, radar_loss_db
+from fbench.replay.conditions.weather import Weather, radar_loss_db
 
 ASPECTS = np.radians([0, 15, 30, 45, 60, 75, 90, 120, 150, 180])
 FOG = Weather(visibility_m=50.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.datasets.city.sensors.radar_worlds import EXACT, MOUNT, ground, look, radar, states, truck, world
 
-from fbench.datasets.city.shapes import Skin, box
+from fbench.datasets.city.mesh import Skin, box
 
 
 def world_points(found, ego):

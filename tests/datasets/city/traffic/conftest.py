@@ -7,9 +7,10 @@ import pytest
 
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.layout import Layout
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.world.city_map import Layout
+from fbench.datasets.city.world.urban import layout
 
 SECONDS = 90
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.city.traffic.idm import HARDEST_MPS2, free_acceleration, interaction, limited
+from fbench.datasets.city.traffic.follow_kernel import HARDEST_MPS2, free_acceleration, interaction, limited
 
 
 def test_free_road_matches_hand_computed_values() -> None:

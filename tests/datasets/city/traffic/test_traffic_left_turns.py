@@ -6,9 +6,9 @@ south. Who leaves one comes back on the other, so as many ask for each.
 
 import numpy as np
 
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.city_map import CityMap, Lane, SignalPlan
-from fbench.datasets.city.world.layout import Layout
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.world.city_map import CityMap, Lane, Layout, SignalPlan
 
 SECONDS = 400
 APART_M = 3.5

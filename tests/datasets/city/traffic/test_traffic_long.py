@@ -6,13 +6,13 @@ from typing import Literal
 import numba
 import numpy as np
 import pytest
+from tests.datasets.city.traffic.conftest import Scene
 
 from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.worlds import layout
-
-from .conftest import Scene
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.world.urban import layout
 
 
 @numba.njit  # type: ignore[untyped-decorator]  # numba has no types

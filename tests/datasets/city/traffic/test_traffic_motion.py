@@ -5,18 +5,18 @@ import sys
 
 import numpy as np
 import pytest
+from tests.datasets.city.traffic.conftest import SECONDS, Scene
 
 from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.worlds import layout
-from fbench.replay.errors import ConfigError
-
-from .conftest import SECONDS, Scene
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.world.urban import layout
+from fbench.replay.contracts.errors import ConfigError
 
 DIGEST = """
 import hashlib
 from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.world.urban import layout
 traffic = Traffic(layout("urban", {seed}), TrafficParams.of("urban"), {seed})
 state = traffic.motion(0.0, 12.0).at(11.87)
 names = ("position_m", "yaw_rad", "velocity_mps", "phase", "braking")

@@ -2,10 +2,9 @@
 
 import numpy as np
 from scipy.spatial import cKDTree
+from tests.datasets.city.traffic.conftest import Scene
 
 from fbench.datasets.city.world.city_map import Lane
-
-from .conftest import Scene
 
 
 def fronts(scene: Scene) -> np.ndarray:

@@ -1,14 +1,13 @@
 """Overtaking, crossing, waiting for room: on toy maps; and nobody walks before wheels."""
 
 import numpy as np
+from tests.datasets.city.traffic.conftest import Scene
+from tests.datasets.city.traffic.test_traffic_long import overlapping
 
 from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.traffic.traffic import Traffic, TrafficParams
-from fbench.datasets.city.world.city_map import CityMap, Lane, SignalPlan
-from fbench.datasets.city.world.layout import Layout
-
-from .conftest import Scene
-from .test_traffic_long import overlapping
+from fbench.datasets.city.traffic.placing import TrafficParams
+from fbench.datasets.city.traffic.traffic import Traffic
+from fbench.datasets.city.world.city_map import CityMap, Lane, Layout, SignalPlan
 
 NO_SIGNALS = SignalPlan(60.0, np.zeros(0), np.zeros(0))
 CARS = {"car": 1.0}

@@ -2,8 +2,8 @@
 
 import pytest
 
-from fbench.datasets.city.world.layout import Layout
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.world.city_map import Layout
+from fbench.datasets.city.world.urban import layout
 
 SEEDS = (0, 1, 2, 7)
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.city.world.city_map import Lane
-from fbench.datasets.city.world.layout import Layout
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.world.city_map import Lane, Layout
+from fbench.datasets.city.world.urban import layout
 
 WORLDS = [("urban", 0), ("urban", 1), ("urban", 2), ("urban", 7), ("highway", 0)]
 

@@ -4,10 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fbench.datasets.city.materials import INDEX
+from fbench.datasets.city.mesh import INDEX
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.world.layout import Layout
-from fbench.datasets.city.world.worlds import layout
+from fbench.datasets.city.world.city_map import Layout
+from fbench.datasets.city.world.urban import layout
 
 
 @pytest.fixture(params=["urban", "highway"])

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from fbench.datasets.city.world.city_map import Lane
-from fbench.datasets.city.world.layout import Layout
+from fbench.datasets.city.world.city_map import Lane, Layout
 
 BUS, TRUCK, VAN, CAR, BIKE = (12.0, 2.55), (8.0, 2.5), (7.0, 2.2), (4.8, 1.95), (1.9, 0.7)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.datasets.city.world.layout import Layout
+from fbench.datasets.city.world.city_map import Layout
 
 CAR_M, CLEAR_MPS, SLOW_WALK_MPS = 6.0, 10.0, 1.0
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fbench.datasets.importing.run import import_one
 from fbench.datasets.kitti import Kitti
-from fbench.replay.faults import FaultLog
-from fbench.replay.imports.run import import_one
-from fbench.replay.imports.wish import BadInput, FrameRange, ImportWish
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
 from fbench.replay.logs.open import open_log
 
 DATE = "2011_09_26"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.kitti.oxts import World, fix_of, read_fix
-from fbench.replay.errors import LogError
+from fbench.replay.contracts.errors import LogError
 
 
 def geodetic(fix, e2):

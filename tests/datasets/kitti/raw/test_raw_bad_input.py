@@ -3,8 +3,8 @@
 import pytest
 
 from fbench.datasets.kitti import raw
-from fbench.replay.errors import LogError
-from fbench.replay.imports.wish import FrameRange
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import FrameRange
 
 
 def replaced(old, new):

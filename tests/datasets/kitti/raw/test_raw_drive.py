@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fbench.datasets.kitti import Kitti, raw
-from fbench.datasets.kitti.params import KittiParams
-from fbench.replay.data import Image, PointCloud, Pose
-from fbench.replay.errors import ConfigError
+from fbench.datasets.kitti.files import KittiParams
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.testing import check_importer
+from fbench.replay.data.messages import Image, PointCloud, Pose
 from fbench.replay.geometry.camera import project
-from fbench.replay.imports.wish import FrameRange, ImportWish
-from fbench.replay.testing import check_importer
 
 BODY_T_CAMERA = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]], float)
 NAME = "2011_09_26_drive_0001_sync"

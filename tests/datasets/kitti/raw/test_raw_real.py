@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fbench.replay.faults import FaultLog
-from fbench.replay.geometry.boxes import corners
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.images import decode
 from fbench.replay.geometry.camera import project_body
+from fbench.replay.geometry.iou import corners
 from fbench.replay.geometry.transforms import transform
-from fbench.replay.images import decode
 from fbench.replay.logs.open import open_log
 
 SIZES = {0: (1224, 370), 1: (1242, 375), 2: (1242, 375)}

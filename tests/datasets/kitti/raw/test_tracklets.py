@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fbench.replay.errors import LogError
-from fbench.replay.geometry.boxes import corners
-from fbench.replay.imports.wish import FrameRange
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.geometry.iou import corners
 
 
 def test_boxes_stand_where_they_were_labelled(drive, make_tracklet):

@@ -1,8 +1,7 @@
 """A log with everything that fbench writes."""
 
 import pytest
-
-from .. import builders as b
+from tests.replay.logs import builders as b
 
 
 @pytest.fixture(scope="session")

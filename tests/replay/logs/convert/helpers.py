@@ -3,16 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-from fbench.replay.digest import Digest
-from fbench.replay.excerpt import make_excerpt
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.convert.parts import make_split
-from fbench.replay.logs.convert.run import Wish, convert
-from fbench.replay.logs.convert.target import Target
-from fbench.replay.logs.convert.write import Converted
-from fbench.replay.logs.open import open_container
+from tests.replay.logs import builders as b
 
-from .. import builders as b
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.excerpt import make_excerpt
+from fbench.replay.logs.convert.run import Converted, Wish, convert
+from fbench.replay.logs.convert.target import Target, make_split
+from fbench.replay.logs.open import open_container
+from fbench.replay.runs.digest import Digest
 
 
 def converted(source: Path, out: Path, **how: Any) -> Path:

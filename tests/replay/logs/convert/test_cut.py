@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from mcap_protobuf.writer import Writer
+from tests.replay.logs import builders as b
+from tests.replay.logs.convert.helpers import content, converted, digest, messages
+from tests.replay.logs.convert.test_round_trip import changing, rig
+from tests.replay.logs.test_foreign import calibration, edge, packed
 
-from fbench.replay.data import RigChange
-from fbench.replay.errors import ConfigError
-
-from .. import builders as b
-from ..test_foreign import calibration, edge, packed
-from .helpers import content, converted, digest, messages
-from .test_round_trip import changing, rig
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.rig import RigChange
 
 START = 1_000_000_000
 FORMS = ["out.mcap", "out.parquet"]

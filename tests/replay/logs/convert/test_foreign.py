@@ -9,14 +9,13 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.writer import Writer as PlainWriter
 from mcap_protobuf.writer import Writer
+from tests.replay.logs import builders as b
+from tests.replay.logs.convert.helpers import content, conversion, converted, digest, messages
+from tests.replay.logs.test_foreign import JPEG, calibration, edge, packed
 
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_container, open_log
-
-from .. import builders as b
-from ..test_foreign import JPEG, calibration, edge, packed
-from .helpers import content, conversion, converted, digest, messages
 
 FORMS = ["out.mcap", "out.parquet"]
 
@@ -77,7 +76,7 @@ def test_what_nobody_understands_stays_as_it_is(tmp_path, name):
 def test_own_and_foreign_topics_in_one_log(tmp_path, drive):
     path = tmp_path / "both.mcap"
     from fbench.replay.logs.container import Channel, Schema
-    from fbench.replay.logs.mcap.raw_write import RawMcapWriter
+    from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
     source = open_container(drive, FaultLog())
     writer = RawMcapWriter(path, source.header)
@@ -98,7 +97,7 @@ def test_what_looks_like_ours_but_is_not_stays_as_it_is(tmp_path, drive, spoil):
     """An older fbench, or somebody who writes the same metadata: what wouldn't come back exactly stays bytes."""
     from dataclasses import replace
 
-    from fbench.replay.logs.mcap.raw_write import RawMcapWriter
+    from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
     path = tmp_path / "odd.mcap"
     source = open_container(drive, FaultLog())

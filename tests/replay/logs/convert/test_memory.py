@@ -4,11 +4,10 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.convert.helpers import converted
 
-from fbench.replay.data import PointCloud
-
-from .. import builders as b
-from .helpers import converted
+from fbench.replay.data.messages import PointCloud
 
 HOWS = [("out.mcap", {"chunk_size": 100_000}), ("out.parquet", {"rows_per_group": 4}), ("parts", {"split_mb": 5})]
 

@@ -8,15 +8,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
+from tests.replay.logs.convert.helpers import content, converted, digest, messages
 
-from fbench.replay.data import Boxes2D, Boxes3D, Mount, PointCloud, Pose, Rig, Truth
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.mcap.write import McapWriter
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import PointCloud, Pose, Truth
+from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_container
-
-from .. import builders as b
-from ..containers import NO_SUMMARY, rewrite, shuffled_topics
-from .helpers import content, converted, digest, messages
 
 quick = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 NONE = np.array([0, 0, 0, 1.0])
@@ -141,7 +142,7 @@ def test_changes_of_the_rig(tmp_path):
 
 def test_a_parquet_log_that_begins_with_its_rig(tmp_path):
     """Its rig has no times: in MCAP it comes with the first message."""
-    from fbench.replay.logs.parquet.write import ParquetWriter
+    from fbench.replay.logs.containers.parquet.write import ParquetWriter
 
     with ParquetWriter(tmp_path / "log.parquet", b.INFO, rig(1)) as writer:
         for i in range(3):

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.convert.helpers import content, conversion, converted, digest, messages
 
-from fbench.replay.data import Pose
-from fbench.replay.errors import ConfigError
-
-from .. import builders as b
-from .helpers import content, conversion, converted, digest, messages
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.messages import Pose
 
 NONE = np.array([0, 0, 0, 1.0])
 

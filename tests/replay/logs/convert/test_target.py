@@ -4,17 +4,16 @@ import resource
 import signal
 
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import chunks
+from tests.replay.logs.convert.helpers import content, conversion, converted, digest, messages
 
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.excerpt import Excerpt
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.convert.run import Wish, convert
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_container
-
-from .. import builders as b
-from ..containers import chunks
-from .helpers import content, conversion, converted, digest, messages
 
 HOWS = [("out.mcap", {}), ("out.parquet", {}), ("parts", {"split_s": 0.5})]
 

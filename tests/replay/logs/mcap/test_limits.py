@@ -7,15 +7,15 @@ import lz4.frame
 import pytest
 import zstandard
 from mcap.opcode import Opcode
+from tests.replay.logs import builders as b
+from tests.replay.logs.containers import HEAD
 
-from fbench.replay.errors import LimitError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs import held
-from fbench.replay.logs.mcap import definitions, records
+from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.containers import limits as held
+from fbench.replay.logs.containers.mcap import index as definitions
+from fbench.replay.logs.containers.mcap import records
 from fbench.replay.logs.open import open_container
-
-from .. import builders as b
-from ..containers import HEAD
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -5,17 +5,16 @@ import struct
 import pytest
 from mcap.opcode import Opcode
 from mcap.writer import IndexType
+from tests.replay.logs.builders import sequence, write
+from tests.replay.logs.containers import HEAD, NO_SUMMARY, layout, rewrite, shuffled_topics
 
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Channel
+from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.logs.containers.mcap.index import parse_chunk_index
+from fbench.replay.logs.containers.mcap.records import RecordError
+from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 from fbench.replay.logs.header import LogHeader
-from fbench.replay.logs.mcap.chunk_index import parse_chunk_index
-from fbench.replay.logs.mcap.file import McapFile
-from fbench.replay.logs.mcap.raw_write import RawMcapWriter
-from fbench.replay.logs.mcap.records import RecordError
-
-from ..builders import sequence, write
-from ..containers import HEAD, NO_SUMMARY, layout, rewrite, shuffled_topics
 
 
 @pytest.fixture

@@ -6,14 +6,15 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from fbench.replay.data import LogInfo, Message, Rig, Truth
-from fbench.replay.errors import FbenchError
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.parquet.folder import ParquetFolder
-from fbench.replay.logs.parquet.write import ParquetWriter
-from fbench.replay.logs.reader import LogReader
+from tests.replay.logs import builders as b
 
-from .. import builders as b
+from fbench.replay.contracts.errors import FbenchError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Message, Truth
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.logs.containers.parquet.folder import ParquetFolder
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
+from fbench.replay.logs.reader import LogReader
 
 
 def write(

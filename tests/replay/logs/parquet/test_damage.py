@@ -5,13 +5,12 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
 
-from fbench.replay.errors import FbenchError, LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.parquet.folder import ParquetFolder
-
-from .. import builders as b
-from . import logs
+from fbench.replay.contracts.errors import FbenchError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.containers.parquet.folder import ParquetFolder
 
 KINDS = {
     "none": {"compression": "none"},

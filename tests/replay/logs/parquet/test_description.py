@@ -5,11 +5,10 @@ import json
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
 
-from fbench.replay.errors import LogError
-
-from .. import builders as b
-from . import logs
+from fbench.replay.contracts.errors import LogError
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
 
-from fbench.replay.data import Boxes3D, Image, PointCloud, Pose, Truth
-from fbench.replay.errors import LogError
-
-from .. import builders as b
-from . import logs
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 
 XYZ = np.arange(12, dtype=np.float32).reshape(4, 3)
 

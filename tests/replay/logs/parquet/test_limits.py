@@ -10,22 +10,22 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
+from tests.replay.logs.parquet.test_foreign import LIDAR, all_of, clouds, foreign
 
-from fbench.replay.data import PointCloud
-from fbench.replay.errors import LogError
-from fbench.replay.logs.parquet import groups, pages, write
-
-from .. import builders as b
-from . import logs
-from .test_foreign import LIDAR, all_of, clouds, foreign
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.messages import PointCloud
+from fbench.replay.logs.containers.parquet import groups, write
+from fbench.replay.logs.containers.parquet import groups as pages
 
 ROOT = Path(__file__).resolve().parents[4]
 READ = """
 import resource, sys
 from pathlib import Path
 import numpy, pyarrow.parquet
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_log
 
 base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -188,7 +188,7 @@ def test_writing_many_streams_holds_little(tmp_path, monkeypatch):
 
 
 def test_more_row_groups_than_can_be_read_are_not_written(tmp_path, monkeypatch):
-    monkeypatch.setattr("fbench.replay.logs.parquet.stream_writer.MAX_ZEROS", 1000)
+    monkeypatch.setattr("fbench.replay.logs.containers.parquet.stream_write.MAX_ZEROS", 1000)
     with pytest.raises(LogError, match=r"parquet: more row groups than can be read; write more rows a group"):
         logs.write(tmp_path / "a", b.sequence(40), rows_per_group=1)
     assert not list(tmp_path.iterdir())

@@ -5,15 +5,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.replay.logs import builders as b
 
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Channel, Entry, Schema
-from fbench.replay.logs.mcap.file import McapFile
-from fbench.replay.logs.parquet.folder import ParquetFolder
-from fbench.replay.logs.parquet.write import ParquetWriter
-
-from .. import builders as b
+from fbench.replay.logs.containers.mcap.file import McapFile
+from fbench.replay.logs.containers.parquet.folder import ParquetFolder
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
 
 
 def entry(channel, log_ns, data, sequence=0, publish_ns=0):

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
 
-from fbench.replay.data import Boxes2D, Boxes3D, CameraModel, LogInfo, Mount, PointCloud, Pose, Rig, Truth
-from fbench.replay.logs.parquet.write import ParquetWriter
-from fbench.replay.secrets import clean_mapping
-
-from .. import builders as b
-from . import logs
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import PointCloud, Pose, Truth
+from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
+from fbench.replay.runs.secrets import clean_mapping
 
 quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 compressions = st.sampled_from(["none", "snappy", "zstd"])

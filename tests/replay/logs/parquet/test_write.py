@@ -5,14 +5,14 @@ import os
 
 import numpy as np
 import pytest
+from tests.replay.logs import builders as b
+from tests.replay.logs.parquet import logs
 
-from fbench.replay.boxes import Boxes3D
-from fbench.replay.data import Image, LogInfo, Mount, PointCloud, Pose, Rig, Truth
-from fbench.replay.errors import ConfigError, LogError
-from fbench.replay.logs.parquet.write import ParquetWriter
-
-from .. import builders as b
-from . import logs
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.logs.containers.parquet.write import ParquetWriter
 
 XYZ = np.zeros((1, 3), np.float32)
 
@@ -105,7 +105,7 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
 
     with ParquetWriter(tmp_path / "a", b.INFO, b.NO_RIG, rows_per_group=1) as writer:
         writer.write(PointCloud("top", 0, 0, XYZ))
-        monkeypatch.setattr("fbench.replay.logs.parquet.stream_writer._Sink.write", full)
+        monkeypatch.setattr("fbench.replay.logs.containers.parquet.stream_write._Sink.write", full)
         with pytest.raises(ConfigError, match=r"a: can't be written .*No space left on device"):
             writer.write(PointCloud("top", 1, 1, XYZ))
         monkeypatch.undo()

@@ -3,9 +3,9 @@
 import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from fbench.replay.logs.codec import Origin
+from fbench.replay.logs.codecs.codec import Origin
+from fbench.replay.logs.codecs.ros.codec import ros_codec
 from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.ros.codec import ros_codec
 
 STAMP = (1_700_000_000, 123_456_789)
 STAMP_NS = 1_700_000_000_123_456_789

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP_NS, Ros
 
-from fbench.replay.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError
 
 ARRAY3, ARRAY2 = "vision_msgs/msg/Detection3DArray", "vision_msgs/msg/Detection2DArray"
 COMMON = {

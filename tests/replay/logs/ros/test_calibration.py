@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, Ros
 
-from fbench.replay.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError
 
 INFO = "sensor_msgs/msg/CameraInfo"
 K = [700.0, 0.5, 320.0, 0.0, 710.0, 240.0, 0.0, 0.0, 1.0]

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros, cloud, structured
 
-from fbench.replay.data import PointCloud, RadarScan
-from fbench.replay.errors import DecodeError, PointsError
+from fbench.replay.contracts.errors import DecodeError, PointsError
+from fbench.replay.data.messages import PointCloud, RadarScan
 
 NAME = "sensor_msgs/msg/PointCloud2"
 JAZZY = Ros(DISTROS[1])

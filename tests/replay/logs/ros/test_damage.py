@@ -7,9 +7,9 @@ import pytest
 from tests.replay.logs.ros import test_boxes, test_calibration, test_images, test_radar
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, Ros, cloud, structured
 
-from fbench.replay.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.logs.codecs.ros.codec import ros_codec
 from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.ros.codec import ros_codec
 
 NUM_FUZZ = 300
 XYZ = {axis: np.float32([1, 2]) for axis in "xyz"}

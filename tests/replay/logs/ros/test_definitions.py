@@ -10,11 +10,11 @@ from tests.replay.logs.ros.builders import DISTROS, ORIGIN, Ros, cloud, structur
 from tests.replay.logs.ros.test_boxes import ARRAY3
 from tests.replay.logs.ros.test_calibration import INFO, TF2
 
-from fbench.replay.errors import DecodeError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.codecs.ros.codec import ros_codec
 from fbench.replay.logs.container import Channel, Schema
 from fbench.replay.logs.open import open_log
-from fbench.replay.logs.ros.codec import ros_codec
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 LINE = "=" * 80
@@ -173,7 +173,7 @@ def test_definitions_with_changed_bytes_give_clear_errors(name):
 
 def test_rosbags_is_imported_when_a_log_has_ros_messages():
     code = (
-        "import sys; from fbench.replay.logs.ros.codec import ros_codec; "
+        "import sys; from fbench.replay.logs.codecs.ros.codec import ros_codec; "
         "from fbench.replay.logs.container import Channel; assert ros_codec(Channel('/t', 'protobuf')) is None; "
         "assert not [m for m in sys.modules if m.startswith('rosbags')]"
     )

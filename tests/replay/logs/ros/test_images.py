@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP_NS, Ros
 
-from fbench.replay.errors import DecodeError
-from fbench.replay.images import decode
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.images import decode
 
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 JAZZY = Ros(DISTROS[1])

@@ -11,8 +11,8 @@ from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
 from tests.replay.logs.ros.test_boxes import ARRAY3, NEW
 from tests.replay.logs.ros.test_calibration import INFO, TF2
 
+from fbench.replay.logs.codecs.ros.codec import ros_codec
 from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.ros.codec import ros_codec
 
 CLOUD, IMAGE = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Image"
 HEADER = {"stamp": {"sec": STAMP[0], "nanosec": STAMP[1]}, "frame_id": "frame"}

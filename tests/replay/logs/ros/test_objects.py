@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP_NS, Ros
 
-from fbench.replay.errors import DecodeError
-
-from .builders import DISTROS, ORIGIN, STAMP_NS, Ros
+from fbench.replay.contracts.errors import DecodeError
 
 UUID = "unique_identifier_msgs/msg/UUID"
 TURNED = (0.0, 0.0, np.sin(0.25), np.cos(0.25))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP_NS, Ros
 
-from fbench.replay.errors import DecodeError
+from fbench.replay.contracts.errors import DecodeError
 
 SCAN, TRACKS, RETURN, TRACK = (f"radar_msgs/msg/Radar{name}" for name in ("Scan", "Tracks", "Return", "Track"))
 SCANS = {

@@ -10,7 +10,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import Writer as Writer2
 
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Container
 
 START_NS = 1_700_000_000_000_000_000

@@ -4,13 +4,12 @@ import struct
 
 import numpy as np
 import pytest
+from tests.replay.logs.rosbag import builders as b
 
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.rosbag.bag1 import Ros1Bag
-
-from . import builders as b
+from fbench.replay.logs.containers.rosbag.bag1 import Ros1Bag
 
 
 def opened(path):

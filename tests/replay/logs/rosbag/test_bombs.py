@@ -7,20 +7,19 @@ import sys
 import lz4.frame
 import pytest
 import zstandard
+from tests.replay.logs.rosbag import builders as b
+from tests.replay.logs.rosbag.test_bag1 import bag_header, chunk, connection, message
+from tests.replay.logs.rosbag.test_sqlite import written
 
-from fbench.replay.logs.mcap.records import MAX_RECORD
-
-from . import builders as b
-from .test_bag1 import bag_header, chunk, connection, message
-from .test_sqlite import written
+from fbench.replay.logs.containers.mcap.records import MAX_RECORD
 
 CHILD = """
 import re, sys, time
 from pathlib import Path
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
-from fbench.replay.logs.rosbag.bag1 import Ros1Bag
-from fbench.replay.logs.rosbag.sqlite import Db3File
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.containers.rosbag.bag1 import Ros1Bag
+from fbench.replay.logs.containers.rosbag.sqlite import Db3File
 import bz2, lz4.frame, numpy, zstandard
 
 def peak():

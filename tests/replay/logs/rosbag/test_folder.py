@@ -6,14 +6,18 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.replay.logs.rosbag import builders as b
 
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.logs.containers.rosbag.folder import (
+    Part,
+    is_recording,
+    missing_numbers,
+    read_metadata,
+    rosbag2_files,
+)
 from fbench.replay.logs.open import open_container
-from fbench.replay.logs.rosbag.folder import Part, is_recording, missing_numbers, rosbag2_files
-from fbench.replay.logs.rosbag.metadata import read_metadata
-
-from . import builders as b
 
 
 def files(folder):

@@ -6,14 +6,13 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from tests.replay.logs.rosbag import builders as b
 
-from fbench.replay.errors import LogError
-from fbench.replay.faults import FaultLog
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.mcap.records import MAX_RECORD
-from fbench.replay.logs.rosbag.sqlite import KEYS, Db3File
-
-from . import builders as b
+from fbench.replay.logs.containers.mcap.records import MAX_RECORD
+from fbench.replay.logs.containers.rosbag.sqlite import KEYS, Db3File
 
 
 def opened(path, compression=""):

@@ -1,0 +1,134 @@
+"""Cells of a suite, what became of them, and seals that tell whether a result is still valid."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from pydantic import TypeAdapter
+
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.files import replace_text
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.formats.objects import digest_of
+from fbench.replay.setup.source import LogWish
+
+State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One log through one pipeline, scored; travels as JSON."""
+
+    log: LogWish
+    pipeline: str
+    folder: Path
+    """Where the run goes."""
+    settings: list[str] = field(default_factory=list)
+    scoring: ScoreOptions = field(default_factory=ScoreOptions)
+    media: bool = True
+    """Whether the run keeps pictures and points for reports."""
+
+    def to_json(self) -> str:
+        """On one line, for another process."""
+        return _CELL.dump_json(self).decode()
+
+    @staticmethod
+    def from_json(text: str) -> "Cell":
+        """Read what `to_json` gave."""
+        return _CELL.validate_json(text)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a process says of a cell; travels as JSON."""
+
+    error: str | None = None
+    """Why there is no run, in one line."""
+    unfit: bool = False
+    """Because the log lacks a sensor that the pipeline needs."""
+
+    def to_json(self) -> str:
+        """On one line, for another process."""
+        return _ANSWER.dump_json(self).decode()
+
+    @staticmethod
+    def from_json(text: str) -> "Answer":
+        """Read what `to_json` gave."""
+        return _ANSWER.validate_json(text)
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What became of a cell."""
+
+    cell: Cell
+    state: State
+    """`replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs."""
+    reason: str | None = None
+    """Why there is no run; one line."""
+
+    @property
+    def has_run(self) -> bool:
+        """Whether the run folder is there and whole."""
+        return self.state in ("replayed", "there")
+
+
+_CELL, _ANSWER = TypeAdapter(Cell), TypeAdapter(Answer)
+
+
+RUN_SEAL = "cell.json"
+"""In a run folder; holds what the run was made from, too."""
+
+
+def seal_run(folder: Path, key: str, content: Mapping[str, object]) -> None:
+    """Note that a run folder is whole, and what it was made from."""
+    files = {file.name: digest_of(file) for file in sorted(folder.iterdir()) if file.is_file()}
+    files.pop(RUN_SEAL, None)
+    text = json.dumps({"key": key, "made_from": content, "files": files}, indent=1, sort_keys=True)
+    replace_text(folder / RUN_SEAL, text + "\n")
+
+
+def is_sealed_run(folder: Path, key: str) -> bool:
+    """Tell whether a run of this key is there, with every file as it was when it was sealed."""
+    seal = _read(folder / RUN_SEAL)
+    files = seal.get("files")
+    if seal.get("key") != key or not isinstance(files, dict) or not files:
+        return False
+    return all(_is(folder / str(name), digest) for name, digest in files.items())
+
+
+def seal_log(log: Path, log_id: str) -> None:
+    """Note that a log is whole."""
+    replace_text(_beside(log), json.dumps({"log_id": log_id, "digest": digest_of(log)}) + "\n")
+
+
+def is_sealed_log(log: Path, log_id: str) -> bool:
+    """Tell whether a log of this id is there, byte for byte as it was when it was sealed."""
+    seal = _read(_beside(log))
+    return seal.get("log_id") == log_id and log.exists() and _is(log, seal.get("digest"))
+
+
+def was_sealed(log: Path) -> bool:
+    """Tell whether a log was made here, whatever it is now."""
+    return _beside(log).is_file()
+
+
+def _beside(log: Path) -> Path:
+    return log.with_name(f".{log.name}.seal")
+
+
+def _read(path: Path) -> dict[str, object]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # absent or damaged: then nothing is known
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _is(path: Path, digest: object) -> bool:
+    try:
+        return digest_of(path) == digest
+    except LogError:
+        return False

@@ -1,0 +1,381 @@
+"""Suites: cells that are there stay, the others are replayed, a few at a time, by worker processes."""
+
+import glob
+import inspect
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from hashlib import blake2b
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Event, Lock
+
+from pydantic import TypeAdapter
+
+from fbench.api.cells import RUN_SEAL, Answer, Cell, CellResult, is_sealed_run, seal_run
+from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
+from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
+from fbench.replay.contracts.protocols import KeepsStderr
+from fbench.replay.contracts.variants import sensors_of
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.formats.objects import digest_of
+from fbench.replay.geometry.kernels import VARIABLE
+from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.setup.source import log_source
+
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", VARIABLE), "1")
+_PATIENCE_S = 10.0
+"""For a process that is told to end, to clean up."""
+_LAST_BYTES = 4000
+
+
+class Worker:
+    """One process at a time; a process that dies takes only its cell with it."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._process: subprocess.Popen[str] | None = None
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
+        self._said_before = 0
+
+    def replay(self, cell: Cell) -> Answer:
+        """Have a cell replayed."""
+        process = self._running()
+        self._said_before = self._num_said()
+        try:
+            print(cell.to_json(), file=process.stdin, flush=True)
+            line = process.stdout.readline() if process.stdout else ""
+        except OSError:  # it has died
+            line = ""
+        if not line.endswith("\n"):
+            return self._failed(self._why_dead(process))
+        try:
+            return Answer.from_json(line)
+        except ValueError:  # no answer of ours; which answer is whose can't be told any more
+            self.end()
+            return self._failed(f"its process wrote {line[:80]!r} where an answer was expected")
+
+    def end(self) -> None:
+        """End the process; what it was writing is cleared away."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+
+    def close(self) -> None:
+        """End the process, and close what was open to it."""
+        self.end()
+        self._forget()
+        self._stderr.close()
+
+    def _failed(self, reason: str) -> Answer:
+        self._forget()
+        return Answer(reason)
+
+    def _forget(self) -> None:
+        """Close the pipes of a process that has ended."""
+        for pipe in (self._process.stdin, self._process.stdout) if self._process else ():
+            if pipe is not None:
+                with suppress(BrokenPipeError):  # what it didn't read any more
+                    pipe.close()
+        self._process = None
+
+    def _running(self) -> subprocess.Popen[str]:
+        if self._process is None:
+            # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
+            self._process = subprocess.Popen(  # noqa: S603  # a module of ours
+                [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True,
+            )  # fmt: skip
+        return self._process
+
+    def _why_dead(self, process: subprocess.Popen[str]) -> str:
+        """How it ended, and the last that it said of the cell at hand."""
+        code = process.wait()
+        begin = max(self._said_before, self._num_said() - _LAST_BYTES)
+        said = os.pread(self._stderr.fileno(), _LAST_BYTES, begin).decode(errors="replace")
+        lines = [line for line in said.splitlines() if line.strip()]
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        return f"its process ended with {how}{f': {lines[-1]}' if lines else ''}"
+
+    def _num_said(self) -> int:
+        """Bytes on stderr, of all cells so far."""
+        return os.fstat(self._stderr.fileno()).st_size
+
+
+class Workers:
+    """Lends workers to threads."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._all: list[Worker] = []
+        self._idle: list[Worker] = []
+        self._lock = Lock()
+
+    @contextmanager
+    def lent(self) -> Iterator[Worker]:
+        """Lend a worker that nobody else has."""
+        with self._lock:
+            if not self._idle:
+                self._idle.append(Worker(self._module))
+                self._all.append(self._idle[0])
+            worker = self._idle.pop()
+        try:
+            yield worker
+        finally:
+            with self._lock:
+                self._idle.append(worker)
+
+    def end(self) -> None:
+        """End all processes."""
+        with self._lock:
+            for worker in self._all:
+                worker.end()
+
+    def close(self) -> None:
+        """End all processes, once no thread has one any more."""
+        for worker in self._all:
+            worker.close()
+
+
+FORMAT = 1
+"""Of what is written about a run's content; another number replays all."""
+_OWN = "fbench"
+_PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics", "fbench.api", "fbench.cli")
+"""Those that decide what is in a run folder; weights inside them count, too."""
+_OPTIONS = TypeAdapter(ScoreOptions)
+
+Content = dict[str, object]
+
+
+class Contents:
+    """Tells what cells are made of; looks at each log, and at the code, once."""
+
+    def __init__(self) -> None:
+        self._digest_of: Callable[[Path], str] = cache(digest_of)
+        self._package_of: Callable[[str], str] = cache(self._package)
+        self._around: Content = {
+            "code": {name: self._package(name) for name in _PACKAGES},
+            "versions": package_versions(),
+            "cpu": describe_host()["cpu"],
+        }
+
+    def of(self, cell: Cell) -> Content | None:
+        """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a
+        program may give something else each time.
+
+        Raises:
+            FbenchError: where log, pipeline or parameters can't be used.
+        """
+        cls = pipeline_class(cell.pipeline)
+        if isinstance(cls, KeepsStderr):
+            return None
+        return {
+            "format": FORMAT,
+            "log": self._digest_of(cell.log.log),
+            **self._beside(cell),
+            "pipeline": cell.pipeline,
+            "source": self._source(cls),
+            "parameters": pipeline_parameters(cell.pipeline, cell.settings),
+            "sensors": sensors_of(cell.pipeline, ()),
+            "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
+            "media": cell.media,
+            **self._around,
+        }
+
+    def _beside(self, cell: Cell) -> Content:
+        """Files beside the log, and which of its topics are read."""
+        source = log_source(cell.log)
+        truth = source.truth_entry()
+        return {
+            "topics": list(cell.log.topics),
+            "inputs": [entry.model_dump() for entry in source.used()],
+            "truth": None if truth is None else truth.model_dump(),
+        }
+
+    def _source(self, cls: type) -> str:
+        """Digest of the package that holds the class, or of its file; it may be anybody's."""
+        package = cls.__module__.partition(".")[0]
+        if package == _OWN:
+            return ""  # counts already
+        file = Path(inspect.getfile(cls))
+        is_alone = "." not in cls.__module__ and file.name != "__init__.py"
+        return self._digest_of(file) if is_alone else self._package_of(package)
+
+    @staticmethod
+    def _package(package: str) -> str:
+        spec = find_spec(package)
+        places = [] if spec is None or spec.submodule_search_locations is None else spec.submodule_search_locations
+        whole = blake2b(digest_size=16)
+        for folder in map(Path, places):
+            # Without what Python compiles and others write while we look.
+            for name in sorted(file.relative_to(folder) for file in folder.rglob("*") if file.is_file()):
+                if "__pycache__" not in name.parts:
+                    whole.update(f"{name.as_posix()}\n{digest_of(folder / name)}\n".encode())
+        return whole.hexdigest()
+
+
+def key_of(content: Content) -> str:
+    """Return the digest of a content."""
+    text = json.dumps(content, sort_keys=True, allow_nan=False)
+    return blake2b(text.encode("utf-8", "surrogatepass"), digest_size=16).hexdigest()
+
+
+WORKER = "fbench.cli.suite_worker"
+
+
+def run_suite(
+    cells: Sequence[Cell],
+    num_workers: int,
+    told: Callable[[int, int], None] = lambda done, of: None,
+    module: str = WORKER,
+) -> list[CellResult]:
+    """Replay the cells whose runs aren't there, and return what became of all, in their order.
+
+    A cell is there if its folder holds a whole run of equal content: log, files beside it, pipeline, parameters with
+    weights, options of scoring, code and versions. What is damaged or of other content is replaced. A cell that fails
+    doesn't stop the others; nor does one of known content that somebody changes before the suite ends, such as by
+    `fbench score` with other options: its numbers would be of other rules than the rest. Runs are equal for any number
+    of workers, apart from what is measured.
+
+    Args:
+        cells: With different folders.
+        num_workers: Processes at a time, each on one thread.
+        told: Told how many cells are done, of how many.
+        module: What a process runs: a line with a cell on stdin, a line with an answer on stdout.
+
+    Raises:
+        ConfigError: where two cells have one folder, or there is no worker.
+    """
+    if num_workers < 1:
+        raise ConfigError(f"--workers {num_workers}: expected at least 1")
+    _require_own_folders(cells)
+    told(0, len(cells))
+    contents = Contents()
+    with _suite(num_workers, module) as suite:
+        begun = [suite.begin(cell, _planned(cell, contents)) for cell in cells]
+        for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
+            told(num, len(cells))
+        results = [future.result() for future, _ in begun]
+        return list(suite.pool.map(_checked, results, [planned for _, planned in begun]))
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What is known of a cell before it is replayed."""
+
+    content: Content | None = None
+    error: str | None = None
+
+    @property
+    def key(self) -> str | None:
+        """Of the run that it gives; `None` where nobody can tell."""
+        return None if self.content is None else key_of(self.content)
+
+
+def _planned(cell: Cell, contents: Contents) -> _Planned:
+    try:
+        return _Planned(contents.of(cell))
+    except FbenchError as error:
+        return _Planned(error=str(error))
+    except Exception as error:  # noqa: BLE001  # a plug-in may raise anything, and mustn't stop the rest
+        return _Planned(error=one_line(error))
+
+
+@dataclass(frozen=True)
+class _Suite:
+    """What threads share."""
+
+    pool: ThreadPoolExecutor
+    workers: Workers
+    interrupted: Event
+
+    def begin(self, cell: Cell, planned: _Planned) -> tuple[Future[CellResult], _Planned]:
+        """Hand a cell to the threads."""
+        return self.pool.submit(self.result, cell, planned), planned
+
+    def result(self, cell: Cell, planned: _Planned) -> CellResult:
+        """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
+        try:
+            return self._replayed(cell, planned)
+        except FbenchError as error:
+            return CellResult(cell, "failed", str(error))
+        except OSError as error:
+            return CellResult(cell, "failed", f"{cell.folder}: can't be made ({error.strerror or error})")
+        except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
+            return CellResult(cell, "failed", one_line(error))
+
+    def _replayed(self, cell: Cell, planned: _Planned) -> CellResult:
+        if planned.error is not None:
+            return CellResult(cell, "failed", planned.error)
+        key = planned.key
+        if key is not None and is_sealed_run(cell.folder, key):
+            return CellResult(cell, "there")
+        _clear(cell.folder)
+        with self.workers.lent() as worker:
+            if self.interrupted.is_set():
+                return CellResult(cell, "failed", "interrupted")
+            answer = worker.replay(cell)
+        if answer.error is not None:
+            _clear_partial(cell.folder)
+            return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
+        if key is not None and planned.content is not None:
+            seal_run(cell.folder, key, planned.content)
+        return CellResult(cell, "replayed")
+
+
+def _checked(result: CellResult, planned: _Planned) -> CellResult:
+    """Fail a run that isn't as it was replayed any more."""
+    key = planned.key
+    if not result.has_run or key is None or is_sealed_run(result.cell.folder, key):
+        return result
+    return CellResult(result.cell, "failed", f"{result.cell.folder} was changed meanwhile; the same command redoes it")
+
+
+@contextmanager
+def _suite(num_workers: int, module: str) -> Iterator[_Suite]:
+    """Give what threads share; where the `with` block ends early, no process is left and none begins."""
+    workers, interrupted = Workers(module), Event()
+    with ThreadPoolExecutor(num_workers) as pool:
+        try:
+            yield _Suite(pool, workers, interrupted)
+        finally:
+            interrupted.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            workers.end()
+    workers.close()
+
+
+def _clear(folder: Path) -> None:
+    """Remove a damaged or old run of a suite, and make room for another."""
+    if (folder / RUN_SEAL).exists():
+        shutil.rmtree(folder)
+    _clear_partial(folder)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _clear_partial(folder: Path) -> None:
+    """Remove what a process that was killed has left."""
+    for left in sorted(folder.parent.glob(f".{glob.escape(folder.name)}.partial-*")):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def _require_own_folders(cells: Sequence[Cell]) -> None:
+    known: set[Path] = set()
+    for cell in cells:
+        folder = cell.folder.absolute()
+        if folder in known:
+            raise ConfigError(f"two cells of a suite go to {cell.folder}; give each a folder of its own")
+        known.add(folder)

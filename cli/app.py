@@ -1,0 +1,110 @@
+"""The commands of `fbench`, and how their errors become one line and an exit code."""
+
+import os
+import signal
+import sys
+import traceback
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from fbench.cli import compare, demo, init, log, plugins, replay, report, score, verify, weights
+from fbench.cli import options as examples
+from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError
+from fbench.replay.runs.secrets import without_secrets
+
+app = typer.Typer(
+    name="fbench",
+    help="Replay recorded sensor logs into perception pipelines, and measure them.",
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    rich_markup_mode="rich",
+)
+app.command("demo", epilog=examples.DEMO)(demo.demo)
+app.command("init", epilog=examples.INIT)(init.init)
+app.command("replay", epilog=examples.REPLAY)(replay.replay)
+app.command("score", epilog=examples.SCORE)(score.score)
+app.command("report", epilog=examples.REPORT)(report.report)
+app.command("compare", epilog=examples.COMPARE)(compare.compare)
+app.command("verify", epilog=examples.VERIFY)(verify.verify)
+app.command("plugins", epilog=examples.PLUGINS)(plugins.plugins)
+app.add_typer(log.app, name="log")
+app.add_typer(weights.app, name="weights")
+
+# Typer shows the class of all usage errors only as the parent of another.
+_UsageError: type[typer.BadParameter] = typer.BadParameter.__bases__[0]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(version("fbench"))
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
+) -> None:
+    """Replay recorded sensor logs into perception pipelines, and measure them."""
+    del debug, version  # commands find the first in their context
+
+
+def main() -> None:
+    """Run the command line; foreseen errors become one line on stderr and an exit code."""
+    # One BLAS thread, so that sums never depend on the number of cores; must be set before numpy is imported.
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+    # Arrow's own allocator keeps what it once had, and tens of megabytes add up.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    # What is wrong with an image is told in one line, by who reads it.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # So that a cancelled job cleans up behind itself.
+    signal.signal(signal.SIGTERM, _terminate)
+    arguments = sys.argv[1:]
+    debug = "--debug" in arguments
+    try:
+        # It may stand anywhere, as people add it to the end of a command that went wrong.
+        others = [a for a in arguments if a != "--debug"] or ["--help"]
+        sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
+    except typer.Abort:
+        sys.exit(128 + signal.SIGINT)
+    except _TerminatedError:
+        sys.exit(128 + signal.SIGTERM)
+    except MemoryError as error:
+        if debug:
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+        sys.stderr.write("fbench: out of memory: the data asks for more than there is\n")
+        sys.exit(EXIT_DATA)
+    except (FbenchError, OSError, _UsageError) as error:
+        if debug:
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+        if line := _line(error):  # empty where help was shown instead
+            sys.stderr.write(f"fbench: {line}\n")
+        sys.exit(_code(error))
+
+
+class _TerminatedError(BaseException):
+    """SIGTERM came. Nobody takes it for the failure of a plug-in, as they do with SystemExit."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise _TerminatedError
+
+
+def _line(error: Exception) -> str:
+    """One line about an error, whatever is in its text."""
+    if isinstance(error, OSError):
+        text = f"{error.filename or 'output'}: {error.strerror or error}"
+    else:
+        text = error.format_message() if isinstance(error, _UsageError) else str(error)
+        text += f" [{error.code}]" if isinstance(error, FbenchError) and error.code else ""
+    return "".join(c if c.isprintable() else " " for c in without_secrets(text))
+
+
+def _code(error: Exception) -> int:
+    if isinstance(error, FbenchError):
+        return error.exit_code
+    return EXIT_DATA if isinstance(error, OSError) else EXIT_USAGE

@@ -1,0 +1,237 @@
+"""The city's experiment: logs, pipelines, and results."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fbench.api.cells import Cell, CellResult, is_sealed_log, seal_log, was_sealed
+from fbench.cli.replay_job import short_name
+from fbench.datasets.importing.run import holds_log, write_recording
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.plugins import found, pipeline_class
+from fbench.replay.contracts.protocols import TakesArgument
+from fbench.replay.contracts.variants import built_in_variants
+from fbench.replay.data.scores import Results
+from fbench.replay.logs.convert.target import Target
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.setup.source import NO_CONFIG, LogWish
+
+if TYPE_CHECKING:
+    from fbench.datasets.city.spec import CitySpec
+    from fbench.metrics.robustness import ScoredRun
+
+CLEAR = "clear"
+_OWN = "fbench.pipelines."
+_WEIGHTS = "camera.weights"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One simulated log."""
+
+    spec: "CitySpec"
+    log: Path
+
+    @property
+    def condition(self) -> str:
+        """Under which it is recorded."""
+        return self.spec.condition.name
+
+    @property
+    def scene(self) -> str:
+        """What conditions are compared on."""
+        return f"{self.spec.world}-{self.spec.seed}"
+
+    @property
+    def name(self) -> str:
+        """Of its log and of the folder of its runs."""
+        return f"{self.spec.world}-{self.condition}-{self.spec.seed}"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Every drive through every pipeline."""
+
+    drives: tuple[Drive, ...]
+    pipelines: tuple[str, ...]
+    folder: Path
+    command: str
+    """That does it again."""
+    settings: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """`NAME=VALUE`, by pipeline."""
+
+    @property
+    def conditions(self) -> list[str]:
+        """In the order in which they first come."""
+        return list(dict.fromkeys(drive.condition for drive in self.drives))
+
+    def cells(self) -> list[tuple[Drive, Cell]]:
+        """Return all cells, drive by drive; only runs in clear weather keep pictures, so that a report stays small."""
+        return [(drive, self._cell(drive, pipeline)) for drive in self.drives for pipeline in self.pipelines]
+
+    def _cell(self, drive: Drive, pipeline: str) -> Cell:
+        # A configuration that somebody writes beside the logs is for other logs of theirs.
+        log = LogWish(drive.log, config=NO_CONFIG)
+        folder, settings = self.folder / drive.name / short_name(pipeline), list(self.settings.get(pipeline, ()))
+        return Cell(log, pipeline, folder, settings, media=drive.condition == CLEAR)
+
+
+def own_pipelines() -> tuple[str, ...]:
+    """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
+    bases = {variant.base for variant, _ in built_in_variants()}
+    own = [name for name, point in found("pipelines").items() if point.value.startswith(_OWN) and name not in bases]
+    return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
+
+
+def own_variants() -> tuple[str, ...]:
+    """Return the variants that come with fbench: the thesis's configurations as written."""
+    return tuple(variant.name for variant, point in built_in_variants() if point.value.startswith(_OWN))
+
+
+def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:
+    """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written.
+
+    Raises:
+        ConfigError: where a log can't be written, or another has its name.
+    """
+    from fbench.datasets.city.recording import Cities, CityRecording
+
+    cities = Cities()
+    for drive in drives:
+        drive.log.parent.mkdir(parents=True, exist_ok=True)
+        is_there = is_sealed_log(drive.log, drive.spec.log_id)
+        if not is_there:
+            _require_ours(drive)
+            recording = CityRecording(drive.spec, drive.name, cities=cities)
+            write_recording(recording, Target(drive.log, overwrite=True), progress)
+            seal_log(drive.log, drive.spec.log_id)
+        yield not is_there
+
+
+def _require_ours(drive: Drive) -> None:
+    # Without a seal where a simulation was killed just before it would have written that.
+    if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
+        raise ConfigError(f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out")
+
+
+def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:
+    """Put all runs together into the thesis's tables."""
+    from fbench.metrics.experiment import accuracy_table, condition_table, latency_table, robustness_table
+
+    runs = [(drive, result.cell.pipeline, Run(result.cell.folder)) for drive, result in done if result.has_run]
+    scored = [_scored(drive, pipeline, run) for drive, pipeline, run in runs]
+    tables = (
+        accuracy_table(scored),
+        robustness_table(scored, experiment.conditions),
+        condition_table(scored, experiment.conditions),
+    )
+    timings: dict[str, list[dict[str, list[int]]]] = {line.name: [] for line in tables[0].lines}
+    for drive, pipeline, run in runs:
+        if drive.condition == CLEAR:
+            timings[pipeline].append(run.timings)
+    return Results(
+        "The simulated city as an experiment", tuple(_facts(experiment, runs)), tables, (latency_table(timings),),
+        tuple(_problems(done, runs)),
+    )  # fmt: skip
+
+
+def shown_runs(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
+    """Return the runs of the first drive in clear weather, for a report."""
+    clear = [(drive, result) for drive, result in done if result.has_run and drive.condition == CLEAR]
+    return [Run(result.cell.folder) for drive, result in clear if drive == clear[0][0]]
+
+
+def is_lossy(done: Sequence[tuple[Drive, CellResult]]) -> bool:
+    """Tell whether a cell failed, or lost data."""
+    failed = any(result.state == "failed" for _, result in done)
+    return failed or any(not Run(result.cell.folder).manifest.complete for _, result in done if result.has_run)
+
+
+def _scored(drive: Drive, pipeline: str, run: Run) -> "ScoredRun":
+    from fbench.metrics.robustness import ScoredRun
+
+    return ScoredRun(pipeline, drive.condition, drive.scene, run.scores)
+
+
+def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[tuple[str, str]]:
+    drives = experiment.drives
+    seeds = {world: sorted({d.spec.seed for d in drives if d.spec.world == world}) for world in _worlds(drives)}
+    yield "command", experiment.command
+    yield "logs", f"{len(drives)}: {', '.join(_worlds(drives))}; {', '.join(experiment.conditions)}"
+    yield "length", f"{', '.join(dict.fromkeys(f'{drive.spec.seconds:g} s' for drive in drives))} each"
+    yield "seeds", "; ".join(f"{world} {', '.join(map(str, own))}" for world, own in seeds.items())
+    yield "sensors", ", ".join(dict.fromkeys(name for drive in drives for name in drive.spec.rig.names))
+    yield "camera detector", _detectors([run for _, _, run in runs])
+    yield from _learnt(drives)
+    yield "frames", _frames(runs)
+    yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
+
+
+def _learnt(drives: Sequence[Drive]) -> Iterator[tuple[str, str]]:
+    """Figures of a detector on what it learnt from are better than others, and must say so."""
+    from fbench.datasets.city.suite import TRAINING_SEEDS
+
+    learnt = sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS))
+    if learnt:
+        yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learnt))
+
+
+def _worlds(drives: Sequence[Drive]) -> list[str]:
+    return list(dict.fromkeys(drive.spec.world for drive in drives))
+
+
+def _detectors(runs: Sequence[Run]) -> str:
+    return "; ".join(dict.fromkeys(name for run in runs if (name := _detector(run)) is not None)) or "none"
+
+
+def _detector(run: Run) -> str | None:
+    """Which weights a run's camera had; `None` where it has no use for a camera."""
+    weights = run.manifest.parameters.get(_WEIGHTS)
+    if isinstance(weights, dict):
+        return f"{weights.get('file')} (sha256 {str(weights.get('sha256'))[:12]})"
+    return "none (no weights)" if any("no weights" in frame.missing.values() for frame in run.frames) else None
+
+
+def _frames(runs: Sequence[tuple[Drive, str, Run]]) -> str:
+    num = {drive.name: len(run.frames) for drive, _, run in runs}
+    labelled = sum(frame.truth_stamp_ns is not None for _, _, run in runs for frame in run.frames)
+    total = sum(len(run.frames) for _, _, run in runs)
+    share = f"{100 * labelled / total:.1f} %" if total else "none"
+    pipelines = len({name for _, name, _ in runs})
+    return f"{sum(num.values())}, each through {pipelines} pipelines; {share} of outputs had truth"
+
+
+def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[str]:
+    unfit = {result.cell.pipeline: result.reason for _, result in done if result.state == "unfit"}
+    yield from (f"left out: {pipeline} ({reason})" for pipeline, reason in unfit.items())
+    yield from _failures(done)
+    missing = Counter(
+        (pipeline, sensor, reason.partition(" by ")[0])
+        for _, pipeline, run in runs for frame in run.frames for sensor, reason in frame.missing.items()
+    )  # fmt: skip
+    for (pipeline, sensor, reason), num in sorted(missing.items()):
+        yield f"missing: {sensor} ({reason}) in {num} frames of {pipeline}"
+    for drive, pipeline, run in runs:
+        if not run.manifest.complete:
+            yield f"incomplete: {pipeline} on {drive.name} lost data"
+
+
+def _failures(done: Sequence[tuple[Drive, CellResult]]) -> Iterator[str]:
+    """A line for each reason."""
+    where: dict[str | None, list[str]] = {}
+    for drive, result in done:
+        if result.state == "failed":
+            where.setdefault(result.reason, []).append(f"{result.cell.pipeline} on {drive.name}")
+    for reason, cells in where.items():
+        others = f" and {len(cells) - 1} more" if len(cells) > 1 else ""
+        yield f"failed: {cells[0]}{others}: {reason}"
+
+
+def host_line() -> str:
+    """The machine that was measured on."""
+    host = describe_host()
+    where = f"{host['cpu']}, {host['cores']} cores"
+    return f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."

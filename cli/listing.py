@@ -1,0 +1,197 @@
+"""Output of `fbench plugins`: plug-ins, metrics and profiles."""
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from itertools import pairwise
+from typing import Any, get_args
+
+from rich.table import Table
+
+from fbench.cli.show import console
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.plugins import Group, default_params, found, load, pipeline_class, pipeline_parameters
+from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
+from fbench.replay.contracts.variants import Variant, built_in_variants, variant_of
+
+
+def parameter_docs(params: object) -> dict[str, str]:
+    """Return the text under each single parameter, by dotted name; empty where there is none."""
+    if not is_dataclass(params) or isinstance(params, type):
+        return {}
+    own, docs = dict[str, str](), dict[str, str]()
+    for cls in reversed(type(params).__mro__):
+        own |= _docs(cls)
+    for f in fields(params):
+        value = getattr(params, f.name)
+        if is_dataclass(value):
+            docs |= {f"{f.name}.{path}": text for path, text in parameter_docs(value).items()}
+        else:
+            docs[f.name] = own.get(f.name, "")
+    return docs
+
+
+def _docs(cls: type) -> dict[str, str]:
+    """Texts that follow the fields of one class, as documentation tools read them."""
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+    except (OSError, TypeError, SyntaxError):
+        return {}
+    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
+    docs: dict[str, str] = {}
+    for field, text in pairwise(body):
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
+            value = text.value
+            if isinstance(value, ast.Constant) and isinstance(value.value, str):
+                docs[field.target.id] = " ".join(value.value.split())
+    return docs
+
+
+_GROUPS: tuple[Group, ...] = get_args(Group)
+_WITH_PARAMETERS: tuple[Group, ...] = ("datasets", "pipelines")
+
+
+def show_group(name: str | None) -> None:
+    """List the plug-ins of one group, or of all."""
+    table = Table(box=None, pad_edge=False)
+    for column in ("group", "name", "where"):
+        table.add_column(column)
+    for group in _GROUPS if name is None else (_group(name),):
+        for point in found(group).values():
+            table.add_row(group, point.name, point.value)
+        for variant, point in built_in_variants() if group == "pipelines" else ():
+            table.add_row(group, variant.name, f"{point.value}, a variant of {variant.base}")
+    console().print(table)
+
+
+def show_parameters(group: str, name: str) -> None:
+    """List the parameters of a pipeline or variant, or of the importer of a dataset, with their defaults."""
+    if (kind := _group(group)) not in _WITH_PARAMETERS:
+        raise ConfigError(f"only {' and '.join(_WITH_PARAMETERS)} have parameters, not {group}")
+    variant = variant_of(name) if kind == "pipelines" else None
+    if variant is not None:
+        _show_variant(variant, default_params(pipeline_class(name)), pipeline_parameters(name, []))
+        return
+    params = default_params(load(kind, name))
+    if params is None:
+        console().print(f"{name} takes no parameters")
+        return
+    rows = [(path, _shown(value)) for path, value in describe(params).items()]
+    _show_table(("parameter", "default"), rows, params)
+
+
+def _show_variant(variant: Variant, params: Any, values: Mapping[str, object]) -> None:
+    """Say what a variant is, and list all parameters; the default stands beside those that it sets."""
+    out, sensors = console(), ", ".join(variant.sensors)
+    for line in (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}"):
+        if line:
+            out.print(line, markup=False, soft_wrap=True)
+    defaults, sets = describe(params), {name for name, _ in variant.settings}
+    rows = [(path, _shown(v), _shown(defaults.get(path)) if path in sets else "") for path, v in values.items()]
+    if rows:
+        _show_table(("parameter", "value", "instead of"), rows, params)
+
+
+def _show_table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], params: Any) -> None:
+    """Print rows that begin with a parameter's name, with its meaning at the end."""
+    table, docs = Table(box=None, pad_edge=False), parameter_docs(params)
+    for column in columns:
+        table.add_column(column, no_wrap=True)
+    table.add_column("meaning")
+    for row in rows:
+        table.add_row(*row, docs.get(row[0], ""))
+    if has_sensor_settings(params):
+        table.add_row("SENSOR.NAME", *("" for _ in columns[1:]), docs.get(BY_SENSOR, ""))
+    console().print(table)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, list):
+        return ",".join(map(_shown, value))
+    return "none" if value is None else str(value)
+
+
+def _group(name: str) -> Group:
+    for group in _GROUPS:
+        if group == name:
+            return group
+    raise ConfigError(f"unknown group '{name}'{did_you_mean(name, (*_GROUPS, 'profiles'))}")
+
+
+def show_metrics() -> None:
+    """List the plug-ins that score runs, then every metric."""
+    from fbench.metrics.definitions.catalog import DEFINITIONS
+
+    show_group("metrics")
+    table = _table("metric", "better", "unit", "meaning")
+    for card in sorted(DEFINITIONS.values(), key=lambda card: card.name):
+        table.add_row(card.name, card.better, card.unit, card.meaning)
+    out = console()
+    out.print()
+    out.print(table)
+
+
+def show_metric(name: str) -> None:
+    """Print what one metric is.
+
+    Raises:
+        ConfigError: for an unknown name.
+    """
+    from fbench.metrics.definitions.catalog import card_of
+
+    card = card_of(name)
+    table = _table("", "")
+    rows = {
+        "metric": card.name,
+        "meaning": card.meaning,
+        "formula": card.formula,
+        "range": card.range,
+        "unit": "count" if card.is_count else card.unit,
+        "better": card.better,
+        "null when": card.undefined or "never",
+        **{f"in {profile}": text for profile, text in card.by_profile.items()},
+        "source": str(card.source),
+    }
+    for what, text in rows.items():
+        table.add_row(what, text)
+    table.show_header = False
+    console().print(table)
+
+
+def show_profiles() -> None:
+    """List every profile."""
+    from fbench.metrics.profiles.catalog import PROFILES, profile_of
+
+    table = _table("profile", "what it counts")
+    for name in PROFILES:
+        table.add_row(name, profile_of(name).summary)
+    console().print(table)
+
+
+def show_profile(name: str) -> None:
+    """Print the rules of one profile.
+
+    Raises:
+        ConfigError: for an unknown name.
+    """
+    from fbench.metrics.profiles.catalog import described, explained, profile_of
+
+    profile = profile_of(name)
+    out = console()
+    out.print(f"{profile.name}: {profile.summary}")
+    out.print()
+    out.print(explained(profile))
+    out.print()
+    table = _table("rule", "value")
+    for path, text in described(profile).items():
+        table.add_row(path, text)
+    out.print(table)
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, no_wrap=column != columns[-1])
+    return table

@@ -1,0 +1,116 @@
+"""Summary of a finished run: scores, latency, what was missing, faults."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from fbench.cli.show import console, fault_lines, interval_reasons, latency_table, null_reasons, print_json, score_table
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.shares import coverage_of, predictions_of
+
+
+def show_run(run: Run, as_json: bool) -> None:
+    """Print scores, latency, faults, and where the run is."""
+    if as_json:
+        names = ("scores.json", "latency.json", "faults.json")
+        content = {name.removesuffix(".json"): run.json(name) for name in names}
+        manifest = json.loads(run.manifest.model_dump_json())
+        print_json({"run": str(run.folder), "manifest": manifest, **content})
+        return
+    out = console()
+    out.print(score_table(run.scores))
+    for line in (*null_reasons(run.scores), *interval_reasons(run.scores)):
+        out.print(f"– {line}", markup=False)
+    out.print()
+    latency = run.json("latency.json")
+    _show_latency(out, latency)
+    out.print()
+    for line in _status(run):
+        out.print(line, markup=False, soft_wrap=True)
+
+
+def _show_latency(out: Console, latency: dict[str, Any]) -> None:
+    if not any(stage["count"] or stage["first_ms"] is not None for stage in latency["stages"]):
+        out.print("latency: nothing was timed")
+        return
+    out.print(latency_table(latency))
+    if latency.get("clock") == "log":
+        out.print("latency is from times of recording in the log, not measured here")
+    over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
+    if num:
+        out.print(f"{over} of {num} {_plural('frame', num)} over the budget of {budget_ms:g} ms")
+    else:
+        out.print("the first frame isn't counted, and there is no other")
+
+
+def _status(run: Run) -> list[str]:
+    manifest = run.manifest
+    segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
+    lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
+    lines += _found(run)
+    predictions = predictions_of(run)
+    lines += [] if predictions is None else [f"predicted: {predictions}"]
+    missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
+    lines += [f"missing: {what} in {num} {_plural('frame', num)}" for what, num in sorted(missing.items())]
+    counts = run.json("faults.json")
+    for sensor, num in counts["late_messages"].items():
+        late = f"late: {num} {_plural('message', num)} of {sensor} came after"
+        lines += [f"{late} {'its' if num == 1 else 'their'} frame was released"] if num else []
+    for sensor, num in counts["unused_messages"].items():
+        # Poses between frames are used, to find those at the frames' instants.
+        is_sensor = sensor in manifest.mounts
+        unused = f"unused: {num} {_plural('message', num)} of {sensor}, which frames don't need"
+        lines += [unused] if num and is_sensor else []
+    lines += fault_lines(counts["rows"])
+    if not manifest.complete:
+        lines.append("INCOMPLETE: data was lost, so these numbers aren't those of the whole log")
+    report = run.folder / "report.html"
+    lines.append(_pace(run.json("host.json")))
+    return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
+
+
+def _found(run: Run) -> list[str]:
+    """How much came out, which scores don't say where there is no truth."""
+    if not all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
+        return []
+    detections, tracks = len(run.detections.boxes), run.tracks.boxes
+    num_ids = 0 if tracks.track_id is None else len(np.unique(tracks.track_id))
+    return [f"found: {detections} {_plural('detection', detections)}, {num_ids} {_plural('track', num_ids)}"]
+
+
+def _pace(host: dict[str, Any]) -> str:
+    achieved = f"{host['achieved_rate']:.3g}x" if "achieved_rate" in host else "–"
+    if host["rate"] == "max":
+        return f"pace: {achieved} real time"
+    return (
+        f"pace: asked {host['rate']}x, achieved {achieved}, "
+        f"p99 late {host['p99_late_ms']:.1f} ms, max {host['max_late_ms']:.1f} ms"
+    )
+
+
+def _plural(noun: str, num: int) -> str:
+    return noun if num == 1 else f"{noun}s"
+
+
+def _kind(reason: str) -> str:
+    """A reason without its number: 'late by 12.3 ms' is 'late'."""
+    return "late" if reason.startswith("late by") else reason
+
+
+def open_run(folder: Path) -> Run:
+    """Return the run in a folder.
+
+    Raises:
+        ConfigError: where there is no such folder.
+        RunError: where it isn't a run.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such run folder")
+    run = Run(folder)
+    _ = run.manifest
+    return run

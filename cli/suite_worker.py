@@ -1,0 +1,58 @@
+"""Replays cells in a process of its own: `python -m fbench.cli.suite_worker`.
+
+Each line of stdin is a cell, each line of stdout the answer to it; it ends with stdin.
+"""
+
+import signal
+import sys
+from types import FrameType
+
+from fbench.api.cells import Answer, Cell
+from fbench.cli.replay_job import Job, run_job
+from fbench.cli.responses import answers
+from fbench.replay.contracts.errors import FbenchError, one_line
+from fbench.replay.setup.source import log_source
+
+_LACKS_SENSOR = "CFG001"
+
+
+class _EndedError(BaseException):
+    """SIGTERM came; cleans up on its way out, and no plug-in catches it."""
+
+
+def main() -> int:
+    """Answer every line."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGTERM, _end)
+    try:
+        with answers() as out:
+            for line in sys.stdin.buffer:
+                print(_answer(Cell.from_json(line.decode())).to_json(), file=out, flush=True)
+    except (_EndedError, KeyboardInterrupt):
+        return 128 + signal.SIGTERM
+    return 0
+
+
+def _answer(cell: Cell) -> Answer:
+    try:
+        run_job(
+            Job(
+                log_source(cell.log), cell.pipeline, cell.settings, out=cell.folder, overwrite=True,
+                scoring=cell.scoring, no_media=not cell.media,
+            )
+        )  # fmt: skip
+    except FbenchError as error:
+        return Answer(str(error), error.code == _LACKS_SENSOR)
+    except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
+        return Answer(one_line(error))
+    return Answer()
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise _EndedError
+
+
+if __name__ == "__main__":
+    sys.exit(main())

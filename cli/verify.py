@@ -1,0 +1,89 @@
+"""`fbench verify`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fbench.cli.options import (
+    Config,
+    DetectEvery,
+    DetectionsFile,
+    Frames,
+    From,
+    Json,
+    Log,
+    MaxGapS,
+    Offset,
+    PipelineOrFile,
+    Reference,
+    RigFiles,
+    Sensors,
+    Settings,
+    Stamps,
+    TimeoutMs,
+    To,
+    ToleranceMs,
+    Topics,
+    TruthFile,
+    TruthFormat,
+    TruthFrame,
+    with_detect_every,
+)
+
+
+def verify(
+    log: Log,
+    pipeline: PipelineOrFile = None,
+    settings: Settings = None,
+    detect_every: DetectEvery = None,
+    config: Config = None,
+    rig: RigFiles = None,
+    truth: TruthFile = None,
+    truth_format: TruthFormat = None,
+    truth_frame: TruthFrame = "",
+    detections: DetectionsFile = None,
+    repeat: Annotated[
+        int, typer.Option(min=1, max=100, help="How often the same is replayed, the first time included.")
+    ] = 2,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Try only repeats, another hash seed and more threads.")
+    ] = False,
+    keep: Annotated[Path | None, typer.Option(help="Keep the runs of all replays in this folder.")] = None,
+    reference: Reference = None,
+    timeout_ms: TimeoutMs = None,
+    tolerance_ms: ToleranceMs = None,
+    max_gap_s: MaxGapS = None,
+    from_: From = None,
+    to: To = None,
+    frames: Frames = None,
+    topics: Topics = None,
+    sensors: Sensors = None,
+    offset: Offset = None,
+    stamps: Stamps = None,
+    json: Json = False,
+) -> None:
+    """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
+    from fbench.cli.options import box_source, pipeline_of
+    from fbench.cli.verify_job import run_verify
+    from fbench.replay.check.verify_task import Task
+    from fbench.replay.contracts.sensor_settings import make_sensors
+    from fbench.replay.engine.excerpt import make_excerpt
+    from fbench.replay.setup.source import LogWish, log_source
+
+    filed = box_source(truth, truth_format, truth_frame)
+    results = box_source(detections, None, truth_frame)
+    wish = LogWish(log, config, rig or [], filed, results, topics or [])
+    source = log_source(wish)
+    name = pipeline_of(pipeline, results)
+    task = Task(
+        log=wish,
+        pipeline=name,
+        folder=Path(),
+        settings=with_detect_every(name, settings or [], detect_every),
+        sensors=make_sensors(sensors or []),
+        sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
+        stamps=source.stamps(stamps, offset or []),
+        excerpt=make_excerpt(from_, to, frames),
+    )
+    raise typer.Exit(run_verify(task, repeat, quick, keep, json))

@@ -1,0 +1,165 @@
+"""A simulation as the command line requests it, and rigs from TOML."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from fbench.datasets.city.rig import WEATHER, CameraSpec, LidarSpec, RadarSpec, RigSpec, thesis_rig
+from fbench.datasets.city.spec import CitySpec, Condition, condition, world_name
+from fbench.replay.conditions.weather import Weather
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.sensor_settings import chosen_sensors, make_sensors
+from fbench.replay.formats.documents import TomlError, parse_toml
+
+MAX_BYTES = 1024 * 1024
+_TABLES: Mapping[str, type[BaseModel]] = {"cameras": CameraSpec, "lidars": LidarSpec, "radars": RadarSpec}
+
+
+def read_rig(path: Path) -> RigSpec:
+    """Return the rig that a TOML file describes: `[cameras.NAME]`, `[lidars.NAME]`, `[radars.NAME]`.
+
+    Raises:
+        ConfigError: where it can't be read, or naming the key that is wrong or unknown.
+    """
+    try:
+        if path.is_dir():
+            raise ConfigError(f"{path}: is a folder; expected a TOML file with the sensors")
+        if not path.is_file():
+            raise ConfigError(f"{path}: no such file")
+        if path.stat().st_size > MAX_BYTES:
+            raise ConfigError(f"{path}: over {MAX_BYTES} bytes, which no rig takes")
+        tables = parse_toml(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
+    except TomlError as error:
+        raise ConfigError(f"{path}: isn't TOML ({error})") from error
+    return _valid(str(path), tables)
+
+
+def with_value(rig: RigSpec, setting: str) -> RigSpec:
+    """Return a rig with one value changed: `SENSOR.FIELD=VALUE`, the value as in TOML.
+
+    Raises:
+        ConfigError: naming what isn't there or doesn't fit.
+    """
+    name, field, text = split_setting(setting)
+    tables = rig.model_dump()
+    kind = next((kind for kind in _TABLES if name in tables[kind]), None)
+    if kind is None:
+        known = [*rig.names, WEATHER]
+        raise ConfigError(f"--set {setting}: no sensor '{name}'{did_you_mean(name, known)}")
+    tables[kind][name][field] = toml_value(setting, text)
+    return _valid(f"--set {setting}", tables)
+
+
+def split_setting(setting: str) -> tuple[str, str, str]:
+    """Split `NAME.FIELD=VALUE`.
+
+    Raises:
+        ConfigError: where it isn't one.
+    """
+    path, equals, text = setting.partition("=")
+    name, dot, field = path.strip().partition(".")
+    if not (equals and dot and name and field and text.strip()):
+        raise ConfigError(f"--set {setting}: expected NAME.FIELD=VALUE, such as lidar.channels=64")
+    return name, field, text
+
+
+def toml_value(setting: str, text: str) -> Any:
+    """Return a value as TOML writes it: `1.5`, `true`, `[1.0, 0.0, 2.0]`.
+
+    Raises:
+        ConfigError: where it isn't one.
+    """
+    try:
+        table = parse_toml(f"value = {text}".encode())
+    except (TomlError, UnicodeEncodeError):
+        raise ConfigError(f"--set {setting}: '{text}' isn't a value of TOML") from None
+    if set(table) != {"value"}:
+        raise ConfigError(f"--set {setting}: '{text}' isn't one value of TOML")
+    return table["value"]
+
+
+def _valid(where: str, tables: dict[str, Any]) -> RigSpec:
+    try:
+        rig = RigSpec.model_validate(tables)
+    except ValidationError as error:
+        raise ConfigError(f"{where}: {_first(error)}") from None
+    if not rig.names:
+        raise ConfigError(f"{where}: no sensor in it; expected [cameras.NAME], [lidars.NAME] or [radars.NAME]")
+    return rig
+
+
+def _first(error: ValidationError) -> str:
+    """What is wrong first, with the name that may be meant: a field that is missing may just be misspelt."""
+    errors = error.errors(include_url=False)
+    first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
+    place = [str(part) for part in first["loc"] if part != "[key]"]
+    if first["type"] == "extra_forbidden":
+        model = RigSpec if len(place) < 3 else _TABLES[place[0]]
+        return f"unknown key '{'.'.join(place)}'{did_you_mean(place[-1], model.model_fields)}"
+    if first["type"] == "value_error":  # of several fields together
+        return f"{'.'.join(place) or 'rig'}: {first['ctx']['error']}"
+    if first["type"] == "missing":
+        return f"{'.'.join(place)}: Field required"
+    got = str(first["input"])
+    shown = got if len(got) <= 60 else f"{got[:60]}..."
+    return f"{'.'.join(place)}: {first['msg']}, got {shown}" if place else first["msg"]
+
+
+_WEATHER = "weather"
+
+
+@dataclass(frozen=True)
+class CityWish:
+    """Texts that say what to simulate."""
+
+    world: str = "urban"
+    condition: str = "clear"
+    seconds: float = 10.0
+    seed: int = 0
+    rig_file: Path | None = None
+    sensors: Sequence[str] = ()
+    """Patterns of the sensors to simulate; all where there are none."""
+    settings: Sequence[str] = ()
+    """`SENSOR.FIELD=VALUE` and `weather.FIELD=VALUE`."""
+
+    def spec(self) -> CitySpec:
+        """Return what to simulate.
+
+        Raises:
+            ConfigError: naming what isn't there or doesn't fit.
+        """
+        under = condition(self.condition)
+        rig = thesis_rig() if self.rig_file is None else read_rig(self.rig_file)
+        for setting in self.settings:
+            if split_setting(setting)[0] == _WEATHER:
+                under = _with_weather(under, setting)
+            else:
+                rig = with_value(rig, setting)
+        return CitySpec(world_name(self.world), under, self.seconds, self.seed, _chosen(rig, self.sensors))
+
+
+def _with_weather(under: Condition, setting: str) -> Condition:
+    _, field, text = split_setting(setting)
+    names = [f.name for f in fields(Weather)]
+    if field not in names:
+        raise ConfigError(f"--set {setting}: no '{field}' in the weather{did_you_mean(field, names)}")
+    value = toml_value(setting, text)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"--set {setting}: expected a number, got {text}")
+    changed = {field: float(value)}
+    return replace(under, weather=replace(under.weather, **changed))
+
+
+def _chosen(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
+    names = chosen_sensors(rig.names, make_sensors(patterns))
+    return RigSpec(
+        cameras={name: spec for name, spec in rig.cameras.items() if name in names},
+        lidars={name: spec for name, spec in rig.lidars.items() if name in names},
+        radars={name: spec for name, spec in rig.radars.items() if name in names},
+        pose_rate_hz=rig.pose_rate_hz,
+    )

@@ -1,0 +1,228 @@
+"""Files of datasets: finding, reading and checking them, and the ids of logs made of them."""
+
+import re
+import stat
+import struct
+from collections.abc import Iterable, Mapping
+from hashlib import blake2b
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
+from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.contracts.settings import describe
+from fbench.replay.data.arrays import Float32
+from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size
+from fbench.replay.data.messages import Image
+from fbench.replay.logs.containers.limits import crc32
+
+MAX_BYTES = 112 * 2**20
+"""No file of a dataset that becomes one message is larger."""
+_ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
+
+
+def require_folder(path: Path) -> None:
+    """Refuse what isn't a folder.
+
+    Raises:
+        LogError: saying what it is.
+    """
+    if not path.is_dir():
+        raise LogError(f"{path}: {'not a folder' if path.exists() else 'no such folder'}")
+
+
+def require_file(path: Path) -> None:
+    """Refuse what isn't a file: pipes and devices never end, or never begin.
+
+    Raises:
+        LogError: saying so.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+    if not stat.S_ISREG(mode):
+        raise LogError(f"{path}: {'Is a directory' if stat.S_ISDIR(mode) else 'a pipe or device, expected a file'}")
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Return the content of a file.
+
+    Raises:
+        LogError: where it can't be read.
+        LimitError: where it is larger than `limit` [byte].
+    """
+    require_file(path)
+    try:
+        if (size := path.stat().st_size) > limit:
+            raise LimitError(f"{path}: {size} bytes, more than {limit}")
+        return path.read_bytes()
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror}") from error
+
+
+def read_text(path: Path, limit: int = MAX_BYTES) -> str:
+    """Return the content of a text file.
+
+    Raises:
+        LogError: where it can't be read, or isn't UTF-8.
+        LimitError: where it is larger than `limit` [byte].
+    """
+    try:
+        return read_bytes(path, limit).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: isn't UTF-8 text ({error.reason} at byte {error.start})") from error
+
+
+def read_floats(path: Path, num_columns: int) -> Float32:
+    """Return rows (N, `num_columns`) of a file of little-endian float32.
+
+    Raises:
+        LogError: where it can't be read, is empty, or ends within a row.
+    """
+    data = read_bytes(path)
+    if not data:
+        raise LogError(f"{path}: is empty, is it truncated?")
+    if len(data) % (4 * num_columns):
+        raise LogError(f"{path}: {len(data)} bytes aren't whole rows of {num_columns} float32, is it truncated?")
+    return np.frombuffer(data, "<f4").astype(np.float32, copy=False).reshape(-1, num_columns)
+
+
+def read_image(
+    path: Path,
+    sensor: str,
+    stamp_ns: int,
+    size_wh: tuple[int, int] | None = None,
+    log_ns: int | None = None,
+    frame_number: int | None = None,
+) -> Image:
+    """Return an image as it is encoded; `log_ns` is its stamp unless given.
+
+    Raises:
+        LogError: where it isn't an image, is truncated, or isn't of the size `size_wh` that its camera is calibrated
+            for.
+    """
+    data = read_bytes(path)
+    try:
+        encoding, size = encoded_format(data), encoded_size(data)
+    except DecodeError as error:
+        raise LogError(f"{path}: {error}") from error
+    # Some cameras pad their files with zeros.
+    if encoding in _ENDS and not data.rstrip(b"\0").endswith(_ENDS[encoding]):
+        raise LogError(f"{path}: the image has no end, is it truncated?")
+    if encoding == "png" and not _is_whole_png(data):
+        raise LogError(f"{path}: the image is damaged, a checksum in it is wrong")
+    if not 0 < size[0] * size[1] <= MAX_PIXELS:
+        raise LimitError(f"{path}: {size[0]}x{size[1]} px, expected 1 to {MAX_PIXELS} pixels")
+    if size_wh is not None and size != size_wh:
+        raise LogError(f"{path}: {size[0]}x{size[1]} px, expected {size_wh[0]}x{size_wh[1]} as the calibration says")
+    return Image(sensor, stamp_ns, stamp_ns if log_ns is None else log_ns, data, encoding, size, frame_number)
+
+
+def _is_whole_png(data: bytes) -> bool:
+    """Whether chunks follow one another up to the last one, and have the checksums that they say: ISO/IEC 15948, 5.3.
+
+    Decoders tell of damage on stderr, each in its own way.
+    """
+    at, view = 8, memoryview(data)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        end = at + 8 + length
+        if end + 4 > len(data) or struct.unpack_from(">I", data, end)[0] != crc32(view[at + 4 : end]):
+            return False
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at = end + 4
+    return False
+
+
+_ALL = FrameRange()
+
+
+def entries(folder: Path) -> list[Path]:
+    """Return what is in a folder, sorted by name; nothing where there is no such folder.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    try:
+        return sorted(folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise LogError(f"{folder}: {error.strerror}") from error
+
+
+def numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange = _ALL) -> dict[int, Path]:
+    """Return the files of a folder that are named by a number of so many digits, ascending; none where it isn't there.
+
+    Raises:
+        LogError: where the folder can't be read.
+    """
+    found = {int(p.stem): p for p in entries(folder) if p.suffix in suffixes and is_number(p.stem, digits)}
+    return {number: found[number] for number in sorted(found) if number in frames}
+
+
+def is_number(text: str, digits: int) -> bool:
+    """Tell whether a text is a number of so many digits."""
+    return re.fullmatch(f"[0-9]{{{digits}}}", text) is not None
+
+
+T = TypeVar("T")
+
+
+def read_json(path: Path, model: type[T]) -> T:
+    """Return the content of a JSON file.
+
+    Raises:
+        LogError: naming file and field, where it can't be read or isn't as the model says.
+    """
+    try:
+        return TypeAdapter(model).validate_json(read_bytes(path))
+    except ValidationError as error:
+        raise LogError(f"{path}: {first_wrong(error)}") from error
+
+
+def first_wrong(error: ValidationError) -> str:
+    """Return the first field that isn't as its model says, and why: `objects.0.size: Field required`."""
+    return ": ".join(text for text in wrong_field(error) if text)
+
+
+def wrong_field(error: ValidationError) -> tuple[str, str]:
+    """Return the name of the first field that isn't as its model says, empty for the whole, and why."""
+    first = error.errors()[0]
+    return ".".join(str(part) for part in first["loc"]), first["msg"]
+
+
+def log_id(dataset: str, facts: Iterable[str], frames: FrameRange, params: object = None) -> str:
+    """Return the id of a log.
+
+    Args:
+        dataset: Short name of the dataset, with which the id begins.
+        facts: What tells the source apart, in a fixed order: names and sizes of files (`file_facts`), tokens.
+        frames: Which frames were imported.
+        params: The importer's parameters.
+    """
+    digest = blake2b(digest_size=8)
+    own = [f"{name}={value}" for name, value in sorted(described(params).items())]
+    for text in [*facts, str(frames), *own]:
+        data = text.encode(errors="surrogateescape")
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return f"{dataset}-{digest.hexdigest()}"
+
+
+def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
+    """Return name below `root` and size of each file; of one that isn't there the name."""
+    facts = []
+    for path in paths:
+        size = path.stat().st_size if path.is_file() else "missing"
+        facts.append(f"{path.relative_to(root).as_posix()} {size}")
+    return facts
+
+
+def described(params: object) -> Mapping[str, str]:
+    """Return an importer's parameters as metadata of the log, `import.NAME`; those that are left open are left out."""
+    if params is None:
+        return {}
+    return {f"import.{name}": str(value) for name, value in describe(params).items() if value not in (None, "")}

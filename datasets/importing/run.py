@@ -1,0 +1,310 @@
+"""One import: every chosen sequence of a dataset becomes a log, whole or not at all."""
+
+import fcntl
+import glob
+import os
+import re
+import shutil
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.importing import BadInput, Imported, ImportWish, OtherResult, checked_items
+from fbench.replay.contracts.protocols import Importer, Recording
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import LogInfo, RigChange
+from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D, message_topic
+from fbench.replay.logs.container import Entry
+from fbench.replay.logs.convert.items import Copied, Decoded, Encoded, Encoder, Item, RigAt
+from fbench.replay.logs.convert.run import Converted, write_items
+from fbench.replay.logs.convert.sinks import open_sink
+from fbench.replay.logs.convert.target import Target
+from fbench.replay.logs.header import LogHeader, header_of
+from fbench.replay.logs.open import open_container
+
+
+@contextmanager
+def claimed(path: Path, waits: Callable[[], None]) -> Iterator[None]:
+    """Have the log `path` alone while the `with` block runs; `waits` is called where another import has it.
+
+    The system gives a claim back when its process ends, however it does.
+
+    Raises:
+        ConfigError: where nothing can be written beside the log.
+    """
+    lock = path.with_name(f".{path.name}.importing")
+    try:
+        number = _locked(lock, waits)
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
+    try:
+        _clear_partial(path)
+        yield
+    finally:
+        lock.unlink(missing_ok=True)
+        os.close(number)
+
+
+def _locked(lock: Path, waits: Callable[[], None]) -> int:
+    while True:
+        number = os.open(lock, os.O_RDWR | os.O_CREAT)
+        try:
+            _lock(number, waits)
+            if _is_file(number, lock):
+                return number
+        except BaseException:
+            os.close(number)
+            raise
+        os.close(number)
+
+
+def _lock(number: int, waits: Callable[[], None]) -> None:
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        waits()
+        fcntl.flock(number, fcntl.LOCK_EX)
+
+
+def _is_file(number: int, lock: Path) -> bool:
+    """Whether the open file still has its name: who had the claim before took that away."""
+    try:
+        return os.path.samestat(os.fstat(number), lock.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _clear_partial(path: Path) -> None:
+    """Remove what is half written; a log that was to be replaced, and wasn't yet, gets its name back."""
+    for left in sorted(path.parent.glob(f".{glob.escape(path.name)}.partial-*")):
+        if re.fullmatch(r"[0-9]+\.old", left.name.rpartition("-")[2]) and not path.exists():
+            left.rename(path)
+        elif left.is_dir():
+            shutil.rmtree(left)
+        else:
+            left.unlink(missing_ok=True)
+
+
+T = TypeVar("T")
+NUM_AHEAD = 4
+"""Items; both sides take about as long, so that more wouldn't hide more."""
+
+
+class _End:
+    """Stands behind the last item."""
+
+
+def ahead(items: Iterator[T]) -> Iterator[T]:
+    """Yield the same items, up to `NUM_AHEAD` of which are asked for before they are wanted.
+
+    All are asked for in one thread, one after the other. An error comes in the place of its item.
+    """
+    waiting: deque[Future[T | _End]] = deque()
+    with ThreadPoolExecutor(1, "fbench-import") as pool:
+        try:
+            waiting.extend(pool.submit(next, items, _End()) for _ in range(NUM_AHEAD))
+            while not isinstance(item := waiting.popleft().result(), _End):
+                waiting.append(pool.submit(next, items, _End()))
+                yield item
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+class LogItems:
+    """Turns what importers give into items of a log."""
+
+    def __init__(self) -> None:
+        self._encoder = Encoder()
+
+    def of(self, imported: Imported) -> Iterator[Item]:
+        """Return the items that hold one message, truth, result or rig.
+
+        Raises:
+            ValueError: where a result can't be stored.
+        """
+        match imported:
+            case RigChange():
+                yield RigAt(imported.log_ns, imported.rig)
+            case Truth():
+                for part in _parts(imported):
+                    yield Decoded(BOXES2D if part.is_2d else BOXES3D, imported.log_ns, part)
+            case OtherResult():
+                for part in _parts(imported.boxes):
+                    # A topic without any box would be taken for the results where there are only those in images.
+                    if part.is_2d or part.truth.boxes3d is not None:
+                        yield _copied(self._encoder.result(part), imported.boxes.log_ns)
+            case _:
+                yield Decoded(message_topic(imported), imported.log_ns, imported)
+
+
+def _parts(truth: Truth) -> Iterator[TruthPart]:
+    """3D boxes first, also where they are absent, which says that 2D ones follow."""
+    has_2d = truth.boxes2d is not None
+    yield TruthPart(replace(truth, boxes2d=None), is_2d=False, expects_2d=has_2d)
+    if has_2d:
+        yield TruthPart(replace(truth, boxes3d=None), is_2d=True)
+
+
+def _copied(encoded: Encoded, log_ns: int) -> Copied:
+    channel, data = encoded.channel, memoryview(encoded.data)
+    entry = Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data)
+    return Copied(channel, entry)
+
+
+Progress = Callable[[str, int, int], None]
+"""Is told the name of a sequence, how many of its items are done, and about how many there are."""
+_SKIPS = "import.skip_bad"
+"""Metadata of logs that may lack what couldn't be used."""
+
+
+@dataclass(frozen=True)
+class ImportedLog:
+    """What became of one sequence."""
+
+    name: str
+    path: Path
+    state: Literal["written", "there", "failed"]
+    """`there`: an equal import wrote it before; `failed`: it can't be imported, and bad input is skipped."""
+    written: Converted | None = None
+    lines: Sequence[str] = ()
+    """What was found and what was odd, where it was written."""
+    num_skipped: int = 0
+    """Files, rows and frames that couldn't be used, where such are skipped."""
+
+
+def import_recordings(
+    importer: Importer,
+    source: Path,
+    wish: ImportWish,
+    targets: Mapping[str, Target],
+    progress: Progress = lambda name, done, total: None,
+) -> Iterator[ImportedLog]:
+    """Import the sequences of a wish one after the other, each into the target of its name.
+
+    A log that an equal import wrote before is left as it is, so that one that was interrupted goes on. Imports that run
+    at the same time wait for each other where they write the same log.
+
+    Raises:
+        ConfigError: where a log can't or mustn't be written.
+        LogError: naming the file that can't be used; the logs before it are whole.
+    """
+    to_come = dict.fromkeys(wish.names)
+    num_before = 0
+    with closing(_opened(importer, source, wish)) as recordings:
+        for recording in recordings:
+            if recording.name not in to_come:
+                raise LogError(f"{source}: the importer gives '{recording.name}', which isn't wanted (any more)")
+            del to_come[recording.name]
+            log = _tried(recording, targets[recording.name], progress, wish.bad)
+            yield replace(log, num_skipped=wish.bad.num - num_before)
+            num_before = wish.bad.num
+    for name in to_come:
+        if not wish.bad.num:
+            raise LogError(f"{source}: the importer left out '{name}'")
+        yield ImportedLog(name, targets[name].path, "failed")
+
+
+def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | None = None) -> ImportedLog:
+    """Import a sequence, the only one unless a wish names it, into the log `out`, which is replaced.
+
+    Raises:
+        ConfigError: where there are several, or the log can't be written.
+        LogError: naming the file that can't be used.
+    """
+    wish = wish or ImportWish(tuple(importer.names(source)))
+    if len(wish.names) != 1:
+        raise ConfigError(f"{source}: expected one sequence, there are {len(wish.names)}")
+    return next(import_recordings(importer, source, wish, {wish.names[0]: Target(out, overwrite=True)}))
+
+
+def write_recording(recording: Recording, target: Target, progress: Progress) -> ImportedLog:
+    """Write one sequence, or leave the log that an equal one wrote before.
+
+    Raises:
+        ConfigError: where the log can't or mustn't be written.
+        LogError: naming what can't be used of the sequence.
+    """
+    with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
+        return _imported(recording, target, progress, skips=False)
+
+
+def _opened(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
+    try:
+        yield from importer.recordings(source, wish)
+    except LogError as error:
+        wish.bad.met(error)
+
+
+def _tried(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
+    try:
+        with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
+            return _imported(recording, target, progress, bad.skip)
+    except LogError as error:
+        bad.met(error)
+        return ImportedLog(recording.name, target.path, "failed")
+
+
+def _imported(recording: Recording, target: Target, progress: Progress, skips: bool) -> ImportedLog:
+    name, info = recording.name, recording.info
+    if skips:
+        info = replace(info, metadata={**info.metadata, _SKIPS: "yes"})
+    if not target.overwrite and _is_there(target.path, info):
+        return ImportedLog(name, target.path, "there")
+    target.require_free()
+    total = recording.num_items
+    sink = open_sink(target, header_of(info, recording.rig))
+    written = write_items(_items(recording), sink, target, lambda num: progress(name, num, total), info.log_id)
+    return ImportedLog(name, target.path, "written", written, recording.summary())
+
+
+def _is_there(path: Path, info: LogInfo) -> bool:
+    """Whether an equal import wrote a log.
+
+    Raises:
+        ConfigError: where another one did.
+    """
+    header = _header(path)
+    if header is None:
+        return False
+    if header.log_id != info.log_id:
+        raise ConfigError(
+            f"{path}: exists already, and is another log (other files, frames or parameters); choose another with "
+            "--out, or --overwrite it"
+        )
+    if _SKIPS in header.metadata and _SKIPS not in info.metadata:
+        raise ConfigError(f"{path}: exists already, imported with --skip-bad; say that again, or --overwrite it")
+    return True
+
+
+def holds_log(path: Path, log_id: str) -> bool:
+    """Whether a log of this id is there."""
+    header = _header(path)
+    return header is not None and header.log_id == log_id
+
+
+def _header(path: Path) -> LogHeader | None:
+    """What the log that is there says about itself; `None` where there is no log of fbench."""
+    if not path.exists():
+        return None
+    try:
+        return open_container(path, FaultLog()).header
+    except FbenchError:
+        return None
+
+
+def _items(recording: Recording) -> Iterator[Item]:
+    rig = recording.rig
+    yield RigAt(0, rig)
+    items = LogItems()
+    for imported in checked_items(recording.name, rig, ahead(iter(recording.items()))):
+        try:
+            yield from items.of(imported)
+        except ValueError as error:
+            raise LogError(f"{recording.name}: a result can't be stored ({error})") from error

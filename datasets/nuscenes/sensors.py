@@ -1,0 +1,181 @@
+"""Sensors of a nuScenes scene, and its radar scans (binary PCD files).
+
+Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html; fields:
+https://github.com/nutonomy/nuscenes-devkit, `RadarPointCloud` in `utils/data_classes.py`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fbench.datasets.importing.files import read_bytes
+from fbench.datasets.importing.summary import is_pinhole
+from fbench.datasets.nuscenes.database import DataRow
+from fbench.datasets.nuscenes.tables import Tables
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Array, Bool, Float32
+from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
+
+_MEASURED = ("x", "y", "z", "rcs", "vx", "vy")
+_FLAGS = ("invalid_state", "dyn_prop", "ambig_state")
+_TYPES = {
+    ("F", "4"): "<f4", ("F", "8"): "<f8", ("I", "1"): "i1", ("I", "2"): "<i2", ("I", "4"): "<i4", ("I", "8"): "<i8",
+    ("U", "1"): "u1", ("U", "2"): "<u2", ("U", "4"): "<u4", ("U", "8"): "<u8",
+}  # fmt: skip
+_MAX_HEADER = 8192
+_MAX_ECHOES = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Echoes:
+    """One scan."""
+
+    xyz: Float32
+    """(N, 3) [m] in the radar's coordinate frame."""
+    radial_velocity_mps: Float32
+    """(N,) positive when receding, as measured: the part of (vx, vy) along the line of sight."""
+    rcs_dbsm: Float32
+    """(N,)."""
+    num_dropped: int
+    """Echoes that the filter dropped."""
+
+
+def read_echoes(path: Path, filtered: bool) -> Echoes:
+    """Read one scan; echoes that aren't finite are left out, as in files of scans without any.
+
+    The radial velocity is (x vx + y vy) / |(x, y, z)|; the radar measures no vertical velocity. `vx_comp` and
+    `vy_comp`, from which the ego motion is removed, aren't used.
+
+    Raises:
+        LogError: where the file is truncated or isn't such a PCD.
+    """
+    table = _read_table(path)
+    needed = [*_MEASURED, *(_FLAGS if filtered else ())]
+    for name in needed:
+        if name not in (table.dtype.names or ()):
+            raise LogError(f"{path}: no field '{name}'")
+    table = table[np.logical_and.reduce([np.isfinite(table[name]) for name in _MEASURED])]
+    kept = table[is_kept(table)] if filtered else table
+    columns = {name: kept[name].astype(np.float64) for name in _MEASURED}
+    x, y, z = columns["x"], columns["y"], columns["z"]
+    distance = np.sqrt(x * x + y * y + z * z)
+    along = x * columns["vx"] + y * columns["vy"]
+    receding = np.divide(along, distance, out=np.full(len(kept), np.nan), where=distance > 0)
+    xyz = np.stack([x, y, z], axis=1).astype(np.float32)
+    rcs = columns["rcs"].astype(np.float32)
+    return Echoes(xyz, receding.astype(np.float32), rcs, len(table) - len(kept))
+
+
+def is_kept(table: Array) -> Bool:
+    """Tell which echoes (N,) nuscenes-devkit keeps by default: valid (`invalid_state` 0), with a dynamic property
+    (`dyn_prop` 0 to 6) and without ambiguity of the velocity (`ambig_state` 3).
+    """
+    moving = (table["dyn_prop"] >= 0) & (table["dyn_prop"] <= 6)
+    kept: Bool = (table["invalid_state"] == 0) & moving & (table["ambig_state"] == 3)
+    return kept
+
+
+def _read_table(path: Path) -> Array:
+    """Return the echoes as a structured array."""
+    data = read_bytes(path)
+    header, begin = _header(path, data)
+    try:
+        dtype = _dtype(header)
+        num = int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        if not (0 <= num <= _MAX_ECHOES and [num] == [int(text) for text in header.get("POINTS", [str(num)])]):
+            raise ValueError(f"WIDTH x HEIGHT is {num}, POINTS {' '.join(header.get('POINTS', []))}")
+    except (KeyError, IndexError, ValueError) as error:
+        raise LogError(f"{path}: PCD header: {_said(error)}") from error
+    if header["DATA"] != ["binary"]:
+        raise LogError(f"{path}: DATA {' '.join(header['DATA'])}, expected binary")
+    if len(data) - begin < num * dtype.itemsize:
+        has = f"{len(data) - begin} bytes for {num} echoes of {dtype.itemsize}"
+        raise LogError(f"{path}: {has}, is it truncated?")
+    return np.frombuffer(data, dtype, num, begin)
+
+
+def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
+    """Return the header's lines by their first word, and where the echoes begin."""
+    lines: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in lines:
+        end = data.find(b"\n", at, _MAX_HEADER)
+        if end < 0:
+            raise LogError(f"{path}: not a PCD file, or its header is truncated")
+        name, *values = data[at:end].decode("ascii", "replace").split() or ["#"]
+        lines[name] = values
+        at = end + 1
+    return lines, at
+
+
+def _dtype(header: dict[str, list[str]]) -> np.dtype[np.void]:
+    names, counts = header["FIELDS"], header.get("COUNT", [])
+    if any(count != "1" for count in counts):
+        raise ValueError("COUNT other than 1")
+    kinds = zip(names, header["TYPE"], header["SIZE"], strict=True)
+    return np.dtype([(name, _TYPES[kind, size]) for name, kind, size in kinds])
+
+
+def _said(error: Exception) -> str:
+    missing = "no line " if isinstance(error, KeyError) and isinstance(error.args[0], str) else ""
+    if isinstance(error, KeyError) and not missing:
+        return f"unknown TYPE and SIZE {' '.join(error.args[0])}"
+    return f"{missing}{error}"
+
+
+def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
+    """Return the sensors that measured something; body coordinates are those of the ego vehicle.
+
+    Raises:
+        LogError: where a sensor's calibration or the size of its images changes within the scene, or a camera has no
+            proper intrinsics.
+    """
+    firsts: dict[str, DataRow] = {}
+    for row in rows:
+        first = firsts.setdefault(row.channel, row)
+        if _setting(row, tables) != _setting(first, tables):
+            path = tables.folder.table("sample_data")
+            raise LogError(
+                f"{path}: {scene}: calibration or size of {row.channel} changes between '{first.token}' and "
+                f"'{row.token}'; import the parts one by one with --frames"
+            )
+    kinds = _kinds(firsts, tables)
+    mounts = {name: _mount(kinds[name], row, tables) for name, row in firsts.items()}
+    cameras = {name: _camera(row, tables) for name, row in firsts.items() if kinds[name] == "camera"}
+    return Rig(dict(sorted(mounts.items())), dict(sorted(cameras.items())))
+
+
+def _kinds(rows: Mapping[str, DataRow], tables: Tables) -> dict[str, Kind]:
+    return {name: tables.sensor(tables.calibration(row.calibration)).modality for name, row in rows.items()}
+
+
+def _setting(row: DataRow, tables: Tables) -> tuple[object, ...]:
+    """What mustn't change; equal calibrations may have several rows."""
+    calibration = tables.calibration(row.calibration)
+    intrinsic = tuple(calibration.camera_intrinsic)
+    return (
+        calibration.translation,
+        calibration.rotation,
+        intrinsic,
+        row.width if intrinsic else 0,
+        row.height if intrinsic else 0,
+    )
+
+
+def _mount(kind: Kind, row: DataRow, tables: Tables) -> Mount:
+    calibration = tables.calibration(row.calibration)
+    w, x, y, z = calibration.rotation
+    return Mount(kind, np.array(calibration.translation), np.array([x, y, z, w]))
+
+
+def _camera(row: DataRow, tables: Tables) -> CameraModel:
+    K = np.array(tables.calibration(row.calibration).camera_intrinsic)
+    if K.shape != (3, 3) or not is_pinhole(K):
+        path = tables.folder.table("calibrated_sensor")
+        raise LogError(f"{path}: row with token '{row.calibration}': camera_intrinsic isn't that of {row.channel}")
+    if not (row.width and row.height):
+        path = tables.folder.table("sample_data")
+        raise LogError(f"{path}: row with token '{row.token}': an image of {row.channel} without width and height")
+    return CameraModel(K, (row.width, row.height))

@@ -1,1 +1,0 @@
-"""What every metric means: formula, range, unit, source."""

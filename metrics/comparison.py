@@ -1,0 +1,224 @@
+"""Comparison of two runs: what became better, what worse, and whether that is a regression."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fbench.metrics.definitions.catalog import DEFINITIONS
+from fbench.metrics.definitions.definition import Better
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.data.metadata import SCENE_ID
+from fbench.replay.data.scores import Score
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import InputEntry, Manifest, TruthEntry
+
+Verdict = Literal["same", "better", "worse", "changed", "gone", "new", "null"]
+"""`changed`: of a number that is neither good nor bad."""
+Key = tuple[str, str, str, str]
+
+_DECISIVE = ("f1", "mota")
+_ROUNDING = 1e-12
+"""0.80 - 0.79 is a little more than 0.01 in binary."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of both runs."""
+
+    metric: str
+    class_: str
+    slice: str
+    matching: str
+    unit: str
+    base: float | None
+    head: float | None
+    delta: float | None
+    """`head - base`, where both have a value."""
+    verdict: Verdict
+    primary: bool
+    """Whether it decides about regression."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All rows, the base's order first."""
+
+    rows: tuple[Row, ...]
+    tolerance: float
+
+    @property
+    def regressed(self) -> bool:
+        """Whether a primary number fell by more than the tolerance, or lost its value."""
+        return any(row.primary and (row.verdict in ("worse", "gone") or _lost(row)) for row in self.rows)
+
+
+def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> Comparison:
+    """Compare the scores of two runs.
+
+    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching.
+
+    Args:
+        base: What is compared with, primary rows first.
+        head: What is judged.
+        tolerance: Change up to which a number counts as the same, in the number's unit.
+
+    Raises:
+        ConfigError: where the tolerance isn't a number from 0 on.
+        MetricError: where the two have no primary row in common, so that nothing can be said.
+    """
+    if not tolerance >= 0:
+        raise ConfigError(f"tolerance {tolerance}: expected a number from 0 on")
+    before, after = {_key(s): s for s in base}, {_key(s): s for s in head}
+    primary = _primary(base)
+    if not any(key in after for key in primary):
+        raise MetricError(
+            f"nothing to compare: base has {_name(base)}, head has {_name(head)}; "
+            "score both with the same options, and compare 3D with 3D, 2D with 2D"
+        )
+    if all(before[key].value is None for key in primary):
+        raise MetricError(f"nothing to compare: base has no value of f1 or mota ({before[primary[0]].reason})")
+    keys = [*before, *(key for key in after if key not in before)]
+    rows = tuple(_row(key, before.get(key), after.get(key), key in primary, tolerance) for key in keys)
+    return Comparison(rows, tolerance)
+
+
+def _key(score: Score) -> Key:
+    return score.metric, score.class_, score.slice, score.matching
+
+
+def _primary(base: Sequence[Score]) -> tuple[Key, ...]:
+    first = next((s for s in base if s.metric in _DECISIVE), None)
+    return tuple(_key(s) for s in base if first and s.metric in _DECISIVE and _key(s)[1:] == _key(first)[1:])
+
+
+def _name(scores: Sequence[Score]) -> str:
+    first = next((s for s in scores if s.metric in _DECISIVE), None)
+    return f"{first.metric} of {first.class_} ({first.matching})" if first else "neither f1 nor mota"
+
+
+def _row(key: Key, base: Score | None, head: Score | None, primary: bool, tolerance: float) -> Row:
+    a, b = (base.value if base else None), (head.value if head else None)
+    delta = None if a is None or b is None else b - a
+    unit = next(score.unit for score in (head, base) if score)
+    return Row(*key, unit, a, b, delta, _verdict(base, head, delta, tolerance), primary)
+
+
+def _verdict(base: Score | None, head: Score | None, delta: float | None, tolerance: float) -> Verdict:
+    if base is None:
+        return "new"
+    if head is None:
+        return "gone"
+    if delta is None:
+        return "null"
+    if abs(delta) <= tolerance + _ROUNDING:
+        return "same"
+    wanted = _wanted(head)
+    if wanted == "neither":
+        return "changed"
+    return "better" if (delta < 0) == (wanted == "lower") else "worse"
+
+
+def _wanted(score: Score) -> Better:
+    """Which values are better; a distance is an error, whatever the metric is in another unit."""
+    if score.unit == "m" or score.metric not in DEFINITIONS:
+        return "lower" if score.unit == "m" else "higher"
+    return DEFINITIONS[score.metric].better
+
+
+def _lost(row: Row) -> bool:
+    return row.base is not None and row.head is None
+
+
+_MAX_CHARS = 40
+"""Longer values of metadata say no more in a note."""
+
+
+def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
+    """Refuse to compare runs of logs that show different things; returns notes on what else differs.
+
+    Logs are comparable where they are equal, or where their metadata say that they show one scene: the same drive with
+    the same truth, under other weather or with other sensors.
+
+    Raises:
+        MetricError: where the logs show different things, naming both.
+    """
+    other = _other_log(base, head) if base.log.digest != head.log.digest else []
+    notes = [f"{what}: {a} -> {b}" for what, a, b in (*other, *_settings(base, head)) if a != b]
+    partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
+    return (*notes, *partial)
+
+
+def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:
+    """Refuse to compare runs of different logs that have no frame of one instant; returns notes on frames of one alone.
+
+    Sensors lose messages, and others have other rates.
+
+    Raises:
+        MetricError: where they have none in common.
+    """
+    if base.manifest.log.digest == head.manifest.log.digest:
+        return ()
+    before, after = ({frame.stamp_ns for frame in run.frames} for run in (base, head))
+    if not before & after:
+        raise MetricError(
+            "runs without a frame at the same instant can't be compared; give their reference sensors the same rate "
+            "and phase"
+        )
+    alone = ((name, len(stamps)) for name, stamps in (("base", before - after), ("head", after - before)))
+    return tuple(f"{num} frames are at instants that {name} alone has" for name, num in alone if num)
+
+
+def _other_log(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+    """What two logs of one scene say of themselves, and their sensors."""
+    a, b = base.log.metadata, head.log.metadata
+    if not a.get(SCENE_ID) or a.get(SCENE_ID) != b.get(SCENE_ID):
+        raise MetricError(
+            f"runs of different logs can't be compared: base is {_log(base)}, head is {_log(head)}; "
+            "replay both on one log, or on simulated logs of one scene"
+        )
+    keys = [*a, *(key for key in b if key not in a)]
+    return [
+        ("log", _log(base), _log(head)),
+        *((key, _short(a, key), _short(b, key)) for key in keys if a.get(key) != b.get(key)),
+        ("sensors", ", ".join(base.mounts), ", ".join(head.mounts)),
+        *_calibration(base, head),
+    ]
+
+
+def _calibration(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+    a, b = ({n: (mount, m.cameras.get(n)) for n, mount in m.mounts.items()} for m in (base, head))
+    changed = [name for name in a if name in b and a[name] != b[name]]
+    return [(f"calibration of {', '.join(changed)}", "one", "another")] if changed else []
+
+
+def _short(metadata: Mapping[str, str], key: str) -> str:
+    text = metadata.get(key, "absent")
+    return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
+
+
+def _settings(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+    before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
+    names = [*before, *(name for name in after if name not in before)] if base.pipeline == head.pipeline else []
+    files, others = _files(base), _files(head)
+    return [
+        ("pipeline", base.pipeline, head.pipeline),
+        ("frames", base.num_frames, head.num_frames),
+        *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
+        *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
+    ]
+
+
+def _files(manifest: Manifest) -> dict[str, str]:
+    """What files beside the log say, by their role; equal names may have other content."""
+    named: dict[str, list[str]] = {"truth": [_file(manifest.truth)]} if manifest.truth else {}
+    for entry in manifest.inputs:
+        named.setdefault(entry.role, []).append(_file(entry))
+    return {role: ", ".join(entries) for role, entries in named.items()}
+
+
+def _file(entry: InputEntry | TruthEntry) -> str:
+    return f"{entry.name or 'a file'} ({entry.digest[:8]})"
+
+
+def _log(manifest: Manifest) -> str:
+    return f"'{manifest.log.name}' ({manifest.log.digest[:12]})"

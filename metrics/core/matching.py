@@ -1,0 +1,131 @@
+"""The matchers: one to one by score or by the best total, and greedy by score."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fbench.metrics.core.similarity import Blocks
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+
+
+def match_greedily(
+    similarity: Float64,
+    truth_start: Int64,
+    estimate_start: Int64,
+    block_start: Int64,
+    order: Int64,
+    floors: Sequence[float],
+    strict: bool = False,
+    rank: Array | None = None,
+    shared: Bool | None = None,
+) -> Int64:
+    """Give each estimate in turn the most similar truth box of its step that is free; returns truth rows (T, M) or -1.
+
+    The rule of COCO, nuScenes and Pascal VOC. Equally similar truth boxes: the lower row, so sort rows by content.
+
+    Args:
+        similarity: (B,) as in `Problem`; NaN and -inf never match.
+        truth_start: (S + 1,) offsets of steps in N truth rows.
+        estimate_start: (S + 1,) in M estimates.
+        block_start: (S + 1,) in `similarity`.
+        order: (M,) rows of estimates in the order in which they choose, step by step: see `score_order`.
+        floors: T similarities from which on boxes match; each is matched for itself.
+        strict: Whether boxes at the floor itself don't match (nuScenes).
+        rank: (N,) truth of a lower rank (or false) is taken first, whatever the similarity: 0 for what counts,
+            1 for what is ignored, so that it gets what no other truth wants. All 0 by default.
+        shared: (N,) truth that any number of estimates may match (crowds); none by default.
+    """
+    from fbench.metrics.core.assignment_kernel import greedy_blocks  # numba takes a while to import
+
+    num = int(truth_start[-1])
+    ranks = np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64)
+    many = np.zeros(num, bool) if shared is None else np.array(shared, bool)
+    starts = _copy(truth_start), _copy(estimate_start), _copy(block_start)
+    values = np.array(similarity, np.float64)
+    return greedy_blocks(values, *starts, _copy(order), np.array(floors, np.float64), strict, ranks, many)
+
+
+def _copy(rows: Int64) -> Int64:
+    """Kernels are compiled for writeable arrays."""
+    return np.array(rows, np.int64)
+
+
+def score_order(step: Int64, score: Float64, content: Array) -> Int64:
+    """Return rows (M,) by step, then score descending (NaN last), then content (M, K), for `match_greedily`."""
+    keys = [content[:, k] for k in reversed(range(content.shape[1]))]
+    return np.lexsort((*keys, -score, step)).astype(np.int64)
+
+
+def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | None = None) -> Int64:
+    """Give each estimate, best score first, the most similar truth box of its step that is still free.
+
+    The rule of the nuScenes and KITTI detection benchmarks. Equal scores: the more similar pair first, then the
+    lower index of the estimate, then of the truth box.
+
+    Args:
+        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
+            match.
+        floor: Pairs match from this similarity on.
+        score: (M,) of the estimates.
+        late: (M,) estimates that choose after all others; none by default.
+
+    Returns:
+        (M,) the truth box of each estimate, -1 where it has none.
+    """
+    from fbench.metrics.core.assignment_kernel import first_come  # numba takes a while to import
+
+    truth, estimates, value = _valid_pairs(similarity, floor)
+    is_late = np.zeros(len(score), bool) if late is None else late
+    # Boxes of different steps never meet, so one order serves all.
+    order = np.lexsort((truth, estimates, -value, -score[estimates], is_late[estimates]))
+    return first_come(truth[order], estimates[order], *similarity.shape)
+
+
+def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> Int64:
+    """Pair as many as possible in each step; among these, use fewest late estimates; among these, the highest total.
+
+    Pairs below the floor are not only dropped, they can't displace a valid pair either.
+
+    Args:
+        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
+            match.
+        floor: Pairs match from this similarity on.
+        late: (M,) estimates to use only where no other will do; none by default.
+
+    Returns:
+        (M,) the truth box of each estimate, -1 where it has none.
+    """
+    num_truth, num_estimates = similarity.shape
+    truth, estimates, _ = _valid_pairs(similarity, floor)
+    row_of = np.full(num_estimates, -1, np.int64)
+    row_of[estimates] = truth  # right wherever nobody competes
+    rivals = (np.bincount(truth, minlength=num_truth)[truth] > 1) | (
+        np.bincount(estimates, minlength=num_estimates)[estimates] > 1
+    )
+    favoured = np.ones(num_estimates, bool) if late is None else ~late
+    for step in np.unique(np.searchsorted(similarity.row_start, truth[rivals], side="right") - 1):
+        first, columns = similarity.row_start[step], slice(*similarity.column_start[step : step + 2])
+        chosen_rows, chosen_columns = _best(similarity.block(int(step)), floor, favoured[columns])
+        row_of[columns] = -1
+        row_of[columns.start + chosen_columns] = first + chosen_rows
+    return row_of
+
+
+def _valid_pairs(similarity: Blocks, floor: float) -> tuple[Int64, Int64, Float64]:
+    valid = np.flatnonzero(similarity.values >= floor)
+    truth, estimates = similarity.pairs
+    return truth[valid], estimates[valid], similarity.values[valid]
+
+
+def _best(block: Float64, floor: float, favoured: Bool) -> tuple[Int64, Int64]:
+    """Rows and columns of the best pairs of one step, which has at least one."""
+    valid = block >= floor
+    low, high = block[valid].min(), block[valid].max()
+    quality = np.where(valid, block - low, 0.0) / (high - low if high > low else 1.0)
+    # Three ranks in one number: m pairs sum to at most m in quality and m * weight in favour, m < weight.
+    weight = min(block.shape) + 1
+    gain = np.where(valid, weight * weight + weight * favoured[None, :] + quality, 0.0)
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    kept = valid[rows, columns]
+    return rows[kept], columns[kept]

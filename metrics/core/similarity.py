@@ -1,0 +1,190 @@
+"""Similarity of truth and estimates: all pairs of each step, in one flat array."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fbench.metrics.core.sequence import Objects
+from fbench.metrics.profiles.profile import Likeness
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import MAX_MAGNITUDE
+from fbench.replay.geometry.iou import comparable, flat_iou
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """One value for each pair of a row and a column of the same step: N rows, M columns, S steps.
+
+    Those of step s are `values[start[s]:start[s + 1]]`, row-major.
+    """
+
+    row_start: Int64
+    """(S + 1,) step s has rows `row_start[s]:row_start[s + 1]`."""
+    column_start: Int64
+    """(S + 1,)"""
+    start: Int64
+    """(S + 1,)"""
+    values: Float64
+    """(B,)"""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """N and M."""
+        return int(self.row_start[-1]), int(self.column_start[-1])
+
+    def block(self, step: int) -> Float64:
+        """Values (n, m) of one step."""
+        n, m = (int(start[step + 1] - start[step]) for start in (self.row_start, self.column_start))
+        block: Float64 = self.values[self.start[step] : self.start[step + 1]].reshape(n, m)
+        return block
+
+    @cached_property
+    def pairs(self) -> tuple[Int64, Int64]:
+        """Row and column (B,) of each value."""
+        return pairs_of(self.row_start, self.column_start)
+
+    def select(self, rows: Bool, columns: Bool) -> "Blocks":
+        """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
+        row, column = self.pairs
+        starts = [_before(mask)[start] for mask, start in ((rows, self.row_start), (columns, self.column_start))]
+        return Blocks(starts[0], starts[1], block_starts(*starts), self.values[rows[row] & columns[column]])
+
+
+def _before(mask: Bool) -> Int64:
+    """(N + 1,) how many are marked before each place."""
+    return np.concatenate([[0], np.cumsum(mask)]).astype(np.int64)
+
+
+def block_starts(row_start: Int64, column_start: Int64) -> Int64:
+    """Offsets (S + 1,) of the blocks in a flat array."""
+    return np.concatenate([[0], np.cumsum(np.diff(row_start) * np.diff(column_start))]).astype(np.int64)
+
+
+def pairs_of(row_start: Int64, column_start: Int64) -> tuple[Int64, Int64]:
+    """Row and column (B,) of each value of a flat array of blocks."""
+    num_rows, num_columns = np.diff(row_start), np.diff(column_start)
+    of_row = np.repeat(num_columns, num_rows)
+    row = np.repeat(np.arange(len(of_row)), of_row)
+    first = np.repeat(np.repeat(column_start[:-1], num_rows), of_row)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(of_row) - of_row, of_row)
+    return row.astype(np.int64), (first + within).astype(np.int64)
+
+
+def blocks(
+    truth: Objects,
+    estimates: Objects,
+    truth_start: Int64,
+    estimate_start: Int64,
+    likeness: Likeness,
+    ego_m: Array | None = None,
+) -> tuple[Float64, Int64]:
+    """Return the similarity (B,) of all pairs of each step, laid out as in `Problem`, and where steps begin (S + 1,).
+
+    A pair's value depends on the two boxes only, not on what else is in the step. Higher is nearer:
+
+    - `iou2d`: rectangles in continuous coordinates, without a pixel added (as TrackEval and KITTI do).
+    - `ioubev`, `iou3d`: upright boxes turned by yaw.
+    - `bev`, `center3d`: negated distance of the centres [m].
+    - `plane`: negated root mean square [m] of the distances in the ground plane of two corners: the two of truth that
+      are nearest to the ego and the same two of the estimate, which is turned round where headings are more than
+      90 deg apart (autoware_perception_evaluation, `PlaneDistanceMatching`; without its rounding to 10 digits).
+      Where two corners are equally second, the front or rear counts, not a side.
+
+    Boxes that aren't finite or have a negative size get -inf and so match nothing (for centre distances only the
+    centre is looked at); boxes without area or volume have an intersection over union of 0.
+
+    Args:
+        truth: N boxes.
+        estimates: M boxes.
+        truth_start: (S + 1,) offsets: step s has rows `truth_start[s]:truth_start[s + 1]`.
+        estimate_start: (S + 1,)
+        likeness: What is compared.
+        ego_m: (S, 2 or 3) where the body is at each step, for `plane`; `None`: at the origin.
+
+    Raises:
+        MetricError: where boxes have no rectangle, or no solid, as the likeness needs.
+    """
+    starts = _starts(truth_start, estimate_start)
+    block_start = starts[2]
+    if likeness in ("ioubev", "iou3d"):
+        return flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"), block_start
+    return _compiled(truth, estimates, starts, likeness, ego_m), block_start
+
+
+def image_overlaps(
+    truth: Objects, estimates: Objects, truth_start: Int64, estimate_start: Int64, region: Bool
+) -> tuple[Float64, Int64]:
+    """Return as `blocks` the `iou2d` (B,), for truth where `region` (N,) the share of the estimate that lies in it.
+
+    Regions hold any number of objects (KITTI's DontCare, COCO's crowds). 0 where the estimate has no area; -inf where
+    one of the two isn't finite or has a negative size.
+    """
+    starts = _starts(truth_start, estimate_start)
+    return _rectangle_blocks(truth, estimates, starts, region), starts[2]
+
+
+def _starts(truth_start: Int64, estimate_start: Int64) -> tuple[Int64, Int64, Int64]:
+    """Offsets of truth, estimates and blocks, as kernels want them."""
+    starts = np.array(truth_start, np.int64), np.array(estimate_start, np.int64)
+    return *starts, block_starts(*starts)
+
+
+def _compiled(
+    truth: Objects, estimates: Objects, starts: tuple[Int64, Int64, Int64], likeness: Likeness, ego_m: Array | None
+) -> Float64:
+    # numba takes a while to import
+    from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks
+
+    if likeness == "iou2d":
+        return _rectangle_blocks(truth, estimates, starts, np.zeros(len(truth), bool))
+    if likeness == "plane":
+        a, b = _solids(truth), _solids(estimates)
+        ego = np.zeros((len(starts[0]) - 1, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
+        return plane_blocks(a, b, comparable(a), comparable(b), *starts, ego)
+    num_axes = 2 if likeness == "bev" else 3
+    a, b = _centers(truth, num_axes), _centers(estimates, num_axes)
+    return distance_blocks(a, b, _finite(a), _finite(b), *starts)
+
+
+def _rectangle_blocks(truth: Objects, estimates: Objects, starts: tuple[Int64, Int64, Int64], region: Bool) -> Float64:
+    from fbench.metrics.core.similarity_kernel import rectangle_blocks
+
+    a, b = _rectangles(truth), _rectangles(estimates)
+    return rectangle_blocks(a, b, _filled(a), _filled(b), *starts, region)
+
+
+def _rectangles(objects: Objects) -> Float64:
+    if objects.xyxy_px is None:
+        if len(objects):
+            raise MetricError("iou2d: boxes have no rectangles in images; match them in 3D")
+        return np.zeros((0, 4))
+    return np.array(objects.xyxy_px)  # a copy: kernels are compiled for writeable arrays only
+
+
+def _centers(objects: Objects, num_axes: int) -> Float64:
+    if objects.center_m is None:
+        if len(objects):
+            raise MetricError("boxes have no place in space; match them in images (iou2d)")
+        return np.zeros((0, num_axes))
+    return np.array(objects.center_m[:, :num_axes], order="C")
+
+
+def _solids(objects: Objects) -> Float64:
+    centers = _centers(objects, 3)
+    if objects.size_lwh_m is None or objects.yaw_rad is None:
+        if len(objects):
+            raise MetricError("boxes have no size or heading in space; match them by their centres (bev, center3d)")
+        return np.zeros((0, 7))
+    return np.column_stack([centers, objects.size_lwh_m, objects.yaw_rad])
+
+
+def _finite(values: Float64) -> Bool:
+    finite: Bool = np.all(np.abs(np.nan_to_num(values, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
+    return finite
+
+
+def _filled(xyxy: Float64) -> Bool:
+    filled: Bool = _finite(xyxy) & (xyxy[:, 2] >= xyxy[:, 0]) & (xyxy[:, 3] >= xyxy[:, 1])
+    return filled

@@ -1,0 +1,228 @@
+"""Precision, recall and F1 of detections at every score threshold, and deviations of distance and speed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+
+from fbench.metrics.core.exact import exact_sum
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.core.slices import Group, Heading, Part
+from fbench.metrics.detection.outcomes import (
+    Alike,
+    BoxCounts,
+    Judgement,
+    Outcome,
+    alike,
+    counted,
+    judge_detections,
+    judge_ranked,
+)
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.scores import Score, ratio
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Sum of absolute errors of some hits; can be added exactly in any order."""
+
+    total: Fraction = Fraction(0)
+    num: int = 0
+
+    def __add__(self, other: "Deviation") -> "Deviation":
+        return Deviation(self.total + other.total, self.num + other.num)
+
+    @classmethod
+    def of(cls, truth: Float64 | None, estimates: Float64 | None) -> "Deviation":
+        """Compare K hits, as far as both sides know the quantity."""
+        if truth is None or estimates is None:
+            return cls()
+        error = np.abs(estimates - truth)
+        known = error[np.isfinite(error)]
+        return cls(exact_sum(known), len(known))
+
+
+def range_rates(sequence: Sequence) -> Float64 | None:
+    """Change of distance [m/s] (N,) of the truth boxes, positive when receding: as truth says, else from the distances
+    one step before and one step after on the same track (central difference); NaN where neither is known.
+    """
+    truth, steps = sequence.truth, sequence.steps
+    if truth.range_rate_mps is not None or truth.distance_m is None:
+        return truth.range_rate_mps
+    rate = np.full(len(truth), np.nan)
+    stream, stamp_ns = steps.stream[truth.step], steps.stamp_ns[truth.step]
+    place = steps.places[truth.step]
+    order = np.lexsort([place, truth.track_id, stream])
+    before, here, after = order[:-2], order[1:-1], order[2:]
+    near = np.array(
+        [
+            (truth.track_id[here] >= 0) & (truth.track_id[other] == truth.track_id[here])
+            & (stream[other] == stream[here]) & (np.abs(place[other] - place[here]) == 1)
+            for other in (before, after)
+        ]
+    ).all(axis=0)  # fmt: skip
+    lapse = (stamp_ns[after] - stamp_ns[before]) * 1e-9  # of whole numbers: floats of this size would round
+    good = near & (lapse > 0)
+    rate[here[good]] = (truth.distance_m[after] - truth.distance_m[before])[good] / lapse[good]
+    return rate
+
+
+_RECALLS = np.linspace(0, 1, 101)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """Counts at each score that occurs, highest first; can be added in any order."""
+
+    scores: Float64
+    """(U,) all different."""
+    tp: Int64
+    """(U,) hits of this score."""
+    fp: Int64
+    """(U,) false alarms of this score."""
+    num_truth: int
+
+    @classmethod
+    def of(cls, scores: Float64, hit: Bool, num_truth: int) -> "Ranking":
+        """Count K estimates that are a hit or a false alarm."""
+        return cls(*_merged(scores, hit.astype(np.int64), (~hit).astype(np.int64)), num_truth)
+
+    def __add__(self, other: "Ranking") -> "Ranking":
+        both = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
+        return Ranking(*_merged(*both), self.num_truth + other.num_truth)
+
+    @property
+    def _columns(self) -> tuple[Array, Array, Array]:
+        return self.scores, self.tp, self.fp
+
+    @property
+    def reason(self) -> str | None:
+        """Why there is no curve."""
+        if not self.num_truth:
+            return "no truth boxes"
+        if not len(self.scores):
+            return "no estimates"
+        return "results have no scores" if len(self.scores) == 1 and self.scores[0] == 0 else None
+
+    def best_f1(self) -> tuple[float, float]:
+        """Highest F1 of all thresholds, and the highest threshold that gives it."""
+        tp, fp = np.cumsum(self.tp), np.cumsum(self.fp)
+        f1 = 2 * tp / (tp + fp + self.num_truth)
+        best = int(np.argmax(f1))
+        return float(f1[best]), float(self.scores[best])
+
+    def average_precision(self) -> float:
+        """Mean over recall 0, 0.01, ... 1 of the highest precision at that recall or above, as COCO has it; estimates
+        of equal score are taken together.
+        """
+        tp, fp = np.cumsum(self.tp), np.cumsum(self.fp)
+        precision = np.maximum.accumulate((tp / (tp + fp))[::-1])[::-1]
+        at = np.searchsorted(tp / self.num_truth, _RECALLS, side="left")
+        return float(np.append(precision, 0.0)[at].mean())
+
+
+def _merged(scores: Float64, tp: Int64, fp: Int64) -> tuple[Float64, Int64, Int64]:
+    unique, at = np.unique(-scores, return_inverse=True)
+    sums = [np.zeros(len(unique), np.int64) for _ in range(2)]
+    for total, part in zip(sums, (tp, fp), strict=True):
+        np.add.at(total, at, part)
+    return -unique, sums[0], sums[1]
+
+
+def _no_ranking() -> Ranking:
+    return Ranking.of(np.zeros(0), np.zeros(0, bool), 0)
+
+
+@dataclass(frozen=True)
+class DetectionCounts:
+    """Sufficient statistics of one class."""
+
+    boxes: BoxCounts = field(default_factory=BoxCounts)
+    """At the score threshold that the results have."""
+    ranking: Ranking = field(default_factory=_no_ranking)
+    distance: Deviation = field(default_factory=Deviation)
+    """[m]"""
+    range_rate: Deviation = field(default_factory=Deviation)
+    """[m/s]"""
+
+    def __add__(self, other: "DetectionCounts") -> "DetectionCounts":
+        return DetectionCounts(
+            self.boxes + other.boxes, self.ranking + other.ranking, self.distance + other.distance,
+            self.range_rate + other.range_rate,
+        )  # fmt: skip
+
+
+def detection_counts(sequence: Sequence, group: Group, match: Match) -> DetectionCounts:
+    """Match and count one class of one sequence.
+
+    Raises:
+        MetricError: where boxes lack what the match compares.
+    """
+    held = counted(alike(sequence, group, match))
+    found = judge_detections(held)
+    ranked = judge_ranked(held)
+    counts = np.isin(ranked.outcome, [Outcome.HIT, Outcome.FALSE_ALARM, Outcome.INVALID])
+    counts &= np.isfinite(held.score)
+    ranking = Ranking.of(held.score[counts], ranked.outcome[counts] == Outcome.HIT, len(held.truth_row))
+    return DetectionCounts(found.counts, ranking, *_deviations(sequence, found))
+
+
+def part_counts(pairs: Alike, part: Part) -> DetectionCounts:
+    """Count a part of a sequence at the score threshold that the results have, and nothing else."""
+    return DetectionCounts(judge_detections(counted(pairs, part)).counts)
+
+
+def _deviations(sequence: Sequence, found: Judgement) -> tuple[Deviation, Deviation]:
+    hits = np.flatnonzero(found.truth_of_estimate >= 0)
+    truth = found.counted.truth_row[found.truth_of_estimate[hits]]
+    estimates = found.counted.estimates[hits]
+    if estimates.distance_m is None and estimates.range_rate_mps is None:
+        return Deviation(), Deviation()
+    distance, rate = sequence.truth.distance_m, range_rates(sequence)
+    return (
+        Deviation.of(None if distance is None else distance[truth], estimates.distance_m),
+        Deviation.of(None if rate is None else rate[truth], estimates.range_rate_mps),
+    )
+
+
+def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+    """Return F1, precision and recall at the operating point."""
+    boxes = n.boxes
+    table: Mapping[str, tuple[float, float, str]] = {
+        "f1": (boxes.tp, boxes.tp + boxes.fn / 2 + boxes.fp / 2, "no truth and no estimates"),
+        "precision": (boxes.tp, boxes.estimates, "no estimates"),
+        "recall": (boxes.tp, boxes.gt, "no truth boxes"),
+    }
+    counts = {**boxes.named(with_predicted=True), "frames": head.num_frames}
+    return [
+        ratio(metric, head.class_, head.matching, top, bottom, head.reason or why, counts, part=head.slice)
+        for metric, (top, bottom, why) in table.items()
+    ]
+
+
+def curve_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+    """Return what depends on scores: the best F1 with its threshold, and average precision."""
+    reason = head.reason or n.ranking.reason
+    best, threshold = (None, None) if reason else n.ranking.best_f1()
+    ap = None if reason else n.ranking.average_precision()
+    counts = {"gt": n.ranking.num_truth, "frames": head.num_frames}
+    return [
+        Score(metric, head.class_, head.slice, head.matching, value, reason, "1", counts)
+        for metric, value in (("best_f1", best), ("best_f1_threshold", threshold), ("ap", ap))
+    ]
+
+
+def deviation_rows(n: DetectionCounts, head: Heading) -> list[Score]:
+    """Return the mean absolute errors of distance [m] and range rate [m/s] of the hits."""
+    return [
+        ratio(
+            metric, head.class_, head.matching, float(error.total), error.num, head.reason or f"no hit tells {what}",
+            {"hits": error.num, "error_sum": float(error.total)}, unit, head.slice,
+        )
+        for metric, error, unit, what in (
+            ("distance_error", n.distance, "m", "its distance"),
+            ("range_rate_error", n.range_rate, "m/s", "its range rate"),
+        )
+    ]  # fmt: skip

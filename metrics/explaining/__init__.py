@@ -1,1 +1,0 @@
-"""What became of every box of a frame, in words."""

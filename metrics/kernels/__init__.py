@@ -1,1 +1,0 @@
-"""Hot loops of the metrics, compiled on first use."""

@@ -1,1 +1,0 @@
-"""KITTI's object benchmark, and 3D tracking on KITTI as AB3DMOT counts it."""

@@ -1,1 +1,0 @@
-"""The one matcher: how alike boxes are, and which of them belong together."""

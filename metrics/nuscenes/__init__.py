@@ -1,1 +1,0 @@
-"""The detection and tracking benchmarks of nuScenes."""

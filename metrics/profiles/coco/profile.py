@@ -1,0 +1,208 @@
+"""The profile `coco`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import fsum
+from typing import Self
+
+import numpy as np
+
+from fbench.metrics.core.sequence import Sequence as Sequence_of_sequence
+from fbench.metrics.profiles.coco.measure import measure
+from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Array, Int64
+from fbench.replay.data.scores import Score
+
+
+def average_precision(outcome: Array, num_truth: int, num_recalls: int) -> float:
+    """Mean of the best precision at or beyond each of `num_recalls` recalls from 0 to 1, 0 where none is reached.
+
+    Args:
+        outcome: (M,) `Outcome` of estimates, the best score first.
+        num_truth: Boxes to be found, at least 1.
+        num_recalls: 101 in COCO.
+    """
+    hits, counted = np.cumsum(outcome == Outcome.HIT), np.cumsum(outcome != Outcome.IGNORED)
+    precision = np.append(hits / np.maximum(counted, 1), 0.0)
+    best = np.maximum.accumulate(precision[::-1])[::-1]
+    reached = np.searchsorted(hits / num_truth, np.linspace(0, 1, num_recalls), side="left")
+    return float(best[reached].mean())
+
+
+_NOTHING = "no truth boxes (pycocotools prints -1)"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One of COCO's numbers."""
+
+    name: str
+    area: int
+    """Index of the range of area."""
+    thresholds: tuple[int, ...]
+    """Indices of the thresholds that are averaged."""
+    max_estimates: int
+    is_recall: bool
+
+
+def kinds(rules: CocoRules) -> list[Kind]:
+    """Return the kinds of numbers in pycocotools' order: precisions, then recalls."""
+    every, most = tuple(range(len(rules.thresholds))), rules.max_estimates[-1]
+    single = [
+        Kind(f"ap{round(100 * t)}", 0, (i,), most, False)
+        for i, t in enumerate(rules.thresholds)
+        if len(every) > 1 and round(100 * t) in (50, 75)
+    ]
+    areas = list(enumerate(rules.areas))
+    return [
+        Kind("ap", 0, every, most, False),
+        *single,
+        *(Kind(f"ap{area.name}", i, every, most, False) for i, area in areas[1:]),
+        *(Kind(f"ar{num}", 0, every, num, True) for num in rules.max_estimates),
+        *(Kind(f"ar{area.name}", i, every, most, True) for i, area in areas[1:]),
+    ]
+
+
+def rows(statistics: CocoStatistics, rules: CocoRules, classes: Sequence[str], part: str) -> list[Score]:
+    """Return rows of the mean over classes, then the average precision of each class.
+
+    Args:
+        statistics: Of any sum of sequences.
+        rules: By which they were taken.
+        classes: In the order in which they are shown; empty: those that truth has, sorted.
+        part: What the rows are about.
+    """
+    found = statistics.classes
+    shown = [name for name in classes or sorted(found) if name in found and (classes or _has_truth(found[name]))]
+    tables = [_Table(found[name], rules) for name in shown]
+    wanted = kinds(rules)
+    images = {
+        "images": statistics.num_images,
+        "invalid_truth": statistics.num_invalid_truth,
+        "invalid_estimates": statistics.num_invalid_estimates,
+    }
+    means = [_mean_row(kind, rules, [t.cell(kind) for t in tables], images, part) for kind in wanted]
+    own = [
+        _row(kind, name, rules, table.cell(kind), {"images": statistics.num_images}, part)
+        for name, table in zip(shown, tables, strict=True)
+        for kind in wanted
+        if kind.area == 0 and not kind.is_recall
+    ]
+    return means + own
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """One number of one class; `None` where undefined."""
+
+    value: float | None
+    counts: dict[str, int]
+
+
+class _Table:
+    """The ranking of one class, and the numbers that can be read from it."""
+
+    def __init__(self, statistics: ClassStatistics, rules: CocoRules) -> None:
+        self._statistics, self._rules = statistics, rules
+        self._place, self._outcome = statistics.ranked()
+
+    def cell(self, kind: Kind) -> _Cell:
+        """Return one number with its raw counts: hits and false alarms are sums over the thresholds."""
+        early: Array = self._place < kind.max_estimates
+        outcome = self._outcome[kind.area][list(kind.thresholds)][:, early]
+        truth = self._statistics.num_truth[kind.area]
+        hits: Int64 = (outcome == Outcome.HIT).sum(axis=1)
+        counts = {
+            "truth": truth,
+            "crowds": self._statistics.num_crowds,
+            "estimates": int(early.sum()),
+            "tp": int(hits.sum()),
+            "fp": int((outcome == Outcome.FALSE_ALARM).sum()),
+        }
+        if not truth:
+            return _Cell(None, counts)
+        if kind.is_recall:
+            return _Cell(fsum((hits / truth).tolist()) / len(hits), counts)
+        precisions = [average_precision(o, truth, self._rules.num_recalls) for o in outcome]
+        return _Cell(fsum(precisions) / len(precisions), counts)
+
+
+def _mean_row(kind: Kind, rules: CocoRules, cells: list[_Cell], images: dict[str, int], part: str) -> Score:
+    """The mean over the classes that have truth; their counts are summed."""
+    values = [cell.value for cell in cells if cell.value is not None]
+    names = ("truth", "crowds", "estimates", "tp", "fp")
+    counts = {name: sum(cell.counts[name] for cell in cells) for name in names}
+    mean = fsum(values) / len(values) if values else None
+    return _row(kind, "all", rules, _Cell(mean, counts), {"classes": len(values), **images}, part)
+
+
+def _row(kind: Kind, name: str, rules: CocoRules, cell: _Cell, images: dict[str, int], part: str) -> Score:
+    reason = _NOTHING if cell.value is None else None
+    return Score(kind.name, name, part, _matching(kind, rules), cell.value, reason, "1", {**cell.counts, **images})
+
+
+def _matching(kind: Kind, rules: CocoRules) -> str:
+    chosen = [rules.thresholds[i] for i in kind.thresholds]
+    iou = f"{chosen[0]:g}" if len(chosen) == 1 else f"{chosen[0]:g}:{chosen[-1]:g}"
+    area = rules.areas[kind.area]
+    sizes = f", area {area.low_px2:g} to {area.high_px2:g} px2" if kind.area else ""
+    return f"iou2d {iou}, {kind.max_estimates} an image{sizes}"
+
+
+def _has_truth(statistics: ClassStatistics) -> bool:
+    return statistics.num_truth[0] > 0 or statistics.num_crowds > 0
+
+
+@dataclass(frozen=True)
+class CocoProfile:
+    """Average precision and recall of boxes in images as pycocotools 2.0.11 counts them (`COCOeval`, `bbox`).
+
+    - Each step is an image; rankings of all images and sequences are pooled.
+    - In an image the estimates of one class choose truth by score, up to 100; a truth box of the wrong size is
+      ignored, as is an estimate of the wrong size that matches nothing; crowds (truth with `ignore`) excuse any number
+      of estimates that lie in them by more than the threshold.
+    - `ap`: mean over classes, 10 thresholds and 101 recalls of the best precision at or beyond each recall.
+      `ar100`: mean over classes and thresholds of the recall with up to 100 estimates of a class in an image.
+    - `aps`, `apm`, `apl`: boxes up to 32 x 32 px, 96 x 96 px, and larger ones.
+
+    The area of truth is that of its box (COCO's files may say another, from a mask). Where pycocotools lets the order
+    in the files decide, content does: equal scores stand by sequence, frame, camera, then rectangle; of truth boxes
+    that an estimate overlaps equally the one with the lower left edge is taken, then the lower top edge.
+    """
+
+    rules: CocoRules = field(default_factory=CocoRules)
+    classes: tuple[str, ...] = ()
+    """Labels that count; empty: all that truth has."""
+    name: str = "coco"
+    summary: str = "average precision and recall in images, as pycocotools 2.0.11 (bbox)"
+
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(self.classes)
+
+    def with_match(self, match: Match) -> Self:
+        """Return the profile with a single threshold.
+
+        Raises:
+            ConfigError: where it isn't an overlap in images.
+        """
+        if match.likeness != "iou2d":
+            raise ConfigError(f"profile coco: can't match by {match.likeness}, use iou2d")
+        return replace(self, rules=replace(self.rules, thresholds=(match.threshold,)))
+
+    def measure(self, sequence: Sequence_of_sequence) -> CocoStatistics:
+        """Return outcomes of the estimates of one sequence.
+
+        Estimates that aren't finite or have a negative size are false alarms, such truth is left out and counted.
+
+        Raises:
+            MetricError: where boxes have no rectangles in images.
+        """
+        return measure(sequence, self.rules, self.classes)
+
+    def scores(self, statistics: CocoStatistics, part: str) -> list[Score]:
+        """Return COCO's twelve numbers, then average precisions of each class."""
+        return rows(statistics, self.rules, self.classes, part)

@@ -1,0 +1,269 @@
+"""AB3DMOT's passes over all sequences, from compact tables of tracks."""
+
+import math
+from collections.abc import Sequence as Many
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.profiles.kitti.rows import (
+    Pairs,
+    by_content,  # fmt: skip
+    covered_by_regions,  # fmt: skip
+    known,  # fmt: skip
+    labelled,  # fmt: skip
+    outside,  # fmt: skip
+    pairs_within,
+    recall_thresholds,
+    rectangles,  # fmt: skip
+    sound_results,  # fmt: skip
+    sound_truth,  # fmt: skip
+    track_numbers,  # fmt: skip
+    unique_ids,  # fmt: skip
+)
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+
+
+@dataclass(frozen=True)
+class TrackClass:
+    """A class, and the one that is neither a hit nor a miss beside it."""
+
+    label: str
+    neighbour: str = ""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels whose boxes are matched."""
+        return (self.label, self.neighbour) if self.neighbour else (self.label,)
+
+
+@dataclass(frozen=True)
+class TrackRules:
+    """Thresholds of `trackingEvaluation` in scripts/KITTI/evaluate.py, AB3DMOT 61f3bd7."""
+
+    match: Match
+    min_height_px: float = 25.0
+    """Results up to this height are excused where they match nothing."""
+    max_occlusion: int = 2
+    """Truth above is ignored; in KITTI 3 is unknown."""
+    max_truncation: int = 0
+    max_covered: float = 0.5
+    """Results of which a "don't care" region covers more are excused where they match nothing."""
+    num_recalls: int = 40
+    """Recalls 1/40 to 1 over which sAMOTA, AMOTA and AMOTP are averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackTable:
+    """N truth boxes on K tracks and M results on T tracks; about 40 bytes a box and 16 a pair that can match."""
+
+    num_frames: int
+    pairs: Pairs
+    truth_ignored: Bool
+    """(N,) occluded, truncated or of a neighbouring class."""
+    track_start: Int64
+    """(K + 1,) track k has the truth rows `track_rows[track_start[k]:track_start[k + 1]]`, in the order of time."""
+    track_rows: Int64
+    """(N,)"""
+    estimate_track: Int64
+    """(M,)"""
+    excusable: Bool
+    """(M,) low, of a neighbouring class or in a "don't care" region: no false positive where it matches nothing."""
+    track_size: Int64
+    """(T,) boxes of the track."""
+    track_score: Float64
+    """(T,) mean score of the track."""
+    num_bad_truth: int
+    """Left out; what the source left out already is of any class."""
+    num_bad_results: int
+    """They are false positives at every threshold."""
+
+    def __post_init__(self) -> None:
+        truth, estimates, tracks = ("N",), ("M",), ("T",)
+        freeze_fields(
+            self, truth_ignored=("?", truth), track_start=("i8", ("K1",)), track_rows=("i8", truth),
+            estimate_track=("i8", estimates), excusable=("?", estimates), track_size=("i8", tracks),
+            track_score=("f8", tracks),
+        )  # fmt: skip
+
+    @property
+    def num_truth_tracks(self) -> int:
+        """K."""
+        return len(self.track_start) - 1
+
+
+def track_table(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> TrackTable:
+    """Select what counts for one class.
+
+    Raises:
+        MetricError: where an id is twice in a frame (GT003), or boxes lack what is matched.
+    """
+    truth, num_bad_truth = _truth(sequence, kind, rules)
+    results, num_bad_results = _results(sequence, kind, rules)
+    num_steps, match = len(sequence.steps), rules.match
+    truth_track, estimate_track = (track_numbers(objects, sequence) for objects in (truth, results))
+    track_rows = np.argsort(truth_track, kind="stable")
+    track_size = np.bincount(estimate_track).astype(np.int64)
+    # Scores are added in the order of frames, as AB3DMOT does.
+    scores = np.bincount(estimate_track, weights=results.score) / np.maximum(track_size, 1)
+    return TrackTable(
+        num_frames=num_steps,
+        pairs=pairs_within(truth, results, num_steps, match.likeness, match.threshold),
+        truth_ignored=_ignored(truth, kind, rules),
+        track_start=np.searchsorted(truth_track[track_rows], np.arange(truth_track.max(initial=-1) + 2)),
+        track_rows=track_rows,
+        estimate_track=estimate_track,
+        excusable=_excusable(results, sequence, kind, rules),
+        track_size=track_size,
+        track_score=scores,
+        num_bad_truth=num_bad_truth + sequence.num_invalid_truth,
+        num_bad_results=num_bad_results,
+    )
+
+
+def _truth(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
+    truth = sequence.truth[labelled(sequence.truth, kind.labels) & (sequence.truth.track_id >= 0)]
+    unique_ids(truth, sequence, "truth")
+    good = sound_truth(truth, rules.match.likeness)
+    return by_content(truth[good], sequence), int((~good).sum())
+
+
+def _results(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
+    results = sequence.estimates[labelled(sequence.estimates, kind.labels) & (sequence.estimates.track_id >= 0)]
+    unique_ids(results, sequence, "results")
+    good = sound_results(results, rules.match.likeness)
+    return by_content(results[good], sequence), int((~good).sum())
+
+
+def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:
+    """Levels are whole numbers, cut off as AB3DMOT cuts them; what nobody knows is no reason to ignore."""
+    occlusion, truncation = (np.trunc(known(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
+    ignored = (occlusion > rules.max_occlusion) | (truncation > rules.max_truncation)
+    return np.asarray(ignored | (truth.label == kind.neighbour) | outside(truth), np.bool_)
+
+
+def _excusable(results: Objects, sequence: Sequence, kind: TrackClass, rules: TrackRules) -> Bool:
+    rectangle = rectangles(results)
+    low: Bool = np.abs(rectangle[:, 1] - rectangle[:, 3]) <= rules.min_height_px
+    covered = covered_by_regions(results, sequence.truth, len(sequence.steps))
+    excusable = low | (results.label == kind.neighbour) | (covered > rules.max_covered) | outside(results)
+    return np.asarray(excusable, np.bool_)
+
+
+ALL_RESULTS = -10000.0
+"""AB3DMOT's threshold for everything."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Raw counts at one confidence threshold; names and rules are AB3DMOT's."""
+
+    threshold: float
+    recall: float
+    """The recall that the threshold was chosen for; 1 where it wasn't."""
+    tp: int
+    """With ignored ones."""
+    itp: int
+    fp: int
+    fn: int
+    """Without ignored ones."""
+    ifn: int
+    ids: int
+    frag: int
+    mt: int
+    pt: int
+    ml: int
+    ignored_tracks: int
+    gt: int
+    """Truth boxes that count."""
+    results: int
+    ignored_results: int
+    likeness: float
+    """Sum over `tp`."""
+    frame_likeness: float
+    """Sum over frames of the mean over matches that count, 1 where there are none."""
+
+    @property
+    def mota(self) -> float | None:
+        """1 - (FN + FP + IDS) / GT, not clipped."""
+        return 1 - (self.fn + self.fp + self.ids) / self.gt if self.gt else None
+
+    @property
+    def smota(self) -> float | None:
+        """MOTA scaled by the recall that was aimed at, clipped to 0 and 1."""
+        if not self.gt:
+            return None
+        missed = self.fn + self.fp + self.ids - (1 - self.recall) * self.gt
+        return min(1.0, max(0.0, 1 - missed / (self.recall * self.gt)))
+
+    @property
+    def motp(self) -> float:
+        """Mean likeness of matches, 0 where there are none."""
+        return self.likeness / self.tp if self.tp else 0.0
+
+
+@dataclass(frozen=True)
+class Passes:
+    """All that the rows of one class are made of."""
+
+    recalls: tuple[Pass, ...]
+    """By rising recall; recalls that weren't reached are missing."""
+    best: Pass
+    """At the threshold with the highest MOTA above 0, else with all results."""
+
+
+def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
+    """Find the thresholds from the scores of all tables, and count at each."""
+    walks = [_Walk(table) for table in tables]
+    everything = _added(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
+    scores = np.concatenate([np.zeros(0), *(walk.matched_scores() for walk in walks)])
+    thresholds, recalls = recall_thresholds(scores, everything.tp + everything.fn, num_recalls)
+    thresholds, recalls = thresholds[1:], recalls[1:]  # the first is recall 0
+    passes = _added(walks, thresholds, recalls, is_first=False)
+    best_mota, best = 0.0, ALL_RESULTS
+    for one in passes:
+        if one.mota is not None and one.mota > best_mota:
+            best_mota, best = one.mota, one.threshold
+    return Passes(tuple(passes), _added(walks, (best,), (1.0,), is_first=False)[0])
+
+
+class _Walk:
+    """One table with what AB3DMOT carries from pass to pass: scores, averaged anew, and which results matched once."""
+
+    def __init__(self, table: TrackTable) -> None:
+        self.table = table
+        self._score = table.track_score.copy()
+        self._valid = np.zeros(len(table.estimate_track), np.bool_)
+        self._matched: Int64 = np.zeros(0, np.int64)
+
+    def count(self, thresholds: tuple[float, ...], is_first: bool) -> tuple[Int64, Float64]:
+        """Return counts (K, 14) and sums (K, 2)."""
+        from fbench.metrics.profiles.kitti.kernels import count_passes  # numba takes a while to import
+
+        table, pairs = self.table, self.table.pairs
+        counts, sums, self._matched = count_passes(
+            pairs.truth_start, pairs.estimate_start, pairs.start, pairs.estimate, pairs.likeness, table.truth_ignored,
+            table.track_start, table.track_rows, table.estimate_track, table.excusable, table.track_size, self._score,
+            self._valid, np.array(thresholds, np.float64), is_first,
+        )  # fmt: skip
+        counts[:, 2] += table.num_bad_results  # false positives
+        counts[:, 12] += table.num_bad_results  # results
+        return counts, sums
+
+    def matched_scores(self) -> Float64:
+        """Return the scores of the tracks that matched in the last pass, one a match."""
+        matched = self._matched[self._matched >= 0]
+        return self._score[self.table.estimate_track[matched]]
+
+
+def _added(walks: list[_Walk], thresholds: tuple[float, ...], recalls: tuple[float, ...], is_first: bool) -> list[Pass]:
+    """Add up the passes of all tables; the sums of reals are exact before they are rounded, so order is nothing."""
+    own = [walk.count(thresholds, is_first) for walk in walks]
+    passes = []
+    for k, (threshold, recall) in enumerate(zip(thresholds, recalls, strict=True)):
+        counts = [sum(int(counts[k, c]) for counts, _ in own) for c in range(14)]
+        sums = [math.fsum(float(sums[k, c]) for _, sums in own) for c in range(2)]
+        passes.append(Pass(threshold, recall, *counts, *sums))
+    return passes

@@ -1,0 +1,188 @@
+"""Sufficient statistics of tracking: what CLEAR needs to count at any score."""
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fbench.metrics.core.ordering import content_ranks, life_ranks
+from fbench.metrics.core.sequence import Sequence
+from fbench.metrics.profiles.nuscenes.boxes import LeftOut, Side, centers_xy
+from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+
+
+@dataclass(frozen=True, eq=False)
+class TrackPoints:
+    """N points of K tracks."""
+
+    step: Int64
+    """(N,)"""
+    track: Int64
+    """(N,) 0 to K - 1, numbered by first sample, place there and what follows; an id in two streams is two tracks."""
+    kind: Int64
+    """(N,) index of the class, which may change along a track."""
+    xy: Float64
+    """(N, 2) [m]"""
+    score: Float64
+    """(N,)"""
+    invalid: Bool
+    """(N,) results that match nothing; each is a track of its own."""
+
+    @property
+    def columns(self) -> tuple[Array, ...]:
+        """Its fields, in their order."""
+        return self.step, self.track, self.kind, self.xy, self.score, self.invalid
+
+    def __getitem__(self, rows: Int64 | Bool) -> "TrackPoints":
+        """Select rows by mask or index array."""
+        return TrackPoints(*(column[rows] for column in self.columns))
+
+
+def track_points(sequence: Sequence, side: Side) -> TrackPoints:
+    """Return the points of one side: scores are means over their track, and gaps are filled in.
+
+    Gaps are filled between boxes before and after, as nuscenes-devkit 1.2.0 does (eval/tracking/loaders.py,
+    `create_tracks`), in results too. That uses the future; nothing but this profile does it.
+
+    Raises:
+        MetricError: where samples of a stream don't follow each other in time.
+    """
+    points = _points(sequence, side)
+    points = points[np.lexsort((points.step, points.track))]
+    bounds = np.flatnonzero(np.diff(points.track, prepend=-1, append=-1))
+    means = [np.mean(points.score[start:end]) for start, end in pairwise(bounds)]
+    points = replace(points, score=np.repeat(means, np.diff(bounds)))
+    return _sorted(_filled(points, _time(sequence)))
+
+
+def _points(sequence: Sequence, side: Side) -> TrackPoints:
+    number = np.where(side.invalid, -1 - np.arange(len(side.kind)), side.boxes.track_id)
+    step, xy = side.boxes.step, centers_xy(side)
+    score = np.where(np.isfinite(side.boxes.score), side.boxes.score, np.inf)
+    track = content_ranks((sequence.steps.stream[step], number))
+    box = content_ranks((step, *xy.T, side.kind, score, side.invalid))
+    return TrackPoints(step, life_ranks(box, track), side.kind, xy, score, side.invalid)
+
+
+def _filled(points: TrackPoints, time: Int64) -> TrackPoints:
+    """Add points, on a straight line in time, at the steps between two points of a track."""
+    left = np.flatnonzero((np.diff(points.track) == 0) & (np.diff(points.step) > 1))
+    missing = points.step[left + 1] - points.step[left] - 1
+    row = np.repeat(left, missing)
+    step = points.step[row] + 1 + np.arange(len(row)) - np.repeat(np.cumsum(missing) - missing, missing)
+    before, after = points[row], points[row + 1]
+    # As the devkit has it: the box after counts by the time still to go to it, so the nearer one counts less.
+    weight = (time[after.step] - time[step]) / (time[after.step] - time[before.step])
+    xy = (1.0 - weight)[:, None] * before.xy + weight[:, None] * after.xy
+    score = (1.0 - weight) * before.score + weight * after.score
+    added = TrackPoints(step, after.track, after.kind, xy, score, after.invalid)
+    return TrackPoints(*map(np.concatenate, zip(points.columns, added.columns, strict=True)))
+
+
+def _sorted(points: TrackPoints) -> TrackPoints:
+    return points[np.lexsort((points.track, points.xy[:, 1], points.xy[:, 0], points.step))]
+
+
+def _time(sequence: Sequence) -> Int64:
+    """Stamps (S,), or frames where the source has no stamps."""
+    steps = sequence.steps
+    time = steps.stamp_ns if steps.stamp_ns.any() else steps.frame
+    same = np.diff(steps.stream) == 0
+    if (np.diff(time)[same] <= 0).any():
+        frame = steps.frame[1:][same & (np.diff(time) <= 0)][0]
+        raise MetricError(f"{sequence.name}, sample {frame}: not later than the sample before it")
+    return time
+
+
+if TYPE_CHECKING:
+    from fbench.metrics.profiles.nuscenes.kernels import Candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One class of one sequence: S steps, N truth boxes, M results, P pairs of them that are near each other.
+
+    Tracks of different streams are different tracks. int32 and float64 only, so that many can be held.
+    """
+
+    sequence: str
+    kind: int
+    """Index of the class."""
+    num_truth_tracks: int
+    truth_start: Array
+    """(S + 1,) offsets of steps."""
+    truth_track: Array
+    """(N,)"""
+    estimate_start: Array
+    """(S + 1,)"""
+    estimate_track: Array
+    """(M,)"""
+    score: Float64
+    """(M,) mean of the track; infinite for a result that isn't valid and has no finite score."""
+    pair_start: Array
+    """(N + 1,) offsets of the pairs of each truth box."""
+    pair_estimate: Array
+    """(P,) rows."""
+    pair_m: Float64
+    """(P,) distances."""
+    matched_score: Float64 = field(default_factory=lambda: np.zeros(0))
+    """(K,) of the results that match, without a switch, when all are taken."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(
+            self, truth_start=("i4", ("S1",)), truth_track=("i4", ("N",)), estimate_start=("i4", ("S1",)),
+            estimate_track=("i4", ("M",)), score=("f8", ("M",)), pair_start=("i4", ("N1",)),
+            pair_estimate=("i4", ("P",)), pair_m=("f8", ("P",)), matched_score=("f8", ("K",)),
+        )  # fmt: skip
+
+    @property
+    def candidates(self) -> "Candidates":
+        """What the kernels read."""
+        from fbench.metrics.profiles.nuscenes.kernels import Candidates  # numba takes a while to import
+
+        return Candidates(
+            self.truth_start, self.truth_track, self.estimate_start, self.estimate_track, self.score, self.pair_start,
+            self.pair_estimate, self.pair_m,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingStatistics:
+    """Clips of any number of sequences; their order doesn't matter."""
+
+    clips: tuple[Clip, ...]
+    left_out: LeftOut
+
+    def __add__(self, other: "TrackingStatistics") -> "TrackingStatistics":
+        return TrackingStatistics(self.clips + other.clips, self.left_out + other.left_out)
+
+
+def clips_of(
+    sequence: str, truth: TrackPoints, estimates: TrackPoints, num_steps: int, num_classes: int, limit_m: float
+) -> tuple[Clip, ...]:
+    """Return a clip for each class of which there is any box."""
+    kinds = [kind for kind in range(num_classes) if (truth.kind == kind).any() or (estimates.kind == kind).any()]
+    return tuple(
+        _clip(sequence, kind, truth[truth.kind == kind], estimates[estimates.kind == kind], num_steps, limit_m)
+        for kind in kinds
+    )
+
+
+def _clip(sequence: str, kind: int, truth: TrackPoints, estimates: TrackPoints, num_steps: int, limit_m: float) -> Clip:
+    from fbench.metrics.profiles.nuscenes.kernels import near_pairs, sweep  # numba takes a while to import
+
+    truth_start, estimate_start = _starts(truth, num_steps), _starts(estimates, num_steps)
+    pairs = near_pairs(truth.xy, truth_start, estimates.xy, estimate_start, estimates.invalid, limit_m)
+    tracks, truth_track = np.unique(truth.track, return_inverse=True)
+    clip = Clip(
+        sequence, kind, len(tracks), truth_start, truth_track.astype(np.int32), estimate_start,
+        estimates.track.astype(np.int32), estimates.score, *pairs,
+    )  # fmt: skip
+    _, _, continued = sweep(np.array([-np.inf]), clip.candidates, len(tracks))
+    return replace(clip, matched_score=estimates.score[continued])
+
+
+def _starts(points: TrackPoints, num_steps: int) -> Array:
+    return np.searchsorted(points.step, np.arange(num_steps + 1)).astype(np.int32)

@@ -1,0 +1,272 @@
+"""The profile `nuscenes-tracking`: AMOTA, AMOTP and what CLEAR counts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from math import fsum
+from typing import Self
+
+import numpy as np
+
+from fbench.metrics.core.sequence import Sequence as Sequence_of_sequence
+from fbench.metrics.profiles.nuscenes.boxes import check_tracked, counted
+from fbench.metrics.profiles.nuscenes.clips import Clip, TrackingStatistics, clips_of, track_points
+from fbench.metrics.profiles.nuscenes.settings import TrackingSettings, center_distance
+from fbench.metrics.profiles.profile import Match
+from fbench.replay.data.arrays import Array, Float64
+from fbench.replay.data.scores import Score
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Counts of one class over all sequences at the T thresholds that are reached, highest recall first."""
+
+    threshold: Float64
+    """(T,)"""
+    counts: Array
+    """(T, 11), columns as in `fbench.metrics.profiles.nuscenes.kernels`."""
+    total_m: Float64
+    """(T,) sum of the distances of all pairs."""
+
+    def num(self, name: str) -> Float64:
+        """One of the counts (T,)."""
+        from fbench.metrics.profiles.nuscenes.kernels import COUNTS  # numba takes a while to import
+
+        num: Float64 = self.counts[:, COUNTS.index(name)].astype(np.float64)
+        return num
+
+
+def sweep_class(clips: Sequence[Clip], settings: TrackingSettings) -> Sweep:
+    """Find the thresholds of one class and count at each."""
+    from fbench.metrics.profiles.nuscenes.kernels import COUNTS, sweep  # numba takes a while to import
+
+    threshold = _thresholds(clips, settings)
+    distinct, index = np.unique(threshold, return_inverse=True)
+    counts = np.zeros((len(distinct), len(COUNTS)), np.int64)
+    metres = []
+    for clip in clips:
+        own, own_m, _ = sweep(distinct, clip.candidates, clip.num_truth_tracks)
+        counts += own
+        metres.append(own_m)
+    total_m = np.array([fsum(column) for column in zip(*metres, strict=True)])  # exact, so their order is no matter
+    return Sweep(threshold, counts[index], total_m[index])
+
+
+def _thresholds(clips: Sequence[Clip], settings: TrackingSettings) -> Float64:
+    """Scores (T,) at which the recalls from `min_recall` to 1 would be reached, as far as they are; highest first.
+
+    Interpolated between the scores of matches when all results are taken (nuscenes-devkit 1.2.0,
+    eval/tracking/algo.py, `compute_thresholds`), so the recall at a threshold is another one.
+    """
+    num_truth = sum(len(clip.truth_track) for clip in clips)
+    score = np.sort(np.concatenate([clip.matched_score for clip in clips]))[::-1]
+    if not len(score):
+        return np.zeros(0)
+    recall = np.arange(1, len(score) + 1) / num_truth
+    wanted = np.linspace(settings.min_recall, 1, settings.num_thresholds).round(12)
+    reached = wanted[wanted <= recall[-1]]
+    threshold: Float64 = np.interp(reached, recall, score, right=0)[::-1].copy()
+    return threshold
+
+
+UNITS = {
+    "amota": "1", "amotp": "m", "recall": "1", "motar": "1", "gt": "1", "mota": "1", "motp": "m", "mt": "1", "ml": "1",
+    "faf": "1", "tp": "1", "fp": "1", "fn": "1", "ids": "1", "frag": "1", "tid": "s", "lgd": "s",
+}  # fmt: skip
+"""The metrics and their units; `faf` is false positives per 100 samples."""
+
+
+@dataclass(frozen=True)
+class ClassValues:
+    """One class over all sequences."""
+
+    num_truth: int
+    """Truth boxes, those filled in included."""
+    num_reached: int
+    """Thresholds whose recall is reached."""
+    threshold: float | None
+    """Score from which on results are taken for all but AMOTA and AMOTP: the one of the best MOTA."""
+    frames: int
+    """Samples with any box of the class at that score."""
+    values: Mapping[str, float]
+    """All of `UNITS`."""
+
+
+def class_values(clips: Sequence[Clip], settings: TrackingSettings) -> ClassValues:
+    """Return the metrics of one class from its clips."""
+    num_truth = sum(len(clip.truth_track) for clip in clips)
+    if not num_truth:
+        return ClassValues(0, 0, None, 0, dict.fromkeys(UNITS, np.nan))
+    swept = sweep_class(clips, settings)
+    if not len(swept.threshold):
+        return ClassValues(num_truth, 0, None, 0, _nothing(clips, num_truth, settings))
+    metrics = _curves(swept, num_truth, settings)
+    best = int(np.argmax(metrics["mota"]))  # the highest recall among equals
+    values = {name: float(curve[best]) for name, curve in metrics.items()}
+    values["amota"] = _mean(metrics["motar"], settings.worst_amota, settings)
+    values["amotp"] = _mean(metrics["motp"], settings.worst_amotp_m, settings)
+    frames = swept.num("frames")
+    return ClassValues(num_truth, len(swept.threshold), float(swept.threshold[best]), int(frames[best]), values)
+
+
+def _curves(swept: Sweep, num_truth: int, settings: TrackingSettings) -> dict[str, Float64]:
+    """Each metric (T,) at the thresholds that are reached; nuscenes-devkit 1.2.0, eval/tracking/metrics.py."""
+    counts = {name: swept.num(name) for name in ("tp", "ids", "fp", "fn", "mt", "ml", "frag")}
+    tp, ids, fp, fn, found = (*(counts[name] for name in ("tp", "ids", "fp", "fn")), swept.num("found"))
+    recall = tp / num_truth  # for MOTAR, without switches
+    wrong = fn + ids + fp
+    motar = 1 - _share(wrong - (1 - recall) * num_truth, recall * num_truth)
+    return counts | {
+        "recall": (tp + ids) / num_truth,
+        "motar": np.maximum(0.0, motar),  # keeps NaN
+        "gt": np.full(len(tp), num_truth, np.float64),
+        "mota": np.maximum(0.0, 1 - wrong / num_truth),
+        "motp": _share(swept.total_m, tp + ids),
+        "faf": 100 * _share(fp, swept.num("frames")),
+        "tid": settings.sample_s * _share(swept.num("late"), found),
+        "lgd": settings.sample_s * _share(swept.num("gap"), found),
+    }
+
+
+def _nothing(clips: Sequence[Clip], num_truth: int, settings: TrackingSettings) -> dict[str, float]:
+    """What the devkit puts where no result ever matches."""
+    values = dict.fromkeys(UNITS, 0.0)
+    values |= dict.fromkeys(("fp", "ids", "frag"), np.nan) | {"gt": num_truth, "fn": num_truth}
+    values |= {"motp": settings.worst_amotp_m, "amotp": settings.worst_amotp_m, "faf": settings.worst_faf}
+    values |= {"tid": settings.worst_duration_s, "lgd": settings.worst_duration_s}
+    return values | {"ml": sum(clip.num_truth_tracks for clip in clips)}
+
+
+def _share(part: Float64, whole: Float64) -> Float64:
+    share: Float64 = np.divide(part, whole, out=np.full(len(part), np.nan), where=whole != 0)
+    return share
+
+
+def _mean(curve: Float64, worst: float, settings: TrackingSettings) -> float:
+    """Mean over all thresholds, with the worst value where one isn't reached or the metric is undefined."""
+    if np.isnan(curve).all():
+        return float("nan")
+    missing = settings.num_thresholds - len(curve)
+    return float(np.mean(np.append(np.full(missing, worst), np.where(np.isnan(curve), worst, curve))))
+
+
+SUMMED = ("mt", "ml", "tp", "fp", "fn", "ids", "frag")
+"""Over classes; all others are averaged, `gt` too (nuscenes-devkit 1.2.0, eval/tracking/data_classes.py)."""
+
+
+def tracking_rows(settings: TrackingSettings, statistics: TrackingStatistics, part: str) -> list[Score]:
+    """Return all metrics over the classes, then of each class."""
+    names = settings.rules.classes
+    classes = {
+        name: class_values([clip for clip in statistics.clips if clip.kind == kind], settings)
+        for kind, name in enumerate(names)
+    }
+    rows = _overall_rows(settings, classes, asdict(statistics.left_out), part)
+    for name, one in classes.items():
+        for metric in UNITS:
+            value = one.values[metric]
+            rows.append(_row(settings, metric, name, part, value, _why(one), _counts(one)))
+    return rows
+
+
+def _overall_rows(
+    settings: TrackingSettings, classes: Mapping[str, ClassValues], left_out: Mapping[str, int], part: str
+) -> list[Score]:
+    found = [one for one in classes.values() if one.num_truth]
+    sums = {name: int(sum(_known([one.values[name] for one in found]))) for name in ("tp", "fp", "fn", "ids")}
+    counts = {"gt": sum(one.num_truth for one in found), **sums, **left_out}
+    counts["classes_without_truth"] = len(classes) - len(found)
+    rows = []
+    for metric in UNITS:
+        known = _known([one.values[metric] for one in found])
+        total = (float(np.sum(known)) if metric in SUMMED else float(np.mean(known))) if known else np.nan
+        why = "nothing matched in any class" if found else "no truth boxes"
+        rows.append(_row(settings, metric, "all", part, total, _prints(why, metric in SUMMED), counts))
+    return rows
+
+
+def _row(
+    settings: TrackingSettings, metric: str, name: str, part: str, value: float, why: str,
+    counts: Mapping[str, int | float],
+) -> Score:  # fmt: skip
+    known = not np.isnan(value)
+    return Score(
+        metric,
+        name,
+        part,
+        settings.matching,
+        float(value) if known else None,
+        None if known else why,
+        UNITS[metric],
+        counts,
+    )
+
+
+def _known(values: list[float]) -> list[float]:
+    return [value for value in values if not np.isnan(value)]
+
+
+def _why(one: ClassValues) -> str:
+    return _prints("nothing matched" if one.num_truth else "no truth boxes", False)
+
+
+def _prints(why: str, summed: bool) -> str:
+    return f"{why} (nuscenes-devkit prints {0 if summed else 'nan'})"
+
+
+def _counts(one: ClassValues) -> dict[str, int | float]:
+    counts: dict[str, int | float] = {"gt": one.num_truth, "frames": one.frames, "recalls_reached": one.num_reached}
+    for name in ("tp", "fp", "fn", "ids"):
+        if not np.isnan(one.values[name]):
+            counts[name] = int(one.values[name])
+    return counts if one.threshold is None else counts | {"score": one.threshold}
+
+
+@dataclass(frozen=True)
+class NuscenesTracking:
+    """nuScenes' tracking benchmark (AMOTA, AMOTP and CLEAR at the best score) as nuscenes-devkit 1.2.0 counts it.
+
+    A sequence is a scene, its steps are samples; boxes are in coordinates that don't move with the ego. Its quirks,
+    which no other profile has: a box has the mean score of its track; tracks, of truth and results, are filled in at
+    samples where they miss, from before and after, with weights the wrong way round; MOTA is floored at 0; what is
+    averaged over recalls takes the worst value where a recall isn't reached.
+    Where the devkit goes by the order in the file (two truth boxes that both want to go on with one track), this one
+    goes by content. The devkit's distances lose digits far from the origin, by expanding the square; these don't.
+    """
+
+    settings: TrackingSettings = field(default_factory=TrackingSettings)
+    name: str = "nuscenes-tracking"
+    summary: str = "tracking_nips_2019 as nuscenes-devkit 1.2.0 with motmetrics 1.4.0 counts it"
+
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored."""
+        return frozenset(self.settings.rules.classes)
+
+    def with_match(self, match: Match) -> Self:
+        """Return the profile with another distance.
+
+        Raises:
+            ConfigError: where it isn't a distance between centres in the ground plane.
+        """
+        return replace(self, settings=replace(self.settings, distance_m=center_distance(self.name, match)))
+
+    def measure(self, sequence: Sequence_of_sequence) -> TrackingStatistics:
+        """Return what is near what in one sequence.
+
+        Raises:
+            MetricError: where it can't be scored: an id twice in a sample (GT003), boxes without track, no boxes in
+                space, too many results.
+        """
+        boxes = counted(sequence, self.settings.rules)
+        check_tracked(sequence, "truth", boxes.truth.boxes)
+        check_tracked(sequence, "a result", boxes.estimates.boxes)
+        truth, estimates = track_points(sequence, boxes.truth), track_points(sequence, boxes.estimates)
+        num_classes = len(self.settings.rules.classes)
+        clips = clips_of(
+            sequence.name, truth, estimates, len(sequence.steps), num_classes, self.settings.distance_m
+        )  # fmt: skip
+        return TrackingStatistics(clips, boxes.left_out)
+
+    def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:
+        """Return all metrics over the classes, then of each class."""
+        return tracking_rows(self.settings, statistics, part)

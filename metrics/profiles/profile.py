@@ -1,0 +1,119 @@
+"""Profiles: one benchmark's way to count, under its own name."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol, Self, TypeVar, get_args
+
+from fbench.metrics.core.sequence import Sequence
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.data.scores import Score
+
+Likeness = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
+"""How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centres in
+the ground plane, centres in space, or the two corners nearest to the ego (plane distance)."""
+LIKENESSES: tuple[Likeness, ...] = get_args(Likeness)
+_DISTANCES: tuple[Likeness, ...] = ("bev", "center3d", "plane")
+
+
+@dataclass(frozen=True)
+class Match:
+    """When two boxes are the same object."""
+
+    likeness: Likeness
+    threshold: float
+    """Least intersection over union, or largest distance [m]."""
+
+    def __post_init__(self) -> None:
+        if self.is_distance and not 0 < self.threshold < math.inf:
+            raise ConfigError(f"match {self.likeness}:{self.threshold:g}: expected a distance above 0 m")
+        if not self.is_distance and not 0 < self.threshold <= 1:
+            raise ConfigError(f"match {self.likeness}:{self.threshold:g}: expected above 0 and up to 1")
+
+    @property
+    def is_distance(self) -> bool:
+        """Whether less is nearer."""
+        return self.likeness in _DISTANCES
+
+    @property
+    def floor(self) -> float:
+        """Similarity from which on boxes match; distances are negated."""
+        return -self.threshold if self.is_distance else self.threshold
+
+    def __str__(self) -> str:
+        return f"{self.likeness} {self.threshold:g}{' m' if self.is_distance else ''}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Match":
+        """Read what follows `--match`, such as `iou3d:0.25` or `bev:2`.
+
+        Raises:
+            ConfigError: where it isn't of this form.
+        """
+        name, _, number = text.partition(":")
+        likeness = next((known for known in LIKENESSES if known == name), None)
+        if likeness is None:
+            raise ConfigError(f"--match {text}: unknown '{name}'{did_you_mean(name, LIKENESSES)}")
+        try:
+            return cls(likeness, float(number))
+        except ValueError:
+            raise ConfigError(f"--match {text}: expected {name}:NUMBER") from None
+
+
+class Statistics(Protocol):
+    """Sufficient statistics: what must be known of a sequence to give its numbers, and those of any sum.
+
+    Adding in any order and grouping gives the same, bit for bit: counts are ints, sums of reals are `Fraction`s,
+    lists are sorted by a total key before they are used.
+    """
+
+    def __add__(self, other: Self) -> Self: ...
+
+
+S = TypeVar("S", bound=Statistics)
+
+
+class Profile(Protocol[S]):
+    """One benchmark's way to count.
+
+    Implementations are frozen dataclasses: thresholds, classes and filters are data.
+    """
+
+    @property
+    def name(self) -> str:
+        """As users say it: `kitti-3dmot`."""
+        ...
+
+    @property
+    def summary(self) -> str:
+        """One line: what it reproduces, and which version of what."""
+        ...
+
+    @property
+    def result_labels(self) -> frozenset[str]:
+        """Labels of results that are scored; empty: any are."""
+        ...
+
+    def with_match(self, match: Match) -> Self:
+        """Return the profile with another rule of what matches.
+
+        Raises:
+            ConfigError: where the benchmark can't do that.
+        """
+        ...
+
+    def measure(self, sequence: Sequence) -> S:
+        """Return the statistics of one sequence; keeps nothing.
+
+        Raises:
+            MetricError: where truth or estimates can't be scored: an id twice in a frame (GT003), no boxes of the kind.
+        """
+        ...
+
+    def scores(self, statistics: S, part: str) -> list[Score]:
+        """Return the rows of a sequence or of a sum, primary ones first; `null` with a reason where undefined.
+
+        Args:
+            statistics: Of a sequence, or of several, added.
+            part: What the rows are about, their `slice`.
+        """
+        ...

@@ -1,0 +1,255 @@
+"""Fields of TrackEval 1.3.0: numbers made of statistics by class."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import reduce
+from operator import add
+from typing import NamedTuple
+
+from fbench.metrics.tracking.clear import ClearCounts
+from fbench.metrics.tracking.hota import ALPHAS, HotaCounts
+from fbench.metrics.tracking.identity import IdentityCounts
+from fbench.replay.data.scores import Score
+
+
+@dataclass(frozen=True)
+class ClassCounts:
+    """CLEAR, Identity and HOTA of one class."""
+
+    clear: ClearCounts = field(default_factory=ClearCounts)
+    identity: IdentityCounts = field(default_factory=IdentityCounts)
+    hota: HotaCounts = field(default_factory=HotaCounts)
+    num_result_tracks: int = 0
+
+    def __add__(self, other: "ClassCounts") -> "ClassCounts":
+        return ClassCounts(
+            self.clear + other.clear,
+            self.identity + other.identity,
+            self.hota + other.hota,
+            self.num_result_tracks + other.num_result_tracks,
+        )
+
+    @property
+    def num_boxes(self) -> int:
+        """Truth boxes and results that aren't matches."""
+        return self.clear.tp + self.clear.fn + self.clear.fp
+
+
+@dataclass(frozen=True)
+class TrackingCounts:
+    """Statistics of all classes."""
+
+    classes: Mapping[str, ClassCounts]
+    """By name, in the profile's order."""
+
+    def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
+        names = dict.fromkeys((*self.classes, *other.classes))
+        none = ClassCounts()
+        return TrackingCounts({n: self.classes.get(n, none) + other.classes.get(n, none) for n in names})
+
+    @property
+    def together(self) -> ClassCounts:
+        """All classes as one, as if each were a sequence."""
+        return reduce(add, self.classes.values(), ClassCounts())
+
+
+Real = int | float | Fraction
+NO_TRUTH, NO_RESULTS, NO_MATCH = "no truth boxes", "no results", "no matches"
+NO_TRACKS, NOTHING = "no truth tracks", "neither truth boxes nor results"
+
+
+class Field(NamedTuple):
+    """One number, or why there is none."""
+
+    metric: str
+    value: float | None
+    why: str = ""
+    """Why it is undefined, and what the reference prints then."""
+    printed: float = 0.0
+    """What the reference prints, also where it is undefined: its means over classes and thresholds contain that."""
+    unit: str = "1"
+    is_count: bool = False
+    """Counts are summed over classes, all else is averaged."""
+
+    def score(self, class_: str, part: str, matching: str, counts: Mapping[str, int | float]) -> Score:
+        """Return it as a row."""
+        why = self.why if self.value is None else None
+        return Score(self.metric, class_, part, matching, self.value, why, self.unit, counts)
+
+
+def known(metric: str, value: Real, unit: str = "1") -> Field:
+    """A number that is always defined."""
+    return Field(metric, float(value), "", float(value), unit)
+
+
+def count(metric: str, value: Real) -> Field:
+    """A number of boxes, tracks or frames."""
+    return Field(metric, float(value), "", float(value), is_count=True)
+
+
+def share(metric: str, top: Real, bottom: Real, why: str, printed: float = 0.0, text: str = "") -> Field:
+    """`top / bottom`, undefined where `bottom` is 0; the reference then prints `printed`, or what `text` says."""
+    if bottom:
+        value = divided(top, bottom)
+        return Field(metric, value, "", value)
+    return Field(metric, None, f"{why} (TrackEval prints {text or format(printed, 'g')})", printed)
+
+
+def divided(top: Real, bottom: Real) -> float:
+    """`top / bottom`, rounded once; the same as by fractions, but several times as fast."""
+    if isinstance(top, float) or isinstance(bottom, float):
+        return float(top / bottom)
+    return top.numerator * bottom.denominator / (top.denominator * bottom.numerator)
+
+
+def clear_fields(c: ClearCounts, is_distance: bool) -> list[Field]:
+    """All of TrackEval's CLEAR, and `mota_no_fp`, which leaves false alarms out of MOTA."""
+    return [*_accuracies(c, is_distance), *_precision(c, is_distance), *_ratios(c), *_counts(c)]
+
+
+def _accuracies(c: ClearCounts, is_distance: bool) -> list[Field]:
+    def accuracy(metric: str, errors: float) -> Field:
+        top = c.tp - c.fp - errors
+        text = f"0 for one sequence, {top:g} for sums"
+        return share(metric, top, c.num_truth, NO_TRUTH, top, text)
+
+    fields = [
+        accuracy("mota", c.switches),
+        accuracy("moda", 0),
+        accuracy("motal", math.log10(c.switches) if c.switches else 0),
+        share("mota_no_fp", c.tp - c.switches, c.num_truth, NO_TRUTH, 0.0, "no such number"),
+    ]
+    if is_distance:
+        return [*fields, Field("smota", None, "matches are rated by distances, not by shares (TrackEval has none)")]
+    top = c.similarity - c.fp - c.switches
+    text = f"0 for one sequence, {float(top):g} for sums"
+    return [*fields, share("smota", top, c.num_truth, NO_TRUTH, float(top), text)]
+
+
+def _precision(c: ClearCounts, is_distance: bool) -> list[Field]:
+    """MOTP: mean similarity, or mean distance [m], of matches."""
+    if not is_distance:
+        return [share("motp", c.similarity, c.tp, NO_MATCH), known("motp_sum", c.similarity)]
+    mean = float(-c.similarity / c.tp) if c.tp else None
+    return [Field("motp", mean, NO_MATCH, mean or 0.0, "m"), known("motp_sum", -c.similarity, "m")]
+
+
+def _ratios(c: ClearCounts) -> list[Field]:
+    no_frames, text = "no frames of sequences with truth and results", f"0 for one sequence, {c.fp} for sums"
+    return [
+        share("clr_re", c.tp, c.num_truth, NO_TRUTH),
+        share("clr_pr", c.tp, c.tp + c.fp, NO_RESULTS),
+        share("clr_f1", 2 * c.tp, 2 * c.tp + c.fn + c.fp, NOTHING),
+        share("mtr", c.mostly_tracked, c.num_tracks, NO_TRACKS),
+        share("ptr", c.partly_tracked, c.num_tracks, NO_TRACKS),
+        share("mlr", c.mostly_lost, c.num_tracks, NO_TRACKS, 0.0, "1 for one sequence, 0 for sums"),
+        share("fp_per_frame", c.fp, c.num_steps, no_frames, c.fp, text),
+    ]
+
+
+def _counts(c: ClearCounts) -> list[Field]:
+    named = {
+        "clr_tp": c.tp, "clr_fn": c.fn, "clr_fp": c.fp, "idsw": c.switches, "mt": c.mostly_tracked,
+        "pt": c.partly_tracked, "ml": c.mostly_lost, "frag": c.fragmentations, "clr_frames": c.num_steps,
+    }  # fmt: skip
+    return [count(metric, value) for metric, value in named.items()]
+
+
+def clear_raw(c: ClearCounts) -> dict[str, int | float]:
+    """Counts that rows of CLEAR are made of."""
+    return {
+        "clr_tp": c.tp, "clr_fn": c.fn, "clr_fp": c.fp, "idsw": c.switches, "frag": c.fragmentations,
+        "mt": c.mostly_tracked, "pt": c.partly_tracked, "ml": c.mostly_lost, "clr_frames": c.num_steps,
+        "similarity_sum": float(c.similarity),
+    }  # fmt: skip
+
+
+def identity_fields(c: IdentityCounts) -> list[Field]:
+    """All of TrackEval's Identity."""
+    return [
+        share("idf1", 2 * c.tp, 2 * c.tp + c.fn + c.fp, NOTHING),
+        share("idr", c.tp, c.tp + c.fn, NO_TRUTH),
+        share("idp", c.tp, c.tp + c.fp, NO_RESULTS),
+        count("idtp", c.tp),
+        count("idfn", c.fn),
+        count("idfp", c.fp),
+    ]
+
+
+def identity_raw(c: IdentityCounts) -> dict[str, int | float]:
+    """Counts that rows of Identity are made of."""
+    return {"idtp": c.tp, "idfn": c.fn, "idfp": c.fp}
+
+
+LABELS = tuple(f"{alpha:.2f}" for alpha in ALPHAS)
+
+
+def alpha_fields(c: HotaCounts, a: int) -> list[Field]:
+    """The numbers at threshold `a` (0 to 18).
+
+    HOTA is the root of DetA times AssA, that is of the association accuracies of all matches over all matches, misses
+    and false alarms: without any match, but with boxes, it is 0.
+    """
+    tp, fn, fp = c.tp[a], c.fn[a], c.fp[a]
+    det, recall = share("deta", tp, tp + fn + fp, NOTHING), share("detre", tp, tp + fn, NO_TRUTH)
+    ass = share("assa", c.ass_a[a], tp, NO_MATCH)
+    return [
+        _root("hota", det, ass), det, ass, recall,
+        share("detpr", tp, tp + fp, NO_RESULTS),
+        share("assre", c.ass_re[a], tp, NO_MATCH),
+        share("asspr", c.ass_pr[a], tp, NO_MATCH),
+        share("loca", c.similarity[a], tp, NO_MATCH, 1.0),
+        _root("owta", recall, ass),
+        count("hota_tp", tp), count("hota_fn", fn), count("hota_fp", fp),
+    ]  # fmt: skip
+
+
+def _root(metric: str, detection: Field, association: Field) -> Field:
+    if detection.value is None:
+        return Field(metric, None, detection.why)
+    return known(metric, math.sqrt(detection.value * (association.value or 0.0)))
+
+
+def mean_fields(by_alpha: list[list[Field]]) -> list[Field]:
+    """Means over thresholds, then the numbers at the lowest one.
+
+    A mean is undefined where no threshold has a value; else thresholds without one enter as the reference has them: 0,
+    and 1 for LocA.
+    """
+    return [*map(_mean, zip(*by_alpha, strict=True)), *_lowest(by_alpha[0])]
+
+
+def _mean(fields: tuple[Field, ...]) -> Field:
+    first = fields[0]
+    mean = sum(field.printed for field in fields) / len(fields)
+    if all(field.value is None for field in fields):
+        return Field(first.metric, None, first.why, mean)
+    return count(first.metric, mean) if first.is_count else known(first.metric, mean)
+
+
+def _lowest(fields: list[Field]) -> list[Field]:
+    at = {field.metric: field for field in fields}
+    hota, loca = at["hota"], at["loca"]
+    both = Field("hotaloca_0", None, loca.why.replace("1)", "0)"))
+    if hota.value is not None and loca.value is not None:
+        both = known("hotaloca_0", hota.value * loca.value)
+    return [
+        Field("hota_0", hota.value, hota.why, hota.printed),
+        Field("loca_0", loca.value, loca.why, loca.printed),
+        both,
+    ]
+
+
+def alpha_raw(c: HotaCounts, a: int) -> dict[str, int | float]:
+    """Counts that rows at threshold `a` are made of."""
+    return {
+        "hota_tp": c.tp[a], "hota_fn": c.fn[a], "hota_fp": c.fp[a], "similarity_sum": float(c.similarity[a]),
+        "assa_sum": float(c.ass_a[a]), "assre_sum": float(c.ass_re[a]), "asspr_sum": float(c.ass_pr[a]),
+    }  # fmt: skip
+
+
+def mean_raw(c: HotaCounts) -> dict[str, int | float]:
+    """Counts over all thresholds."""
+    return {"hota_tp": sum(c.tp), "hota_fn": sum(c.fn), "hota_fp": sum(c.fp)}

@@ -1,0 +1,312 @@
+"""Scores of several runs of one pipeline together: counts are added, ratios taken of the sums."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, reduce
+from operator import add
+from typing import TypeVar
+
+from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
+from fbench.metrics.core.slices import VEHICLE, Entry, Heading, added
+from fbench.metrics.detection.scores import DetectionCounts
+from fbench.metrics.profiles.profile import Match, Statistics
+from fbench.metrics.runs import detection, tracking
+from fbench.metrics.runs.detection import coverage, detection_entries
+from fbench.metrics.runs.places import SharedRun
+from fbench.metrics.runs.tracking import tracking_entries
+from fbench.metrics.tracking.scores import TrackingCounts
+from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.protocols import Metric
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+
+_ORDER = (
+    "f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw", "idf1", "hota", "best_f1", "best_f1_threshold",
+    "ap", "deta", "assa", "loca", "idp", "idr", "frag", "mt", "pt", "ml", "occlusion_survival", "distance_error",
+    "range_rate_error",
+)  # fmt: skip
+
+_FIRST = ("f1", "mota")
+"""A metric's first row of these is in the pipeline's own space."""
+
+
+def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> list[Score]:
+    """Return the rows of all metrics, primary rows first.
+
+    All vehicles as one class come first, in the pipeline's own space, then in the image; then single labels; then
+    slices; then what isn't about a class. Inside these, detection before tracking; rows of other metrics keep their
+    order.
+
+    Raises:
+        MetricError: where truth or results can't be scored.
+    """
+    shared = SharedRun(run.folder)
+    rows = [row for metric in metrics for row in metric.scores(shared, options)]
+    return ordered(rows)
+
+
+def ordered(rows: Sequence[Score]) -> list[Score]:
+    """Return rows of one run, or of several together, primary rows first."""
+    native = next((row.matching for row in rows if row.metric in _FIRST), "")
+    classes = list(dict.fromkeys(row.class_ for row in rows))
+    slices = list(dict.fromkeys(row.slice for row in rows))
+    return sorted(rows, key=lambda row: _rank(row, native, classes, slices))
+
+
+def _rank(row: Score, native: str, classes: Sequence[str], slices: Sequence[str]) -> tuple[int, int, int]:
+    metric = _ORDER.index(row.metric) if row.metric in _ORDER else len(_ORDER)
+    if row.slice != "all":
+        return 3, slices.index(row.slice), metric
+    if row.class_ == VEHICLE.name:
+        return int(row.matching != native), 0, metric
+    return (4, 0, metric) if row.class_ == "all" else (2, classes.index(row.class_), metric)
+
+
+IN_VIEW = ", in view"
+
+
+def require_one_matching(matchings: Iterable[tuple[str, str]]) -> None:
+    """Refuse to add counts of different boxes: some rigs have cameras, in whose view truth must be, others don't.
+
+    Args:
+        matchings: Name of the log, and how boxes match and which of them count in the pipeline's own space.
+
+    Raises:
+        ConfigError: naming two that differ.
+    """
+    found: dict[str, str] = {}
+    for log, matching in matchings:
+        found.setdefault(matching, log)
+    if len(found) < 2:
+        return
+    (one, first), (other, second) = list(found.items())[:2]
+    is_view = one.replace(IN_VIEW, "") == other.replace(IN_VIEW, "")
+    advice = "--all-around leaves cameras out" if is_view else "score them apart"
+    raise ConfigError(f"runs count different boxes: '{one}' on log '{first}', '{other}' on log '{second}'; {advice}")
+
+
+def of_some_runs(runs: Sequence[tuple[str, Iterable[Heading]]]) -> list[str]:
+    """Say which rows only some of the runs have, as those in images where a rig has no cameras.
+
+    Args:
+        runs: Name of the log, and headings of what was measured.
+    """
+    logs: dict[str, list[str]] = {}
+    for log, headings in runs:
+        for matching in dict.fromkeys(heading.matching for heading in headings if heading.reason is None):
+            logs.setdefault(matching, []).append(log)
+    return [
+        f"rows by '{matching}' are of {len(held)} of {len(runs)} runs only: {', '.join(held)}"
+        for matching, held in logs.items()
+        if len(held) < len(runs)
+    ]
+
+
+S = TypeVar("S", bound=Statistics)
+_ALWAYS = ("log", "scenario", "condition")
+_LONGEST_WORD = 40
+RATES = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "distance_error", "range_rate_error")
+"""What depends on single steps, or nearly: MOTA also on what came one step before."""
+OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_survival")
+"""What depends on whole tracks."""
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """Statistics of one run, or of several added."""
+
+    detection: tuple[Entry[DetectionCounts], ...]
+    tracking: tuple[Entry[TrackingCounts], ...]
+    matching: str
+    """In the pipeline's own space."""
+    num_scored: int
+    """Frames that have truth."""
+    num_frames: int
+
+    def __add__(self, other: "RunTable") -> "RunTable":
+        return RunTable(
+            added([self.detection, other.detection]), added([self.tracking, other.tracking]), self.matching,
+            self.num_scored + other.num_scored, self.num_frames + other.num_frames,
+        )  # fmt: skip
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there is anything to score in the pipeline's own space."""
+        return any(entry.heading.matching == self.matching and not entry.heading.reason for entry in self.detection)
+
+    def rows(self) -> list[Score]:
+        """Return all rows, primary ones first."""
+        return ordered([*self.rows_of_entries(), coverage(self.matching, self.num_scored, self.num_frames)])
+
+    def rows_of_entries(self) -> list[Score]:
+        """Return the rows of detections, then of tracks."""
+        rows = [row for entry in self.detection for row in detection.rows_of(entry)]
+        return rows + [row for entry in self.tracking for row in tracking.rows_of(entry)]
+
+    def of_part(self, part: str) -> "RunTable":
+        """Return the whole of it as a slice of something larger."""
+        return replace(self, detection=tuple(_of_part(self.detection, part)),
+                       tracking=tuple(_of_part(self.tracking, part)))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunStatistics:
+    """What must be known of a run to score it with others."""
+
+    key: tuple[str, str, str]
+    """Name and id of the log, and the digest of what came out."""
+    pipeline: str
+    tags: Mapping[str, str]
+    """`log`, and the words of its metadata: scenario, condition ..."""
+    table: RunTable
+
+    @property
+    def name(self) -> str:
+        """As one text."""
+        return "\n".join(self.key)
+
+
+def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> RunStatistics:
+    """Measure one run; keeps nothing of it but counts.
+
+    Args:
+        run: With truth.
+        options: Which boxes count, and how they match.
+        match: Instead of how the options match, see `views`.
+
+    Raises:
+        MetricError: where an id occurs twice in one frame.
+        ConfigError: where the options ask for regions that the log hasn't.
+    """
+    manifest, shared = run.manifest, SharedRun(run.folder)
+    found, tracked = detection_entries(shared, options, match), tracking_entries(shared, options, match)
+    native = found[0].heading
+    words = {key: value for key, value in manifest.log.metadata.items() if _is_word(value)}
+    return RunStatistics(
+        (manifest.log.name, manifest.log.log_id, manifest.digest), manifest.pipeline,
+        {"log": manifest.log.name, **words},
+        RunTable(found, tracked, native.matching, native.num_frames, len(shared.frames)),
+    )  # fmt: skip
+
+
+def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
+    """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
+    differ, as slices such as `condition fog`.
+
+    Args:
+        runs: Of one pipeline, in any order.
+        how: Resamples of runs for confidence intervals of all runs together; none by default.
+
+    Raises:
+        MetricError: where there is no run, runs are of several pipelines, or one is there twice.
+        ConfigError: where runs count different boxes in the pipeline's own space.
+    """
+    known = _checked(runs)
+    total = reduce(add, (run.table for run in known))
+    rows = total.rows() if how is None else _with_intervals(known, how)
+    for part, members in _parts(known):
+        own = reduce(add, (run.table for run in members)).of_part(part)
+        rows += [row for row in own.rows() if row.slice != "all"]
+    return rows
+
+
+def told_of(runs: Sequence[RunStatistics]) -> list[str]:
+    """Return what there is to say of runs that are scored together: which rows only some of them have."""
+    return of_some_runs([(run.tags["log"], [entry.heading for entry in run.table.detection]) for run in runs])
+
+
+def resampled(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
+    """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
+    bare = [replace(table, detection=tuple(map(_without_curve, table.detection))) for table in tables.values()]
+    known = {_key(row): row for row in _intervals(
+        dict(zip(tables, (table.detection for table in bare), strict=True)), detection.rows_of, DetectionCounts(), how,
+        unit, metrics)}  # fmt: skip
+    known |= {_key(row): row for row in _intervals(
+        {name: table.tracking for name, table in tables.items()}, tracking.rows_of, TrackingCounts(), how, unit,
+        metrics)}  # fmt: skip
+    rows = reduce(add, (tables[name] for name in sorted(tables))).rows()
+    return [_copied(row, known.get(_key(row))) for row in rows]
+
+
+def _with_intervals(runs: Sequence[RunStatistics], how: Bootstrap) -> list[Score]:
+    return resampled({run.name: run.table for run in runs}, how, "logs", (*RATES, *OF_TRACKS))
+
+
+def _intervals(
+    tables: Mapping[str, Sequence[Entry[S]]],
+    rows_of: Callable[[Entry[S]], list[Score]],
+    nothing: S,
+    how: Bootstrap,
+    unit: str,
+    metrics: Sequence[str],
+) -> Iterator[Score]:
+    """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
+    for total in added(tables[name] for name in sorted(tables)):
+        if total.heading.slice == "all" and total.heading.reason is None:
+            units = {name: _counts(table, total, nothing) for name, table in tables.items()}
+            yield from with_intervals(units, partial(_rows, rows_of, total.heading), how, unit, metrics)
+
+
+def _counts(table: Sequence[Entry[S]], wanted: Entry[S], nothing: S) -> S:
+    return next((entry.counts for entry in table if entry.key == wanted.key), nothing)
+
+
+def _rows(rows_of: Callable[[Entry[S]], list[Score]], heading: Heading, counts: S) -> list[Score]:
+    return rows_of(Entry(heading, counts))
+
+
+def _without_curve(entry: Entry[DetectionCounts]) -> Entry[DetectionCounts]:
+    """Curves would take long to resample."""
+    n = entry.counts
+    return Entry(entry.heading, DetectionCounts(n.boxes, distance=n.distance, range_rate=n.range_rate))
+
+
+def _copied(row: Score, other: Score | None) -> Score:
+    return row if other is None else replace(row, low=other.low, high=other.high, interval=other.interval)
+
+
+def _key(row: Score) -> tuple[str, str, str, str]:
+    return row.metric, row.class_, row.slice, row.matching
+
+
+def _checked(runs: Iterable[RunStatistics]) -> list[RunStatistics]:
+    known = sorted(runs, key=lambda run: run.key)
+    if not known:
+        raise MetricError("no run to score")
+    pipelines = sorted({run.pipeline for run in known})
+    if len(pipelines) > 1:
+        raise MetricError(f"runs of several pipelines ({', '.join(pipelines)}) can't be scored together; compare them")
+    twice = [key for key, num in Counter(run.key for run in known).items() if num > 1]
+    if twice:
+        raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
+    require_one_matching((run.tags["log"], run.table.matching) for run in known if run.table.has_truth)
+    return known
+
+
+def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
+    """Each value of each tag by which runs differ; of others than log, scenario and condition only what several runs
+    have in common.
+    """
+    others = sorted({key for run in runs for key in run.tags} - set(_ALWAYS))
+    for tag in (*_ALWAYS, *others):
+        values = Counter(run.tags.get(tag) for run in runs)
+        if len(values) < 2 or (tag not in _ALWAYS and max(values.values()) < 2):
+            continue
+        for value in sorted(v for v in values if v is not None):
+            yield f"{tag} {value}", [run for run in runs if run.tags.get(tag) == value]
+
+
+def _is_word(value: str) -> bool:
+    """Not a number, and not a text as long as that of regions."""
+    try:
+        float(value)
+    except ValueError:
+        return 0 < len(value) <= _LONGEST_WORD
+    return False
+
+
+def _of_part(entries: Iterable[Entry[S]], part: str) -> Iterator[Entry[S]]:
+    for entry in entries:
+        if entry.heading.slice == "all":
+            yield Entry(replace(entry.heading, slice=part), entry.counts)

@@ -1,1 +1,0 @@
-"""How fbench itself counts: the profile `default`."""

@@ -1,1 +1,0 @@
-"""Sufficient statistics: exact sums, and resampling."""

@@ -1,0 +1,100 @@
+"""Survival of occlusions: whether tracks keep their id while what they follow can't be seen."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.metrics.core.problem import Problem
+from fbench.metrics.core.sequence import Steps
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.scores import Score, ratio
+
+LENGTHS_S = (0.0, 0.5, 1.0, 2.0, np.inf)
+HIDDEN_BELOW = 0.2
+"""Truth boxes with a smaller visible share count as hidden."""
+
+
+@dataclass(frozen=True)
+class SurvivalCounts:
+    """Occlusions of truth tracks by length: after how many the object had the id that it had before."""
+
+    occlusions: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
+    survived: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
+    untimed: int = 0
+    """Occlusions of which nobody tells the length: frames have no stamps."""
+    untimed_survived: int = 0
+
+    def __add__(self, other: "SurvivalCounts") -> "SurvivalCounts":
+        return SurvivalCounts(
+            tuple(a + b for a, b in zip(self.occlusions, other.occlusions, strict=True)),
+            tuple(a + b for a, b in zip(self.survived, other.survived, strict=True)),
+            self.untimed + other.untimed,
+            self.untimed_survived + other.untimed_survived,
+        )
+
+
+def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | None, steps: Steps) -> SurvivalCounts:
+    """Count the occlusions of one class of one sequence.
+
+    An occlusion is a stretch between two steps of a stream at which a truth track is seen, through which it isn't:
+    hidden, or without a box that counts. Its length is the time between the two, where stamps are known. It counts
+    where the object was tracked since the occlusion before it, if any; the id then, at the last match, must be the id
+    at the first match after it. An object that isn't found again before its next occlusion, or its end, didn't survive.
+
+    Args:
+        problem: N truth boxes.
+        partner_id: (N,) id of the estimate that each was matched to; -1: none.
+        visibility: (N,) visible share; NaN or `None`: seen.
+        steps: Of the sequence.
+    """
+    order, seen = _tracks(problem, visibility, steps)
+    counts = np.zeros((2, len(LENGTHS_S)), np.int64)  # in front those of unknown length
+    step_of = _steps_of(problem)
+    place = steps.places
+    for track in order:
+        rows = track[seen[track]]
+        at = step_of[rows]
+        breaks = np.flatnonzero(np.diff(place[at]) > 1) + 1
+        stretches = np.split(partner_id[rows], breaks)
+        for gap, (before, after) in zip(breaks, itertools.pairwise(stretches), strict=True):
+            had = before[before >= 0]
+            if len(had):
+                length = (steps.stamp_ns[at[gap]] - steps.stamp_ns[at[gap - 1]]) * 1e-9
+                which = int(np.searchsorted(LENGTHS_S, length, side="left"))
+                found = after[after >= 0]
+                counts[:, which] += (1, bool(len(found) and found[0] == had[-1]))
+    (untimed, *occlusions), (untimed_survived, *survived) = counts.tolist()
+    return SurvivalCounts(tuple(occlusions), tuple(survived), untimed, untimed_survived)
+
+
+def survival_rows(n: SurvivalCounts, class_: str, matching: str, reason: str | None, part: str) -> list[Score]:
+    """Return the share of occlusions that were survived: of all, then by length."""
+    total = {"occlusions": sum(n.occlusions) + n.untimed, "survived": sum(n.survived) + n.untimed_survived}
+    why = reason or "no tracked object was occluded"
+    name = "occlusion_survival"
+    top, bottom = (0, 0) if reason else (total["survived"], total["occlusions"])
+    rows = [ratio(name, class_, matching, top, bottom, why, total, part=part)]
+    if reason or not bottom:
+        return rows
+    for low, high, num, kept in zip(LENGTHS_S[:-1], LENGTHS_S[1:], n.occlusions, n.survived, strict=True):
+        length = f"over {low:g} s" if high == np.inf else f"{low:g}-{high:g} s"
+        slice_ = f"occlusion {length}" if part == "all" else f"{part}, occlusion {length}"
+        why = "no tracked object was occluded that long" if any(n.occlusions) else "frames have no stamps"
+        counts = {"occlusions": num, "survived": kept}
+        rows.append(ratio(name, class_, matching, kept, num, why, counts, part=slice_))
+    return rows
+
+
+def _tracks(problem: Problem, visibility: Float64 | None, steps: Steps) -> tuple[list[Int64], Bool]:
+    """Rows of each truth track in the order of its steps, and which rows (N,) are seen."""
+    seen = np.ones(problem.num_truth, bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
+    order = np.argsort(problem.truth_id, kind="stable")
+    order = order[problem.truth_id[order] >= 0]
+    if not len(order):
+        return [], seen
+    return np.split(order, np.flatnonzero(np.diff(problem.truth_id[order])) + 1), seen
+
+
+def _steps_of(problem: Problem) -> Int64:
+    return np.repeat(np.arange(problem.num_steps), np.diff(problem.truth_start))

@@ -1,0 +1,169 @@
+"""Parameters of the baseline, the thesis's algorithms as written."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fbench.pipelines.models.weights import resolve_settings
+from fbench.pipelines.params import require_between, require_ranges
+from fbench.pipelines.sensors.camera.detector import CameraParams
+from fbench.pipelines.sensors.stereo.stage import StereoParams
+from fbench.replay.contracts.errors import ConfigError
+
+PlainSensor = Literal["camera", "lidar", "radar", "stereo"]
+Strategy = Literal["early", "late"]
+
+
+@dataclass(frozen=True)
+class PlainCropParams:
+    """Which points take part. The thesis doesn't say how it leaves out the ground; here by height alone."""
+
+    min_range_m: float = 3.0
+    """Points nearer to the body's origin, seen from above [m], lie on the own vehicle."""
+    max_range_m: float = 100.0
+    """Farther points [m] are left out."""
+    low_m: float = 0.3
+    """Points lower than this over the body's origin [m] are ground: the thesis's origin is on the ground."""
+    high_m: float = 3.5
+    """Higher points [m] are left out."""
+
+    def __post_init__(self) -> None:
+        require_ranges("crop", self, {"min_range_m": (0.0, 1e4), "max_range_m": (0.1, 1e4)})
+        require_ranges("crop", self, {"low_m": (-1e3, 1e3), "high_m": (-1e3, 1e3)})
+
+
+@dataclass(frozen=True)
+class PlainClusterParams:
+    """DBSCAN over x, y and z."""
+
+    eps_m: float = 1.2
+    """Radius [m]."""
+    min_points: int = 5
+    """Points within the radius that make a core point, itself included."""
+
+    def __post_init__(self) -> None:
+        require_ranges("cluster", self, {"eps_m": (0.01, 100.0), "min_points": (1, 1e6)})
+
+
+@dataclass(frozen=True)
+class PlainImageParams:
+    """DBSCAN over u, v and depth."""
+
+    eps_px: float = 20.0
+    """Radius [px]."""
+    min_points: int = 5
+    """Points within the radius that make a core point, itself included."""
+    depth_px_per_m: float = 10.0
+    """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
+
+    def __post_init__(self) -> None:
+        require_ranges("image", self, {"eps_px": (0.01, 1e4), "min_points": (1, 1e6), "depth_px_per_m": (0.0, 1e4)})
+
+
+@dataclass(frozen=True)
+class PlainSizeParams:
+    """Sizes of clusters that may be vehicles, of which a sensor sees some sides. The thesis names no limits."""
+
+    least_points: int = 5
+    """Clusters of fewer points are dropped."""
+    least_extent_m: float = 1.4
+    """Least extent along the longer of the axes x and y [m]: shorter clusters are poles and people."""
+    most_extent_m: float = 12.0
+    """Greatest extent along the longer of the axes x and y [m]: longer clusters are walls."""
+    most_width_m: float = 4.0
+    """Greatest extent along the shorter of the axes x and y [m]."""
+    least_height_m: float = 0.5
+    """Least height between the lowest and the highest point [m]."""
+    most_height_m: float = 2.2
+    """Greatest height between them [m]: higher clusters are buildings and trees."""
+
+    def __post_init__(self) -> None:
+        names = ("least_extent_m", "most_extent_m", "most_width_m", "least_height_m", "most_height_m")
+        require_ranges("size", self, {"least_points": (1, 1e6), **dict.fromkeys(names, (0.0, 1e3))})
+
+
+@dataclass(frozen=True)
+class PlainSensorParams:
+    """From the points of one kind of sensor to boxes in space."""
+
+    crop: PlainCropParams = field(default_factory=PlainCropParams)
+    """Which points take part."""
+    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
+    """How they are grouped in space."""
+    size: PlainSizeParams = field(default_factory=PlainSizeParams)
+    """Which clusters are dropped."""
+
+
+@dataclass(frozen=True)
+class PlainImageSensorParams(PlainSensorParams):
+    """The same, and to boxes in images."""
+
+    image: PlainImageParams = field(default_factory=PlainImageParams)
+    """How they are grouped in images, with the strategy `early`."""
+
+
+@dataclass(frozen=True)
+class PlainFusionParams:
+    """How boxes of several sensors become one."""
+
+    min_iou: float = 0.05
+    """Boxes that overlap less than this (intersection over union) stay apart."""
+    label_share: float = 0.5
+    """With early fusion in 3D: a cluster gets a camera's label where at least this share of its points carries one."""
+
+    def __post_init__(self) -> None:
+        require_ranges("fusion", self, {"min_iou": (1e-6, 1.0), "label_share": (0.0, 1.0)})
+
+
+RADAR = PlainClusterParams(eps_m=1.5, min_points=4)
+"""Large radius and few points for radar, as the thesis says."""
+RADAR_IMAGE = PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
+MORE_POINTS = PlainSizeParams(least_points=8)
+"""Of clusters of radar, and of a merged cloud."""
+
+
+def require_uses(uses: tuple[PlainSensor, ...], detect_every: int) -> None:
+    """Refuse parameters of a pipeline without sensors, or with a sensor named twice.
+
+    Raises:
+        ConfigError: naming the parameter.
+    """
+    require_between("detect_every", detect_every, 1)
+    if not uses or len(set(uses)) < len(uses):
+        raise ConfigError(
+            f"uses: expected one or more of camera, lidar, radar, stereo, each once, got {','.join(uses)}"
+        )
+
+
+def radar_params() -> PlainSensorParams:
+    """Parameters for clusters of radar in space."""
+    return PlainSensorParams(cluster=RADAR, size=MORE_POINTS)
+
+
+@dataclass(frozen=True)
+class PlainParams:
+    """What the plain pipelines in images and in space share."""
+
+    uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")
+    """Kinds of sensors: camera, lidar, radar, stereo."""
+    strategy: Strategy = "late"
+    """`early`: points of all sensors are merged; `late`: boxes of each."""
+    camera: CameraParams = field(default_factory=CameraParams)
+    """Detection by camera."""
+    lidar: PlainSensorParams = field(default_factory=PlainSensorParams)
+    """Points of LiDARs."""
+    radar: PlainSensorParams = field(default_factory=radar_params)
+    """Points of radars."""
+    stereo: PlainSensorParams = field(default_factory=PlainSensorParams)
+    """Points of stereo."""
+    depth: StereoParams = field(default_factory=StereoParams)
+    """How stereo gives depth."""
+    fusion: PlainFusionParams = field(default_factory=PlainFusionParams)
+    """How boxes of several sensors become one."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
+
+    def __post_init__(self) -> None:
+        require_uses(self.uses, self.detect_every)
+        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))

@@ -1,0 +1,119 @@
+"""plain3d: the thesis's algorithms in space, from which its configurations are made; see `thesis/`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fbench.pipelines.baseline.boxes import Cloud, Extents, boxes, no_extents, one_cloud, space_clusters
+from fbench.pipelines.baseline.labels import UNKNOWN, cluster_labels, merged, named, painted, solid, with_camera
+from fbench.pipelines.baseline.observations import KINDS, PlainSensors
+from fbench.pipelines.baseline.params import (
+    MORE_POINTS,
+    PlainClusterParams,
+    PlainParams,
+    PlainSensor,
+    PlainSizeParams,
+    Strategy,
+)
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.points.merged import require
+from fbench.pipelines.tracking.params import Tracker3DParams
+from fbench.pipelines.tracking.stage import Detected, Tracked3D
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Plain3DParams(PlainParams):
+    """Parameters of `plain3d`."""
+
+    uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")
+    """Kinds of sensors: camera, lidar, radar, stereo. Cameras only name what the others place."""
+    strategy: Strategy = "late"
+    """`early`: the points of all are clustered together; `late`: those of each kind, and overlapping boxes are merged
+    in the order LiDAR, radar, stereo.
+    """
+    cluster: PlainClusterParams = field(default_factory=PlainClusterParams)
+    """With `early`: how the points of all are grouped."""
+    size: PlainSizeParams = field(default_factory=lambda: MORE_POINTS)
+    """With `early`: which clusters are dropped."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
+    """The tracker."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.uses == ("camera",):
+            raise ConfigError("uses: a camera alone places nothing in space; name lidar, radar or stereo too")
+
+
+class Plain3D:
+    """Boxes along the axes in space, from clusters of points; labelled where cameras are used."""
+
+    def __init__(self, params: Plain3DParams = Plain3DParams()) -> None:
+        self._params, self._sensors = params, PlainSensors(params)
+        self._tracked = Tracked3D(params.tracking, params.detect_every)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take the sensors of the rig that are used.
+
+        Raises:
+            LogError: where it has none but cameras, or a camera that is to be used can't be projected into.
+        """
+        uses = self._params.uses
+        if "stereo" not in uses:
+            require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
+        self._rig = rig
+        self._tracked.start(rig)
+        self._sensors.start(rig, log_info)
+        self._sensors.cameras.require_projections()
+        self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._sensors.cameras.identity
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracked.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect, merge and track; what a missing sensor would have given isn't there."""
+        return self._tracked.step(frame, self._detected, self._sensors.cameras.missing)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+        seen = self._sensors.view(frame, clock)
+        find = self._early if self._params.strategy == "early" else self._late
+        return Detected(self._reported(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
+
+    def _early(
+        self, clouds: Mapping[PlainSensor, Cloud], cameras: Mapping[str, CameraDetections], clock: StageClock
+    ) -> Extents:
+        params, points = self._params, one_cloud(list(clouds.values()))
+        with clock.stage("fuse"):
+            cluster = space_clusters(points, params.cluster)
+            label = cluster_labels(cluster, painted(points.xyz, self._rig, cameras), params.fusion.label_share)
+            found = boxes(points, cluster, points.xyz, params.size, label)
+            return replace(found, sources=with_camera(found.sources, found.label))
+
+    def _late(
+        self, clouds: Mapping[PlainSensor, Cloud], cameras: Mapping[str, CameraDetections], clock: StageClock
+    ) -> Extents:
+        parts = [no_extents(3)]
+        for kind, points in clouds.items():
+            own = getattr(self._params, kind)
+            with clock.stage(f"detect.{kind}"):
+                parts.append(boxes(points, space_clusters(points, own.cluster), points.xyz, own.size))
+        with clock.stage("fuse"):
+            min_iou = self._params.fusion.min_iou
+            return named(merged(parts, min_iou), self._rig, cameras, min_iou)
+
+    def _reported(self, found: Extents) -> Boxes3D:
+        label = np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None
+        return replace(
+            solid(found), label=label, score=found.score, sources=found.sources,
+            velocity_mps=np.full((len(found), 3), np.nan),
+        )  # fmt: skip

@@ -1,1 +1,0 @@
-"""Camera detectors: any ONNX model whose inputs and outputs are understood."""

@@ -1,0 +1,211 @@
+"""One cloud of what stands on the ground, as LiDAR, radar and stereo see it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fbench.pipelines.params import StageClock, require_ranges
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
+from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.points.merged import lidar_position
+from fbench.pipelines.sensors.radar.radar import Compensated
+from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoParams, StereoStage
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.arrays import Array, Bool, Float64
+from fbench.replay.data.boxes import Source
+from fbench.replay.data.frames import Fault, Frame
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.stereo_pairs import pairs
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of all sensors in body coordinates: LiDAR, then stereo, then radar, each in its own canonical order."""
+
+    xyz: Float64
+    """(N, 3) [m]."""
+    source: Array
+    """(N,) uint8 bits of `Source`: which sensor saw the point."""
+    range_rate_mps: Float64
+    """(N,) radial velocity over ground [m/s], positive when receding; NaN where nothing measured it."""
+    period_mps: Float64
+    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
+    is_moving: Bool
+    """(N,) whether a radar saw it move."""
+    height_m: Float64
+    """(N,) above the ground [m], 0 where that isn't known."""
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+
+@dataclass(frozen=True)
+class EchoParams:
+    """Which standing radar echoes join the cloud."""
+
+    least_height_m: float = 0.3
+    """Standing echoes lower than this above the ground [m] are left out, where the ground is known."""
+    most_height_m: float = 3.5
+    """Standing echoes higher than this above the ground [m] are left out, where the ground is known."""
+
+    def __post_init__(self) -> None:
+        require_ranges("fusion.echoes", self, dict.fromkeys(("least_height_m", "most_height_m"), (-1000.0, 1000.0)))
+
+
+def merged(
+    lidar: Obstacles,
+    stereo: Obstacles,
+    echoes: Compensated | None,
+    plane: Plane | None,
+    min_speed_mps: float,
+    params: EchoParams,
+) -> Cloud:
+    """Merge what LiDAR and stereo see stand on the ground with radar echoes, in body coordinates.
+
+    Echoes slower than `min_speed_mps` over ground stand, and so do those whose velocity isn't known; of the latter only
+    the strongest of a scan are used.
+    """
+    dense = np.concatenate([lidar.xyz, stereo.xyz])
+    source = np.repeat(np.array([int(Source.L), int(Source.S)], np.uint8), [len(lidar.xyz), len(stereo.xyz)])
+    height = np.concatenate([lidar.height_m, stereo.height_m])
+    unknown, zero = np.full(len(dense), np.nan), np.zeros(len(dense))
+    if echoes is None:
+        return Cloud(dense, source, unknown, zero, np.zeros(len(dense), np.bool_), height)
+    above = np.zeros(len(echoes.xyz)) if plane is None else echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
+    moving = np.abs(echoes.range_rate_mps) >= min_speed_mps
+    rows = moving | _may_stand(echoes, above, plane is not None, params)
+    num = int(np.count_nonzero(rows))
+    return Cloud(
+        np.concatenate([dense, echoes.xyz[rows]]),
+        np.concatenate([source, np.full(num, int(Source.R), np.uint8)]),
+        np.concatenate([unknown, echoes.range_rate_mps[rows]]),
+        np.concatenate([zero, echoes.period_mps[rows]]),
+        np.concatenate([np.zeros(len(dense), np.bool_), moving[rows]]),
+        np.concatenate([height, above[rows]]),
+    )
+
+
+def _may_stand(echoes: Compensated, above_m: Float64, is_known: bool, params: EchoParams) -> Bool:
+    """Tell which standing echoes (N,) may be of objects; radar is poor at heights."""
+    kept = np.isfinite(echoes.range_rate_mps) | echoes.is_strong
+    if not is_known:
+        return kept
+    return np.asarray(kept & (above_m > params.least_height_m) & (above_m < params.most_height_m), np.bool_)
+
+
+Choice = Literal["auto", "on", "off"]
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """What stands on the ground in one frame."""
+
+    lidar: Obstacles
+    stereo: Obstacles
+    plane: Plane | None
+    """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
+    noisy: tuple[str, ...] = ()
+    """Cameras whose depth is taken for noise."""
+
+
+def nothing() -> Obstacles:
+    """Return what a sensor sees that delivers nothing."""
+    return Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+
+
+def stereo_stage(rig: Rig, log_name: str, choice: Choice, params: StereoParams) -> StereoStage | None:
+    """Return the stage of the pair that is to be used, if any: with `auto`, where the rig has one and no LiDAR.
+
+    Raises:
+        ConfigError: where a camera that is named isn't there.
+        LogError: where a pair is to be used and the rig has none, or what it has can't be rectified.
+    """
+    is_wanted = choice == "on" or (choice == "auto" and not rig.sensors("lidar") and bool(pairs(rig)))
+    return StereoStage(rig, log_name, params) if is_wanted else None
+
+
+def require_depth(rig: Rig, log_name: str, stereo: StereoStage | None) -> None:
+    """Refuse a rig without anything that sees depth.
+
+    Raises:
+        LogError: naming the log and the sensors that are there.
+    """
+    if rig.sensors("lidar", "radar") or stereo is not None:
+        return
+    present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
+    wanted = "early3d needs a LiDAR, a radar or a stereo pair of cameras"
+    raise LogError(f"log '{log_name}': {wanted}; the log has: {present}", "CFG001")
+
+
+class DepthStage:
+    """Remembers how the ground lies, for frames in which nothing tells."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        log_info: LogInfo,
+        params: LidarParams,
+        settings: SensorSettings,
+        stereo: StereoStage | None,
+    ) -> None:
+        self._lidar = LidarStage(rig, log_info, params, settings)
+        self._stereo, self._params = stereo, ObjectParams()
+        self.eye_m = _eye(rig, stereo)
+        """(2,) from where the cloud is seen [m]."""
+        self.judged = replace(params, judge=params.judge or "model")
+        """How shapes are judged: those of stereo by rules."""
+        if not rig.sensors("lidar"):
+            self.judged = replace(params, judge="rules", shape=self._params.shape)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget how the ground lies."""
+        self._plane: Plane | None = None
+        self._lidar.reset()
+
+    def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Standing:
+        """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
+        points = self._lidar.points(frame, clock)
+        lidar = nothing() if points is None else self._lidar.obstacles(points, clock)
+        stereo, noisy = self._by_stereo(frame, clock, faults)
+        self._plane = lidar.plane or stereo.plane or self._plane
+        return Standing(lidar, stereo, self._plane, noisy)
+
+    def _by_stereo(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> tuple[Obstacles, tuple[str, ...]]:
+        if self._stereo is None:
+            return nothing(), ()
+        view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
+        with clock.stage("preprocess"):
+            found = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else nothing()
+        return found, (pair.left, pair.right) if view.is_off else ()
+
+
+def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
+    if rig.sensors("lidar"):
+        return lidar_position(rig)
+    if stereo is not None:
+        return np.asarray(stereo.eye_m, np.float64)
+    return np.asarray(np.mean([rig.body_T_sensor(name)[:2, 3] for name in rig.sensors("radar")], axis=0), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One frame."""
+
+    rig: Rig
+    cameras: Mapping[str, CameraDetections]
+    """By camera name; a camera that failed isn't in it."""
+    cloud: Cloud
+    plane: Plane | None
+    """The ground, where it is known."""
+    tall: Float64
+    """(K, 3) LiDAR points above the height of cars [m]."""
+    eye_m: Float64
+    """(2,) from where the cloud is seen [m]."""
+    lidar: LidarParams
+    """How shapes are judged, and what partly seen cars are completed to."""

@@ -1,0 +1,253 @@
+"""Points that make one object: those of a camera's box, and clusters that no camera box took."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.fusion.early.cloud import Cloud
+from fbench.pipelines.fusion.late.params import AssociationParams
+from fbench.pipelines.fusion.lift import SIZES, Sighting, sightings
+from fbench.pipelines.params import require_ranges
+from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import Source
+from fbench.replay.data.rig import Rig
+from fbench.replay.geometry.camera import in_image, project_body
+
+
+@dataclass(frozen=True)
+class SemanticsParams:
+    """How points take the labels of camera boxes."""
+
+    inset: float = 0.03
+    """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
+    margin_px: float = 5.0
+    """Points may lie this far above and below a box [px]."""
+    radar_rad: float = 0.01
+    """Error of a radar's azimuths [rad]: its echoes may lie so far beside a box."""
+    gate: float = 2.5
+    """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
+    depth_margin_m: float = 0.7
+    """An object reaches this much farther from its near side [m] than its typical size says."""
+    echo_share: float = 0.3
+    """A standing radar echo counts as so much of a LiDAR point when the depth of an object is looked for."""
+    least: float = 1.5
+    """So many points, weighted by how likely their depth is, are needed to see an object."""
+
+    def __post_init__(self) -> None:
+        ranges = {
+            "inset": (0.0, 0.5), "margin_px": (0.0, 10_000.0), "radar_rad": (0.0, 1.0), "gate": (0.1, 100.0),
+            "depth_margin_m": (0.0, 100.0), "echo_share": (0.0, 1000.0), "least": (0.0, 1e6),
+        }  # fmt: skip
+        require_ranges("fusion.semantics", self, ranges)
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What cameras say about the points of a cloud."""
+
+    sightings: tuple[Sighting, ...]
+    """Objects that cameras see."""
+    instance: Int64
+    """(N,) which of them a point belongs to, -1: none."""
+    height_px: Float64
+    """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
+    what the camera sees."""
+
+
+def label_points(
+    rig: Rig, cameras: Mapping[str, CameraDetections], cloud: Cloud, plane: Plane | None, params: SemanticsParams
+) -> Labels:
+    """Give points the camera boxes that they project into, where their depth fits.
+
+    In each camera nearer objects take their points first, those that the camera is sure of before all others. An object
+    takes the points of one stretch of distances, as deep as it may be: that with most points, weighted by how well they
+    fit the distance that the box's size and the ground suggest. What stands before and behind it keeps out. Of two
+    cameras the better score counts.
+    """
+    instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
+    best, known = np.zeros(len(cloud)), list[Sighting]()
+    for name in sorted(cameras):
+        uv, _ = project_body(rig, name, cloud.xyz)
+        found = sightings(rig, name, cameras[name], plane, AssociationParams())
+        view = _View(cloud, uv, rig, name)
+        for sighting in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
+            rows = view.take(sighting, params)
+            rows = rows[sighting.score > best[rows]]
+            instance[rows], best[rows] = len(known), sighting.score
+            known.append(sighting)
+        height = np.maximum(height, np.where(view.hidden(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
+    return Labels(tuple(known), instance, height)
+
+
+def _car_heights(rig: Rig, camera: str, cloud: Cloud, uv: Float64) -> Float64:
+    """Height (N,) [px] of cars at points with pixels (N, 2), 0 out of view."""
+    model = rig.cameras[camera]
+    ray = cloud.xyz - rig.body_T_sensor(camera)[:3, 3]
+    distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
+    return np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"][2] / distance, 0.0)
+
+
+class _View:
+    """The points before one camera, of which objects take theirs one after the other."""
+
+    def __init__(self, cloud: Cloud, uv: Float64, rig: Rig, camera: str) -> None:
+        eye = rig.body_T_sensor(camera)[:3, 3]
+        self._rows: Int64 = np.flatnonzero(np.isfinite(uv).all(axis=1))
+        self._uv = uv[self._rows]
+        xyz = cloud.xyz[self._rows]
+        self._distance = np.hypot(xyz[:, 0] - eye[0], xyz[:, 1] - eye[1])
+        self._is_echo = cloud.source[self._rows] == int(Source.R)
+        self._moving = cloud.is_moving[self._rows]
+        self._free = np.ones(len(self._rows), np.bool_)
+        self._hidden = np.zeros(len(self._rows), np.bool_)
+        self._focal_px = float(rig.cameras[camera].K[0, 0])
+
+    def take(self, sighting: Sighting, params: SemanticsParams) -> Int64:
+        """Rows of the cloud that belong to a sighting; none where too little is there."""
+        inside = self._inside(sighting, params)
+        if sighting.is_sure:
+            self._hidden |= inside & (self._distance > sighting.near_m)
+        rows: Int64 = np.flatnonzero(self._free & inside)
+        distance = self._distance[rows]
+        deviation = np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std
+        rows = rows[np.abs(deviation) < params.gate]
+        rows = rows[np.argsort(self._distance[rows], kind="stable")]
+        if not len(rows):
+            return rows
+        distance = self._distance[rows]
+        likelihood = np.exp(-0.5 * (np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std) ** 2)
+        worth = np.where(self._is_echo[rows] & ~self._moving[rows], params.echo_share, 1.0) * likelihood
+        total = np.concatenate([[0.0], np.cumsum(worth)])
+        stop = np.searchsorted(distance, distance + 2 * sighting.depth_m + params.depth_margin_m)
+        support = total[stop] - total[:-1]
+        begin = int(np.argmax(support))
+        if support[begin] < params.least:
+            return rows[:0]
+        taken: Int64 = self._rows[rows[begin : stop[begin]]]
+        self._free[rows[begin : stop[begin]]] = False
+        return taken
+
+    def hidden(self, num: int) -> Bool:
+        """Which of the cloud's `num` points lie behind objects so far."""
+        result = np.zeros(num, np.bool_)
+        result[self._rows] = self._hidden
+        return result
+
+    def _inside(self, sighting: Sighting, params: SemanticsParams) -> Bool:
+        """Which points lie in a box; radar is too poor at heights to ask for them."""
+        left, top, right, bottom = sighting.xyxy_px
+        u, v = self._uv[:, 0], self._uv[:, 1]
+        aside = np.where(self._is_echo, params.radar_rad * self._focal_px, -params.inset * (right - left))
+        wide = (u > left - aside) & (u < right + aside)
+        high = (v > top - params.margin_px) & (v < bottom + params.margin_px)
+        return np.asarray(wide & (high | self._is_echo), np.bool_)
+
+
+_LARGER = 1.3
+"""So many times as long as the diagonal of a typical object a cluster of one may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Candidates for objects; the points of each are rows of a cloud."""
+
+    rows: Int64
+    """(P,) rows of the cloud, sorted by group."""
+    first: Int64
+    """(M + 1,) where in `rows` groups begin."""
+    sighting: Int64
+    """(M,) number of the sighting that a group shows, -1: no camera's box took it."""
+
+    def __len__(self) -> int:
+        return len(self.sighting)
+
+    @property
+    def number(self) -> Int64:
+        """(P,) group of each of `rows`."""
+        return np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    def sums(self, values: Array) -> Float64:
+        """Sums (M,) over the points of each group of values (P,)."""
+        return np.asarray(np.bincount(self.number, values, len(self)), np.float64)
+
+    def select(self, keep: Array) -> "Groups":
+        """Groups by mask (M,)."""
+        sizes = np.diff(self.first)[keep]
+        return Groups(self.rows[keep[self.number]], np.concatenate([[0], np.cumsum(sizes)]), self.sighting[keep])
+
+
+def grouped(cloud: Cloud, labels: Labels, cluster: Int64, weight: Float64) -> Groups:
+    """Put points (N,) into groups: those of each sighting first, then those of each cluster that is left.
+
+    A sighting's points are those in the cluster in which most of them lie, by `weight` (N,), the lowest number on ties;
+    points of no cluster count only where none of them has one. A cluster that is no larger than what a camera sees in
+    it isn't cut: it is all of the sighting that has most of it. In larger ones each sighting takes its own points.
+    """
+    num = len(labels.sightings)
+    group = np.where(cluster >= 0, cluster + num, -1)
+    extent, is_taken = _diagonals(cloud, cluster), np.zeros(len(cloud) + 1, np.bool_)
+    own = _own_points(labels, cluster, weight)
+    for one in sorted(own, key=lambda one: (-float(weight[own[one]].sum()), one)):
+        rows, at = own[one], int(cluster[own[one][0]])
+        if at >= 0 and is_taken[at]:
+            continue
+        length, width = labels.sightings[one].size_lwh_m[:2]
+        is_taken[at] = at >= 0 and extent[at] <= _LARGER * float(np.hypot(length, width))
+        group[np.flatnonzero(cluster == at) if is_taken[at] else rows] = one
+    rows = np.flatnonzero(group >= 0)
+    rows = rows[np.argsort(group[rows], kind="stable")]
+    names, first = np.unique(group[rows], return_index=True)
+    return Groups(rows, np.append(first, len(rows)), np.where(names < num, names, -1))
+
+
+def _own_points(labels: Labels, cluster: Int64, weight: Float64) -> dict[int, Int64]:
+    """Points of each sighting that lie in one cluster, or in none."""
+    seen = np.flatnonzero(labels.instance >= 0)
+    result = {}
+    for one in np.unique(labels.instance[seen]).tolist():
+        rows = seen[labels.instance[seen] == one]
+        in_cluster = rows[cluster[rows] >= 0]
+        if len(in_cluster):
+            best = int(np.argmax(np.bincount(cluster[in_cluster], weight[in_cluster])))
+            rows = in_cluster[cluster[in_cluster] == best]
+        result[one] = rows
+    return result
+
+
+def _diagonals(cloud: Cloud, cluster: Int64) -> Float64:
+    """Diagonals of clusters' outlines along x and y (K,) [m]."""
+    rows = np.flatnonzero(cluster >= 0)
+    if not len(rows):
+        return np.zeros(0)
+    rows = rows[np.argsort(cluster[rows], kind="stable")]
+    first, xy = np.flatnonzero(np.diff(cluster[rows], prepend=-1)), cloud.xyz[rows, :2]
+    sides = np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)
+    return np.asarray(np.hypot(sides[:, 0], sides[:, 1]), np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """What groups (M,) consist of."""
+
+    dense: Float64
+    """Points of LiDAR and stereo."""
+    moving: Float64
+    """Moving radar echoes."""
+    standing: Float64
+    """Other radar echoes."""
+    sources: Array
+    """uint8 bits of `Source`: of points, and of cameras."""
+
+
+def counted(groups: Groups, cloud: Cloud) -> Counts:
+    """Count the points of groups by sensor."""
+    source, moving = cloud.source[groups.rows], cloud.is_moving[groups.rows]
+    has = {bit: groups.sums(source == int(bit)) for bit in (Source.L, Source.R, Source.S)}
+    num_moving = groups.sums(moving)
+    sources = np.where(groups.sighting >= 0, int(Source.C), 0)
+    for bit, num in has.items():
+        sources = sources | np.where(num > 0, int(bit), 0)
+    return Counts(has[Source.L] + has[Source.S], num_moving, has[Source.R] - num_moving, sources.astype(np.uint8))

@@ -1,0 +1,235 @@
+"""Detectors that fbench knows by name, trained on COCO, and the folder with those that were fetched.
+
+Nothing is listed whose address and sha256 aren't public. What was looked up, and where:
+
+- YOLOX: addresses, input sizes and AP from the authors' page. Their release comes without checksums; these are what
+  projects that download the files pin, several for each file and all equal (among them the Julia package YOLOWeights,
+  which holds all six; the sizes in bytes are from such lists too).
+- DEIMv2: AP from the authors' page. They publish PyTorch checkpoints and a script that exports them; the ONNX files are
+  exports that the repository Kazuhito00/DEIMv2-ONNX-Sample keeps. The addresses name one commit of it; sizes and
+  checksums were taken from that commit, and input sizes from the files.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Literal, TypeAlias
+
+from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
+from fbench.replay.data.files import expanded, is_file
+from fbench.replay.geometry.kernels import fbench_cache
+
+_YOLOX_PAGE = "https://github.com/Megvii-BaseDetection/YOLOX/blob/main/demo/ONNXRuntime/README.md"
+_YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
+_DEIMV2_PAGE = "https://github.com/Intellindust-AI-Lab/DEIMv2"
+_DEIMV2 = (
+    "https://raw.githubusercontent.com/Kazuhito00/DEIMv2-ONNX-Sample/f88d4382abca74edb26ed4c7f46190ac40da0ea5/model"
+)
+# GitHub sends who asks for a file of a release to one of these.
+_GITHUB = (
+    "https://github.com",
+    "https://release-assets.githubusercontent.com",
+    "https://objects.githubusercontent.com",
+)
+_RAW = ("https://raw.githubusercontent.com",)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One file that can be fetched."""
+
+    name: str
+    """As given to `fbench weights get`, and in place of a path."""
+    model: str
+    by: str
+    """Who trained it, and who exported it where that is another."""
+    licence: str
+    """SPDX identifier, of the repository that publishes the file."""
+    ap: float
+    """COCO AP (IoU 0.5 to 0.95) in percent, as the authors state it on `page`."""
+    input_wh: tuple[int, int]
+    """Width and height of the input [px]."""
+    page: str
+    """Address of what the authors say about it."""
+    url: str
+    origins: tuple[str, ...]
+    """`SCHEME://HOST[:PORT]` of all addresses that it may be fetched from, by redirection too."""
+    num_bytes: int
+    sha256: str
+
+    @property
+    def file_name(self) -> str:
+        """What the file is called, at its address and in the cache."""
+        return self.url.rpartition("/")[2]
+
+
+def _yolox(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
+    url = f"{_YOLOX}/yolox_{name.lower()}.onnx"
+    return Entry(
+        f"yolox-{name.lower()}", f"YOLOX-{name}", "Megvii", "Apache-2.0", ap, (side_px, side_px), _YOLOX_PAGE,
+        url, _GITHUB, num_bytes, sha256,
+    )  # fmt: skip
+
+
+def _deimv2(name: str, ap: float, side_px: int, num_bytes: int, sha256: str) -> Entry:
+    url = f"{_DEIMV2}/deimv2_hgnetv2_{name.lower()}_coco.onnx"
+    return Entry(
+        f"deimv2-{name.lower()}", f"DEIMv2-{name}", "Intellindust AI Lab, exported by Kazuhito00", "Apache-2.0", ap,
+        (side_px, side_px), _DEIMV2_PAGE, url, _RAW, num_bytes, sha256,
+    )  # fmt: skip
+
+
+CATALOGUE = (
+    _deimv2("Atto", 23.8, 320, 2_248_408, "b114aa6610ac7c2bd9b3186ffb001afa872430db957407ef2473f7148d00646e"),
+    _deimv2("Femto", 31.0, 416, 4_116_144, "c6ad358f750132b891165e034c2ba507abefc5ebe1c1d2732a0acbcacc47e52c"),
+    _yolox("Nano", 25.8, 416, 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"),
+    _yolox("Tiny", 32.8, 416, 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"),
+    _yolox("S", 40.5, 640, 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"),
+    _yolox("M", 47.2, 640, 101_259_744, "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f"),
+    _yolox("L", 50.1, 640, 216_746_733, "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411"),
+    _yolox("X", 51.5, 640, 396_142_663, "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55"),
+)
+
+
+def entry_named(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
+    """Return the entry of a name.
+
+    Raises:
+        ConfigError: for an unknown name, with the nearest one.
+    """
+    for entry in catalogue:
+        if entry.name == name:
+            return entry
+    raise ConfigError(f"unknown weights '{name}'{did_you_mean(name, [entry.name for entry in catalogue])}")
+
+
+State = Literal["absent", "good", "damaged"]
+BLOCK_BYTES = 1 << 20
+
+
+def weights_folder() -> Path:
+    """Return where weights are kept: `weights` in fbench's cache.
+
+    Raises:
+        ConfigError: where the user has no home folder, and `FBENCH_CACHE` names no other.
+    """
+    try:
+        return fbench_cache() / "weights"
+    except RuntimeError as error:
+        raise ConfigError(f"no folder for weights ({error}): name one in FBENCH_CACHE") from error
+
+
+def state(entry: Entry, path: Path) -> State:
+    """Tell whether a file is there, and whether it is the published one.
+
+    Raises:
+        ModelError: where it can't be read.
+    """
+    try:
+        if not path.is_file():
+            return "absent"
+        if path.stat().st_size != entry.num_bytes:
+            return "damaged"
+        with path.open("rb") as file:
+            return "good" if hashlib.file_digest(file, "sha256").hexdigest() == entry.sha256 else "damaged"
+    except OSError as error:
+        raise ModelError(f"{path}: can't be read ({error.strerror or error})") from error
+
+
+def file_blocks(path: Path) -> Iterator[bytes]:
+    """Yield the content of a file.
+
+    Raises:
+        ConfigError: where it can't be read.
+    """
+    try:
+        with path.open("rb") as file:
+            while block := file.read(BLOCK_BYTES):
+                yield block
+    except OSError as error:
+        raise ConfigError(f"{path}: weights can't be read ({error.strerror or error})") from error
+
+
+def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> None:
+    """Write what comes from `source` to `target`, if it is the published file; what was there before is replaced.
+
+    Raises:
+        ModelError: where it isn't, or can't be written; nothing is left behind.
+    """
+    partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as out:
+            _copy(entry, blocks, source, out)
+        partial.replace(target)
+    except OSError as error:
+        raise ModelError(
+            f"{target.parent}: {entry.file_name} can't be written there ({error.strerror or error}); "
+            "FBENCH_CACHE may name another folder"
+        ) from error
+    finally:
+        with suppress(OSError):  # where the folder can't be written, nothing is there
+            partial.unlink(missing_ok=True)
+
+
+def _copy(entry: Entry, blocks: Iterable[bytes], source: str, out: BinaryIO) -> None:
+    digest, num_bytes = hashlib.sha256(), 0
+    for block in blocks:
+        num_bytes += len(block)
+        if num_bytes > entry.num_bytes:
+            raise ModelError(f"{source}: longer than the {entry.num_bytes} bytes of {entry.name}, not taken")
+        digest.update(block)
+        out.write(block)
+    if num_bytes < entry.num_bytes:
+        raise ModelError(
+            f"{source}: ends after {num_bytes} of the {entry.num_bytes} bytes of {entry.name}, fetch it again"
+        )
+    if digest.hexdigest() != entry.sha256:
+        raise ModelError(
+            f"{source}: isn't {entry.name} as published, not taken (sha256 {digest.hexdigest()}, "
+            f"expected {entry.sha256})"
+        )
+
+
+Weights: TypeAlias = Literal["auto"] | Path | None
+"""A file, or a name of the catalogue; `auto` are the built-in ones on simulated logs, and none on others."""
+AUTO: Literal["auto"] = "auto"
+_PARAMETER = ".weights"
+
+
+def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights:
+    """Return the file of a name of the catalogue; paths, `auto` and `None` stay as they are.
+
+    A name is what has neither folder nor suffix, unless a file is called so.
+
+    Raises:
+        ConfigError: for an unknown name, and where the file wasn't fetched.
+        ModelError: where the file isn't the published one.
+    """
+    if not isinstance(weights, Path) or weights.suffix or weights.parent != Path() or is_file(weights):
+        return weights
+    if os.path.isdir(weights) and all(entry.name != weights.name for entry in catalogue):
+        raise ConfigError(f"weights '{weights}': a folder; name an ONNX file")
+    entry = entry_named(weights.name, catalogue)
+    path = weights_folder() / entry.file_name
+    found = state(entry, path)
+    if found == "absent":
+        raise ConfigError(f"weights '{entry.name}' aren't at {path}: fbench weights get {entry.name}")
+    if found == "damaged":
+        raise ModelError(f"{path}: isn't {entry.name} as published; to fetch it anew: fbench weights get {entry.name}")
+    return path
+
+
+def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATALOGUE) -> tuple[str, ...]:
+    """Return settings `SENSOR.NAME=VALUE` with files in place of names, where they set weights; see `resolve`."""
+    return tuple(_resolved(setting, catalogue) for setting in settings)
+
+
+def _resolved(setting: str, catalogue: Sequence[Entry]) -> str:
+    path, _, text = setting.partition("=")
+    if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
+        return setting
+    return f"{path}={resolve(expanded(text), catalogue)}"

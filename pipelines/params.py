@@ -1,0 +1,59 @@
+"""Checks of parameters, and timing of the stages of one frame."""
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from fbench.replay.contracts.errors import ConfigError
+
+LIMIT = 1e6
+"""No parameter is sensible beyond this; keeps numbers that follow from them finite."""
+
+
+def require_between(name: str, value: float, low: float, high: float = LIMIT) -> None:
+    """Refuse a parameter outside of [low, high].
+
+    Raises:
+        ConfigError: naming the parameter, what is expected and what was given.
+    """
+    if not low <= value <= high:
+        limits = f"between {low:g} and {high:g}"
+        if high == LIMIT:
+            limits = f"at most {high:g}" if value > high else f"at least {low:g}"
+        # Integers may be too large for a float's format.
+        raise ConfigError(f"{name}: expected {limits}, got {value if isinstance(value, int) else format(value, 'g')}")
+
+
+def require_ranges(prefix: str, params: object, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse fields of `params` outside of their range (low, high); `prefix` is what precedes their names.
+
+    Raises:
+        ConfigError: see `require_between`.
+    """
+    for name, (low, high) in ranges.items():
+        require_between(f"{prefix}.{name}", getattr(params, name), low, high)
+
+
+class StageClock:
+    """Measures the wall time of named stages, in the order in which they first ran.
+
+    The standard names are `decode`, `preprocess`, `calibrate`, `detect.camera`, `detect.lidar`, `detect.radar`,
+    `fuse` and `track`.
+    """
+
+    def __init__(self) -> None:
+        self.stage_ns: dict[str, int] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Add the time spent inside the `with` block to stage `name`."""
+        start = time.perf_counter_ns()
+        try:
+            yield
+        finally:
+            self.stage_ns[name] = self.stage_ns.get(name, 0) + time.perf_counter_ns() - start
+
+    def include(self, other: "StageClock") -> None:
+        """Add the times of another clock, which measured other stages, or others of the same name."""
+        for name, ns in other.stage_ns.items():
+            self.stage_ns[name] = self.stage_ns.get(name, 0) + ns

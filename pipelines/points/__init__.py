@@ -1,1 +1,0 @@
-"""Stages on points of LiDAR and radar: ground, clustering, Doppler, box fitting."""

@@ -1,0 +1,234 @@
+"""The camera detector: one image in, labeled boxes out."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from fbench.pipelines.models.weights import AUTO, Weights, resolve
+from fbench.pipelines.params import require_between
+from fbench.pipelines.sensors.camera.layouts import SIDE_PX, Candidates, Size, join
+from fbench.pipelines.sensors.camera.model import Batch, Model
+from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.data.arrays import Float64, Text, freeze_fields
+from fbench.replay.data.boxes import VEHICLES
+from fbench.replay.data.images import Pixels
+from fbench.replay.geometry.iou import iou_2d
+from fbench.replay.geometry.kernels import num_threads
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """All shares, 0 to 1. The defaults are for weights that say nothing."""
+
+    min_score: float = 0.6
+    nms_iou: float = 0.5
+    nms_containment: float = 0.9
+
+
+def thresholds(asked: Mapping[str, float | None], metadata: Mapping[str, str]) -> Thresholds:
+    """Return what is asked for by name, else what the weights' metadata say under that name, else the defaults.
+
+    Raises:
+        ModelError: where metadata aren't numbers between 0 and 1; it names the entry, not the file.
+    """
+    said = {f.name: _share(f.name, metadata[f.name]) for f in fields(Thresholds) if f.name in metadata}
+    return Thresholds(**(said | {name: value for name, value in asked.items() if value is not None}))
+
+
+def _share(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise ModelError(f"metadata entry '{name}': expected a number between 0 and 1, got {text[:40]!r}")
+    return value
+
+
+Window = tuple[int, int, int, int]
+"""Left, top, right, bottom [px] of a part of an image; right and bottom are outside."""
+
+MAX_WINDOWS = 8
+"""A longer image is cut into windows that are wider instead, so that a strip can't fill the memory."""
+
+MAX_BOXES = 1000
+"""Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory."""
+
+
+def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
+    """The whole image, and, where its longer side exceeds `aspect` times the shorter one, windows of that aspect.
+
+    Windows lie along the longer side, evenly spread; neighbours overlap by at least the share `overlap`. They are
+    longer than `aspect` says where more than `MAX_WINDOWS` were needed otherwise.
+    """
+    width, height = size_wh
+    short, length = min(size_wh), max(size_wh)
+    whole = [(0, 0, width, height)]
+    longest = math.ceil(length / (1 + (MAX_WINDOWS - 1) * (1 - overlap)))
+    side = round(min(length, max(short * aspect, longest)))
+    if side == length:
+        return whole
+    num = min(MAX_WINDOWS, 1 + math.ceil((length - side) / (side * (1 - overlap))))
+    starts = [round((length - side) * i / (num - 1)) for i in range(num)]
+    if width > height:
+        return whole + [(at, 0, at + side, short) for at in starts]
+    return whole + [(0, at, short, at + side) for at in starts]
+
+
+def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float = 3.0) -> Candidates:
+    """Move boxes from a window to the image, without those that the window's inner border cuts.
+
+    A cut box is only a part of an object, which a neighbouring window or the whole image shows in full.
+    """
+    left, top, right, bottom = window
+    inner = np.array([left > 0, top > 0, right < size_wh[0], bottom < size_wh[1]])
+    clipped = boxes.clipped((right - left, bottom - top))
+    gap = np.abs(clipped.xyxy - np.array([0.0, 0.0, right - left, bottom - top]))
+    whole = ~((gap < margin_px) & inner).any(axis=1)
+    return clipped.rows(whole).moved((1.0, 1.0), (float(left), float(top)))
+
+
+def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates:
+    """Greedy non-maximum suppression: of two rivals of one group the one with the better score stays.
+
+    Rivals overlap by more than `iou`, or one contains more than the share `containment` of the other, which then
+    is a part of the same object.
+
+    All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
+    """
+    boxes = join(parts).ordered()
+    boxes = boxes.rows(np.arange(min(len(boxes), MAX_BOXES)))
+    group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
+    rivals = (iou_2d(boxes.xyxy, boxes.xyxy) > iou) | (_containment(boxes.xyxy) > containment)
+    rivals &= group[:, None] == group[None, :]
+    alive = np.ones(len(boxes), bool)
+    for i in range(len(boxes)):
+        if alive[i]:
+            alive[i + 1 :] &= ~rivals[i, i + 1 :]
+    return boxes.rows(alive)
+
+
+def _containment(xyxy: Float64) -> Float64:
+    """Intersection of each two boxes by the area of the smaller one (N, N)."""
+    low = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2])
+    high = np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])
+    overlap = np.prod(np.clip(high - low, 0, None), axis=2)
+    area = np.prod(xyxy[:, 2:] - xyxy[:, :2], axis=1)
+    share: Float64 = overlap / np.minimum(area[:, None], area[None, :])
+    return share
+
+
+_THRESHOLDS = ("min_score", "nms_iou", "nms_containment")
+
+
+@dataclass(frozen=True)
+class CameraParams:
+    """Parameters of the camera detector."""
+
+    weights: Weights = AUTO
+    """An ONNX file, or a name of `fbench weights list`; `auto` is fbench's own on simulated logs, and on others none;
+    with `none` the camera isn't used.
+    """
+    min_score: float | None = None
+    """Boxes with a lower score are dropped. Unless set, this and the next two are what the weights' metadata say under
+    these names, else 0.6, 0.5 and 0.9.
+    """
+    nms_iou: float | None = None
+    """Of two boxes of one group that overlap more than this, the one with the higher score stays."""
+    nms_containment: float | None = None
+    """The same for a box of which more than this share lies inside the other."""
+    tiles: bool = True
+    """Look also at overlapping windows of very wide or tall images, since far objects vanish when these are shrunk."""
+    tile_aspect: float = 2.0
+    """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
+    tile_overlap: float = 0.1
+    """Least share of a window by which neighbours overlap."""
+    input_wh: tuple[int, int] | None = None
+    """Width and height of the model's input [px], for models that leave it free."""
+    threads: int = 2
+    """Threads of onnxruntime at most, and no more than there are processors; results are the same for any number."""
+
+    def __post_init__(self) -> None:
+        for name in _THRESHOLDS:
+            if getattr(self, name) is not None:
+                require_between(f"camera.{name}", getattr(self, name), 0.0, 1.0)
+        require_between("camera.tile_aspect", self.tile_aspect, 1.0)
+        require_between("camera.tile_overlap", self.tile_overlap, 0.0, 0.9)
+        require_between("camera.threads", self.threads, 1)
+        for side in self.input_wh or ():
+            require_between("camera.input_wh", side, *SIDE_PX)
+        object.__setattr__(self, "weights", resolve(self.weights))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraDetections:
+    """N boxes of one image, by falling score."""
+
+    xyxy_px: Float64
+    """(N, 4) left, top, right, bottom [px]; pixel centres at integers."""
+    score: Float64
+    """(N,) 0 to 1."""
+    label: Text
+    """(N,) of `LABELS`."""
+    min_score: float = 0.0
+    """Boxes from this score on are reported by a camera alone; those below are for others to confirm."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, xyxy_px=("f8", ("N", 4)), score=("f8", ("N",)), label=("U", ("N",)))
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """An image, cut and scaled for the model."""
+
+    size_wh: Size
+    windows: Sequence[Window]
+    batches: Sequence[Batch]
+
+
+class CameraDetector:
+    """Finds road users in images with one ONNX model.
+
+    Raises:
+        ConfigError: where no weights are named, or the file is missing.
+        ModelError: where the weights can't be used.
+    """
+
+    def __init__(self, params: CameraParams) -> None:
+        if not isinstance(params.weights, Path):
+            raise ConfigError("the camera needs a detector: --set camera.weights=PATH (an ONNX file)")
+        self._params = params
+        self._model = Model(params.weights, min(params.threads, num_threads()), params.input_wh)
+        asked = {name: getattr(params, name) for name in _THRESHOLDS}
+        try:
+            self._thresholds = thresholds(asked, self._model.metadata)
+        except ModelError as error:
+            raise ModelError(f"{params.weights}: {error}") from error
+
+    def prepare(self, pixels: Pixels) -> Prepared:
+        """Cut and scale an image (H, W, 3) BGR."""
+        size = (pixels.shape[1], pixels.shape[0])
+        wide = self._params.tile_aspect if self._params.tiles else math.inf
+        parts = windows(size, wide, self._params.tile_overlap)
+        images = [pixels[top:bottom, left:right] for left, top, right, bottom in parts]
+        return Prepared(size, parts, self._model.batches(images))
+
+    def infer(self, prepared: Prepared, share: float = 1.0) -> CameraDetections:
+        """Run the model and merge what it found, down to this share of the score from which on boxes are reported.
+
+        Raises:
+            ModelError: where the model fails, or its outputs aren't as its header says.
+        """
+        least = share * self._thresholds.min_score
+        found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, least)]
+        parts = [
+            to_image(boxes, window, prepared.size_wh) for boxes, window in zip(found, prepared.windows, strict=True)
+        ]
+        merged = merge(parts, self._thresholds.nms_iou, self._thresholds.nms_containment)
+        return CameraDetections(merged.xyxy - 0.5, merged.score, merged.label, self._thresholds.min_score)

@@ -1,0 +1,233 @@
+"""ONNX models: a file from a stranger becomes a session, or an error in one line.
+
+Loading such a model would read paths that the file names. Walks the protobuf wire format: numbers of fields are
+those of onnx.proto (ONNX, Apache-2.0).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, recognise
+from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Port, Size
+from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.images import Pixels
+
+_DATA_LOCATION, _EXTERNAL = 14, 1
+_CHILDREN: Mapping[str, Mapping[int, str]] = {
+    "model": {7: "graph", 25: "function"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "function": {7: "node", 11: "attribute"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {},
+}
+
+
+def refers_to_files(data: bytes) -> bool:
+    """Tell whether any tensor of the model is stored outside of `data`.
+
+    Raises:
+        ModelError: where `data` isn't protobuf.
+    """
+    todo = [("model", memoryview(data))]
+    while todo:
+        kind, message = todo.pop()
+        for number, value in _fields(message):
+            if kind == "tensor" and number == _DATA_LOCATION and value == _EXTERNAL:
+                return True
+            child = _CHILDREN[kind].get(number)
+            if child and isinstance(value, memoryview):
+                todo.append((child, value))
+    return False
+
+
+def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    """Numbers and values of one message's fields; bytes are not copied."""
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        wire = key & 7
+        if wire == 0:
+            number, at = _varint(message, at)
+            yield key >> 3, number
+            continue
+        size, at = _varint(message, at) if wire == 2 else ({1: 8, 5: 4}.get(wire, -1), at)
+        if size < 0 or at + size > len(message):
+            raise ModelError("not an ONNX file")
+        yield key >> 3, message[at : at + size]
+        at += size
+
+
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        if at >= len(message):
+            break
+        byte = message[at]
+        value |= (byte & 0x7F) << shift
+        at += 1
+        if byte < 0x80:
+            return value, at
+    raise ModelError("not an ONNX file")
+
+
+# onnxruntime's exceptions derive from Exception one by one; these are all that loading and running raise.
+ORT_ERRORS = (
+    onnxruntime.capi.onnxruntime_pybind11_state.EPFail,
+    onnxruntime.capi.onnxruntime_pybind11_state.Fail,
+    onnxruntime.capi.onnxruntime_pybind11_state.InvalidArgument,
+    onnxruntime.capi.onnxruntime_pybind11_state.InvalidGraph,
+    onnxruntime.capi.onnxruntime_pybind11_state.InvalidProtobuf,
+    onnxruntime.capi.onnxruntime_pybind11_state.NoSuchFile,
+    onnxruntime.capi.onnxruntime_pybind11_state.NotImplemented,
+    onnxruntime.capi.onnxruntime_pybind11_state.RuntimeException,
+    RuntimeError,
+    ValueError,
+)
+
+
+def load(path: Path, threads: int) -> Any:
+    """Open weights on the CPU.
+
+    Raises:
+        ConfigError: where the file is missing.
+        ModelError: where it isn't an ONNX model, refers to other files, or can't be run.
+    """
+    data = _content(path)
+    if refers_to_files(data):
+        raise ModelError("the model keeps weights in other files, export it as one file")
+    try:
+        # Its fallback prints, and tries the same provider again.
+        return onnxruntime.InferenceSession(
+            data, _options(threads), providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+    except ORT_ERRORS as error:
+        raise ModelError(f"not an ONNX model that can be run ({first_line(error)})") from error
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+            raise ConfigError(f"{path}: weights can't be read (not a regular file)")
+        return path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: weights can't be read ({error.strerror or error})") from error
+    except ValueError as error:  # a name that no file can have
+        raise ConfigError(f"{path}: weights can't be read ({error})") from error
+
+
+def read_header(session: Any) -> ModelHeader:
+    """Inputs, outputs and metadata of a session."""
+    return ModelHeader(
+        tuple(_port(p) for p in session.get_inputs()),
+        tuple(_port(p) for p in session.get_outputs()),
+        dict(session.get_modelmeta().custom_metadata_map),
+    )
+
+
+def first_line(error: Exception) -> str:
+    """The first line of an error's text, shortened."""
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+
+
+def _port(value: Any) -> Port:
+    return Port(value.name, value.type, tuple(s if isinstance(s, int) else None for s in value.shape))
+
+
+def _options(threads: int) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.use_deterministic_compute = True
+    # Idle threads that spin cost half as much CPU again, and slow everything where cores are shared.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 4  # what matters comes back as an exception
+    return options
+
+
+MAX_BATCH_PX = 1 << 24
+"""Pixels of the inputs of one call, where the model leaves their number free: 200 MB as float32."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """The inputs of one call."""
+
+    feeds: dict[str, Array]
+    sizes_wh: Sequence[Size]
+    """Sizes of the images [px], those that only fill the batch included."""
+    num: int
+    """How many images come first that count."""
+
+
+class Model:
+    """Runs one ONNX file on the CPU.
+
+    It is tried on blank images when it is loaded, because headers don't tell everything: a graph can be made for
+    one image although its header leaves their number free.
+
+    Raises:
+        ConfigError: where the file is missing.
+        ModelError: where it can't be used.
+    """
+
+    def __init__(self, path: Path, threads: int, input_wh: Size | None) -> None:
+        self._path = path
+        try:
+            self._session = load(path, threads)
+            header = read_header(self._session)
+            self._layout = recognise(header, input_wh)
+        except ModelError as error:
+            raise ModelError(f"{path}: {error}") from error
+        self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)
+        self._num = self._images_a_call()
+        self.metadata = header.metadata
+
+    def batches(self, images: Sequence[Pixels]) -> list[Batch]:
+        """Fit images (H, W, 3) BGR into inputs, as many a call as the model takes."""
+        return [self._batch(images[i : i + self._num], self._num) for i in range(0, len(images), self._num)]
+
+    def run(self, batch: Batch, min_score: float) -> list[Candidates]:
+        """Candidates of each image, in pixels from its upper left corner.
+
+        Raises:
+            ModelError: where the model fails, or its outputs aren't as its header says.
+        """
+        try:
+            outputs = self._session.run(None, batch.feeds)
+            return self._layout.read(outputs, batch.sizes_wh, min_score)[: batch.num]
+        except (*ORT_ERRORS, IndexError, TypeError) as error:
+            raise ModelError(f"{self._path}: the model failed ({first_line(error)})") from error
+
+    def _batch(self, images: Sequence[Pixels], num: int) -> Batch:
+        """Repeat the last image where the model takes a fixed number of them."""
+        filled = [*images, *[images[-1]] * (num - len(images))] if self._layout.batch else images
+        sizes = [(image.shape[1], image.shape[0]) for image in filled]
+        return Batch(self._layout.feeds(filled), sizes, len(images))
+
+    def _images_a_call(self) -> int:
+        most = self._layout.batch or max(1, MAX_BATCH_PX // (self._size[0] * self._size[1]))
+        if self._layout.batch is None and most > 1 and self._takes(2):
+            return most
+        fixed = self._layout.batch or 1
+        self._try(fixed)
+        return fixed
+
+    def _takes(self, num: int) -> bool:
+        try:
+            self._try(num)
+        except ModelError:
+            return False
+        return True
+
+    def _try(self, num: int) -> None:
+        blank = np.full((self._size[1], self._size[0], 3), PAD_VALUE, np.uint8)
+        self.run(self._batch([blank] * num, num), 0.0)

@@ -1,0 +1,351 @@
+"""Objects that the points of LiDAR or radar show in one image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.pipelines.sensors.image.params import (
+    FOCAL_PX,
+    ImageClusterParams,
+    RadarImageParams,
+    ShapeParams,
+    cluster_in_image,
+)
+from fbench.pipelines.sensors.lidar.lidar import Obstacles
+from fbench.pipelines.sensors.points.grid import lexicographic_order, median
+from fbench.pipelines.sensors.points.ground import Plane, fit_plane, height_above_ground, lowest_points, surroundings
+from fbench.pipelines.sensors.points.vehicle import NEAR_M, VehicleSize, complete, fading, fit_rectangles
+from fbench.pipelines.sensors.radar.radar import Compensated, median_rate
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.geometry.camera import project_body
+
+_TALL = 2.5
+"""Points up to so many times the height of vehicles tell what goes on above it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of all sensors of a kind that are no ground."""
+
+    plane: Plane | None
+    """The ground; `None` where too few points tell."""
+    xyz: Float64
+    """(N, 3) [m] in body coordinates."""
+    height_m: Float64
+    """(N,) above ground [m]."""
+    tall: Float64
+    """(K, 3) [m] points above the height of vehicles."""
+    viewpoint: Float64
+    """(2,) where the sensors look from [m] in body coordinates."""
+    moves: Bool
+    """(N,) whether a point is known to move over ground."""
+    over_ground_mps: Float64
+    """(N,) radial velocity over ground [m/s], positive when receding; NaN where it isn't measured."""
+    own_mps: Float64
+    """(N,) the sensor's own velocity towards the points [m/s]; NaN where that isn't known."""
+    period_mps: Float64
+    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
+
+    def rows(self, rows: Array) -> "Cloud":
+        """Select points by mask or index array."""
+        at = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        return Cloud(
+            self.plane, self.xyz.take(at, axis=0), self.height_m.take(at), self.tall, self.viewpoint,
+            self.moves.take(at), self.over_ground_mps.take(at), self.own_mps.take(at), self.period_mps.take(at),
+        )  # fmt: skip
+
+
+def empty_cloud() -> Cloud:
+    """Return a cloud without points, over ground that isn't known."""
+    none = np.zeros(0)
+    return Cloud(None, np.zeros((0, 3)), none, np.zeros((0, 3)), np.zeros(2), none > 0, none, none, none)
+
+
+def of_lidar(found: Obstacles | None, viewpoint: Float64) -> Cloud:
+    """Cloud of what LiDARs at `viewpoint` (2,) [m] measured."""
+    if found is None:
+        return empty_cloud()
+    unknown = np.full(len(found.xyz), np.nan)
+    return Cloud(
+        found.plane, found.xyz, found.height_m, found.tall, viewpoint, unknown > 0, unknown, unknown, 0 * found.height_m
+    )  # fmt: skip
+
+
+def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:
+    """Cloud of what radars at `viewpoint` (2,) [m] measured; no points where they are too few to tell the ground.
+
+    The order of echoes doesn't matter.
+    """
+    if echoes is None or len(echoes.xyz) < max(params.min_echoes, 1):
+        return empty_cloud()
+    order = lexicographic_order(*echoes.xyz.T, echoes.range_rate_mps)
+    xyz = echoes.xyz.take(order, axis=0)
+    around = surroundings(xyz, params.ground)
+    lowest, near = lowest_points(around, params.ground), around.is_near
+    plane = fit_plane(lowest, params.ground)
+    if plane is None:
+        return empty_cloud()
+    height = height_above_ground(around, lowest, plane, params.ground)
+    tall = near & (height >= params.max_height_m) & (height < _TALL * params.max_height_m)
+    rate = echoes.range_rate_mps[order]
+    whole = Cloud(
+        plane, xyz, height, xyz[tall], viewpoint, np.abs(rate) >= min_speed_mps, rate, echoes.own_mps[order],
+        echoes.period_mps[order],
+    )  # fmt: skip
+    return whole.rows(near & (height > params.ground.tolerance_m) & (height < params.max_height_m))
+
+
+def viewpoint(rig: Rig, kind: str) -> Float64:
+    """Where the sensors of a kind look from, (2,) [m] in body coordinates: the middle between them."""
+    places = [rig.body_T_sensor(name)[:2, 3] for name, mount in sorted(rig.mounts.items()) if mount.kind == kind]
+    return np.mean(places, axis=0) if places else np.zeros(2)
+
+
+_HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 3.0))
+_OVER_MARGIN_M = 0.3
+_CAR = VehicleSize()
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """M groups of points, one after another."""
+
+    cloud: Cloud
+    """Their points (N)."""
+    first: Int64
+    """(M + 1,) rows where groups begin, and the end."""
+    rectangles: Float64
+    """(M, 6) around them as seen from above, as `fit_rectangles` gives them."""
+
+    @classmethod
+    def of(cls, cloud: Cloud, cluster: Int64) -> "Groups":
+        """Groups of points whose clusters (N,) ascend from 0."""
+        first = np.append(np.flatnonzero(np.diff(cluster, prepend=-1)), len(cluster))
+        return cls(cloud, first, fit_rectangles(np.ascontiguousarray(cloud.xyz[:, :2]), first, _HEADINGS_RAD, NEAR_M))
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+    @property
+    def top_m(self) -> Float64:
+        """(M,) height above ground of the highest point [m]."""
+        return np.asarray(np.maximum.reduceat(self.cloud.height_m, self.first[:-1]), np.float64)
+
+    @property
+    def bottom_m(self) -> Float64:
+        """(M,) the same of the lowest point."""
+        return np.asarray(np.minimum.reduceat(self.cloud.height_m, self.first[:-1]), np.float64)
+
+    @property
+    def moves(self) -> Bool:
+        """(M,) whether their points move."""
+        return np.asarray(self.cloud.moves[self.first[:-1]], np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """M whole vehicles in body coordinates."""
+
+    center_m: Float64
+    """(M, 3) [m]."""
+    size_lwh_m: Float64
+    """(M, 3) length, width, height [m]."""
+
+
+def footprints(groups: Groups) -> Whole:
+    """Complete what is seen of each group to a vehicle that stands on the ground."""
+    cloud = groups.cloud
+    whole = complete(groups.rectangles, cloud.viewpoint, _CAR)
+    height = np.maximum(groups.top_m, _CAR.height_m)
+    ground = np.zeros(len(groups)) if cloud.plane is None else cloud.plane.z_m(whole.center_m)
+    center = np.column_stack([whole.center_m, ground + height / 2])
+    return Whole(center, np.column_stack([whole.size_lw_m, height]))
+
+
+def likeness(groups: Groups, params: ShapeParams) -> Float64:
+    """Score groups in [0, 1], as the product of all that is known about vehicles.
+
+    Of those that move only their size and number of points are asked: what moves is no wall and no tree.
+    """
+    shorter, longer = np.sort(groups.rectangles[:, [2, 4]] - groups.rectangles[:, [1, 3]], axis=1).T
+    score = fading(np.diff(groups.first), *params.num_points)
+    score *= fading(longer, *params.most_length_m) * fading(shorter, *params.most_width_m)
+    still = fading(longer, *params.least_extent_m) * fading(groups.rectangles[:, 5], *params.filling_m)
+    still *= fading(groups.bottom_m, *params.bottom_m) * fading(groups.top_m, *params.top_m)
+    still *= np.where(shorter < params.thin_m, fading(groups.top_m, *params.least_top_m), 1.0)
+    score = np.where(groups.moves, score, score * still * params.still)
+    likely = np.flatnonzero((score > 0) & ~groups.moves)
+    score[likely] *= fading(_num_over(groups.rectangles[likely], groups.cloud.tall), *params.num_over)
+    return np.asarray(score, np.float64)
+
+
+def _num_over(rectangles: Float64, tall: Float64) -> Int64:
+    """Count the points (K, 3) over each rectangle (M, 6), widened by a margin."""
+    result = np.zeros(len(rectangles), np.int64)
+    for at, (heading, low_u, high_u, low_v, high_v, _) in enumerate(rectangles):
+        cos, sin, margin = np.cos(heading), np.sin(heading), _OVER_MARGIN_M
+        u, v = tall[:, 0] * cos + tall[:, 1] * sin, tall[:, 1] * cos - tall[:, 0] * sin
+        over = (u > low_u - margin) & (u < high_u + margin) & (v > low_v - margin) & (v < high_v + margin)
+        result[at] = np.count_nonzero(over)
+    return result
+
+
+def outlines(rig: Rig, camera: str, groups: Groups, uv_px: Float64, depth_m: Float64, margin_px: float) -> Float64:
+    """Rectangles (M, 4) [px] around groups of points at (N, 2) and depths (N,) in an image, clipped to it.
+
+    They reach down to the ground under the nearest point, and are wider than the points by a margin [px]: what is
+    between two beams isn't seen. NaN where nothing of one is in the image.
+    """
+    begin = groups.first[:-1]
+    low = np.minimum.reduceat(uv_px, begin) - margin_px
+    high = np.maximum.reduceat(uv_px, begin) + margin_px
+    high[:, 1] = np.fmax(high[:, 1] - margin_px, _feet(rig, camera, groups, depth_m))
+    width, height = rig.cameras[camera].size_wh
+    low = np.maximum(low, -0.5)
+    high = np.minimum(high, [width - 0.5, height - 0.5])
+    result = np.concatenate([low, high], axis=1)
+    result[~np.all(high > low, axis=1)] = np.nan
+    return result
+
+
+def _feet(rig: Rig, camera: str, groups: Groups, depth_m: Float64) -> Float64:
+    """Where the nearest point of each group meets the ground, (M,) [px] from the top; NaN where that isn't seen."""
+    number = np.repeat(np.arange(len(groups)), np.diff(groups.first))
+    nearest = np.lexsort((depth_m, number))[groups.first[:-1]]
+    foot = groups.cloud.xyz[nearest].copy()
+    if groups.cloud.plane is not None:
+        foot[:, 2] = groups.cloud.plane.z_m(foot)
+    uv, _ = project_body(rig, camera, foot)
+    return np.asarray(uv[:, 1], np.float64)
+
+
+_BESIDE = 0.5
+"""Points up to this share of the image's size beside it take part: of what the border cuts off they tell the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a cloud as one camera sees them, those of a cluster one after another, those of none first."""
+
+    uv_px: Float64
+    """(N, 2) [px], in the image or beside it."""
+    depth_m: Float64
+    """(N,) along the optical axis [m]."""
+    cluster: Int64
+    """(N,) number of the cluster, a row of `Spots`; -1: none."""
+    cloud: Cloud
+    """The same points (N) in space."""
+
+    def rows(self, rows: Array) -> "Points":
+        """Select points by mask or index array."""
+        return Points(self.uv_px[rows], self.depth_m[rows], self.cluster[rows], self.cloud.rows(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """M objects in one image."""
+
+    xyxy_px: Float64
+    """(M, 4) left, top, right, bottom [px]; NaN where nothing of it is in the image."""
+    score: Float64
+    """(M,) 0 to 1: how much it looks like a vehicle."""
+    center_m: Float64
+    """(M, 3) middle of the vehicle [m] in body coordinates."""
+    size_lwh_m: Float64
+    """(M, 3) its length, width and height [m]."""
+    depth_m: Float64
+    """(M,) of its near side along the optical axis [m]."""
+    rate_mps: Float64
+    """(M,) change of its distance [m/s], positive when receding; NaN where unknown."""
+    num_points: Int64
+    """(M,)."""
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    @property
+    def distance_m(self) -> Float64:
+        """(M,) from the body's origin to the middle [m]."""
+        return np.asarray(np.sqrt((self.center_m**2).sum(axis=1)), np.float64)
+
+    def rows(self, rows: Array) -> "Spots":
+        """Select objects by mask or index array."""
+        return Spots(
+            self.xyxy_px[rows], self.score[rows], self.center_m[rows], self.size_lwh_m[rows], self.depth_m[rows],
+            self.rate_mps[rows], self.num_points[rows],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SpotParams:
+    """What differs between kinds of sensors."""
+
+    cluster: ImageClusterParams
+    shape: ShapeParams
+    margin_px: float
+
+
+def focal_scale(camera: CameraModel) -> float:
+    """Return how many pixels of an image one pixel of the parameters is."""
+    return float(camera.K[0, 0]) / FOCAL_PX
+
+
+def no_spots() -> Spots:
+    """Return no objects."""
+    none = np.zeros(0)
+    return Spots(np.zeros((0, 4)), none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, np.zeros(0, np.int64))
+
+
+def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Points, Spots]:
+    """Cluster the points of a cloud over u, v and depth in one image, and judge the clusters.
+
+    What moves is clustered apart from what stands still. The order of points doesn't matter.
+    """
+    points = _projected(rig, camera, cloud, params)
+    member = points.cluster >= 0
+    if not member.any() or cloud.plane is None:
+        return points, no_spots()
+    groups = Groups.of(points.cloud.rows(member), points.cluster[member])
+    margin = params.margin_px * focal_scale(rig.cameras[camera])
+    whole = footprints(groups)
+    depth = np.minimum.reduceat(points.depth_m[member], groups.first[:-1])
+    found = Spots(
+        xyxy_px=outlines(rig, camera, groups, points.uv_px[member], points.depth_m[member], margin),
+        score=likeness(groups, params.shape),
+        center_m=whole.center_m,
+        size_lwh_m=whole.size_lwh_m,
+        depth_m=depth,
+        rate_mps=_rates(groups),
+        num_points=np.diff(groups.first),
+    )
+    return points, found
+
+
+def _projected(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
+    """Points in the image and beside it with their clusters."""
+    model = rig.cameras[camera]
+    uv, depth = project_body(rig, camera, cloud.xyz)
+    size = np.array(model.size_wh, np.float64)
+    low, high = -_BESIDE * size, (1 + _BESIDE) * size
+    u, v = uv.T
+    seen = np.flatnonzero((u > low[0]) & (u < high[0]) & (v > low[1]) & (v < high[1]))  # NaN isn't
+    cloud, uv, depth = cloud.rows(seen), uv.take(seen, axis=0), depth.take(seen)
+    cluster, scaled = np.full(len(uv), -1), uv / focal_scale(model)
+    for part in (cloud.moves, ~cloud.moves):
+        found = cluster_in_image(scaled[part], depth[part], params.cluster)
+        cluster[part] = np.where(found < 0, -1, found + cluster.max(initial=-1) + 1)
+    order = np.argsort(cluster, kind="stable")
+    return Points(uv.take(order, axis=0), depth.take(order), cluster.take(order), cloud.rows(order))
+
+
+def _rates(groups: Groups) -> Float64:
+    """Change of the distance (M,) [m/s] of each group: its velocity over ground less the sensor's own."""
+    cloud, result = groups.cloud, np.full(len(groups), np.nan)
+    for at in range(len(groups)):
+        rows = slice(int(groups.first[at]), int(groups.first[at + 1]))
+        own = cloud.own_mps[rows]
+        known = own[~np.isnan(own)]
+        if np.isfinite(known).any():
+            result[at] = median_rate(cloud.over_ground_mps[rows], cloud.period_mps[rows]) - median(known)
+    return result

@@ -1,0 +1,214 @@
+"""Detection by all LiDARs, and by all radars, in all images of a rig, timed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.image.objects import Points, SpotParams, of_lidar, of_radar, spots, viewpoint
+from fbench.pipelines.sensors.image.observations import Sightings, by_boxes, by_points
+from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
+from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.points.grid import lexicographic_order
+from fbench.pipelines.sensors.radar import radar
+from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage, RadarView
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes2D, Source, concatenate
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.geometry.camera import in_image, not_projectable, project_body
+
+
+def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
+    """Names of the cameras of a rig that can be projected into; their images aren't needed.
+
+    Raises:
+        LogError: where there is none, saying why.
+    """
+    names = rig.sensors("camera")
+    if not names:
+        raise LogError(f"log '{log_info.name}': {pipeline} works in images, and the rig has no camera", "CFG001")
+    why = {name: _reason(rig, name) for name in names}
+    good = tuple(name for name in names if why[name] is None)
+    if not good:
+        raise LogError(f"log '{log_info.name}': {pipeline} can't project into camera '{names[0]}': {why[names[0]]}",
+                       "CAL001")  # fmt: skip
+    return good
+
+
+def _reason(rig: Rig, name: str) -> str | None:
+    return not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
+
+
+def unlabelled(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
+    """Boxes by camera with at least `min_score`, of each the highest first; the same fields in every frame."""
+    parts = [_boxes(name, one.rows(one.score >= min_score)) for name, one in sorted(seen.items())]
+    return concatenate([*parts, _boxes("", Sightings.none())])
+
+
+def _boxes(camera: str, seen: Sightings) -> Boxes2D:
+    return Boxes2D(
+        camera=np.full(len(seen), camera),
+        xyxy_px=seen.xyxy_px,
+        score=seen.score,
+        distance_m=seen.distance_m,
+        range_rate_mps=seen.rate_mps,
+        sources=seen.source,
+    )
+
+
+_INSET = 0.15
+"""This share of a box is left out on each side, since a box is wider than what it shows."""
+_WINDOW_M = 3.0
+"""Depth [m] of a window that holds the points of one object."""
+_DENSE = 0.5
+"""Of several windows the nearest counts that has this share of the points of the fullest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """All points of one kind of sensor in an image, those on the ground too; sorted by depth."""
+
+    uv_px: Float64
+    """(N, 2) [px]."""
+    depth_m: Float64
+    """(N,) along the optical axis [m]."""
+
+    @classmethod
+    def of(cls, rig: Rig, camera: str, xyz: Float64 | None) -> "Rays":
+        """Project points (N, 3) in body coordinates; `None`: no sensor delivered."""
+        if xyz is None:
+            return cls(np.zeros((0, 2)), np.zeros(0))
+        uv, depth = project_body(rig, camera, xyz)
+        seen = np.flatnonzero(in_image(rig.cameras[camera], uv))
+        uv, depth = uv.take(seen, axis=0), depth.take(seen)
+        order = lexicographic_order(depth, *uv.T[::-1])
+        return cls(uv.take(order, axis=0), depth.take(order))
+
+    def depths(self, xyxy_px: Float64) -> Float64:
+        """Depths of the points in the middle of a box (4,), ascending."""
+        left, top, right, bottom = xyxy_px
+        x, y = _INSET * (right - left), _INSET * (bottom - top)
+        u, v = self.uv_px.T
+        inside = (u > left + x) & (u < right - x) & (v > top + y) & (v < bottom - y)
+        return np.asarray(self.depth_m[inside], np.float64)
+
+
+def seen_through(depths_m: Float64, near_m: float, far_m: float) -> float:
+    """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`.
+
+    NaN where no ray reaches that far: something hides the place, or the sensor sees nothing there.
+    """
+    begin, end = np.searchsorted(depths_m, [near_m, far_m])
+    num = len(depths_m) - begin
+    return float((len(depths_m) - end) / num) if num else np.nan
+
+
+def nearest_dense(depths_m: Float64, least: int) -> float:
+    """Depth [m] of the nearest dense part of ascending depths (N,), its median; NaN where none has `least` points.
+
+    What lies behind an object, and is seen beside it or through its windows, doesn't count: neither a mean nor a
+    median of all would leave it out.
+    """
+    if len(depths_m) < least:
+        return float("nan")
+    stop = np.searchsorted(depths_m, depths_m + _WINDOW_M, side="right")
+    num = stop - np.arange(len(depths_m))
+    if num.max() < least:
+        return float("nan")
+    begin = int(np.argmax(num >= max(least, _DENSE * num.max())))
+    return float(np.median(depths_m[begin : stop[begin]]))
+
+
+@dataclass(frozen=True, eq=False)
+class InImages:
+    """What one kind of sensor sees, by camera; nothing of it where no sensor delivered."""
+
+    seen: Mapping[str, Sightings] = field(default_factory=dict)
+    points: Mapping[str, Points] = field(default_factory=dict)
+    """Those over the ground."""
+    rays: Mapping[str, Rays] = field(default_factory=dict)
+    """All points."""
+
+
+class LidarInImages:
+    """Clusters of LiDAR points in images."""
+
+    def __init__(self, rig: Rig, cameras: tuple[str, ...], stage: LidarStage, params: LidarImageParams) -> None:
+        self._rig, self._cameras, self._stage = rig, cameras, stage
+        self._params = SpotParams(params.cluster, params.shape, params.margin_px)
+        self._viewpoint = viewpoint(rig, "lidar")
+
+    def view(self, frame: Frame, clock: StageClock) -> InImages:
+        """Detect in the points of one frame."""
+        xyz = self._stage.points(frame, clock)
+        if xyz is None:
+            return InImages()
+        cloud = of_lidar(self._stage.obstacles(xyz, clock), self._viewpoint)
+        with clock.stage("detect.lidar"):
+            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
+            return InImages(
+                {name: by_points(one, Source.L) for name, (_, one) in found.items()},
+                {name: points for name, (points, _) in found.items()},
+                all_rays(self._rig, self._cameras, xyz),
+            )
+
+
+class RadarInImages:
+    """Clusters of radar echoes in images; of sparse radars what they see in space, projected."""
+
+    def __init__(
+        self, rig: Rig, cameras: tuple[str, ...], stage: RadarStage, params: RadarParams, image: RadarImageParams
+    ) -> None:
+        self._rig, self._cameras, self._stage, self._radar, self._image = rig, cameras, stage, params, image
+        self._params = SpotParams(image.cluster, image.shape, image.margin_px)
+        self._viewpoint = viewpoint(rig, "radar")
+
+    def view(self, frame: Frame, clock: StageClock) -> InImages:
+        """Detect in the echoes of one frame."""
+        echoes = self._stage.echoes(frame, clock)
+        if echoes is None:
+            return InImages()
+        with clock.stage("preprocess"):
+            cloud = of_radar(echoes, self._viewpoint, self._radar.min_speed_mps, self._image)
+        with clock.stage("detect.radar"):
+            if cloud.plane is None:
+                return InImages(in_images(self._rig, self._cameras, radar.detect(echoes, self._radar), echoes))
+            found = {name: spots(self._rig, name, cloud, self._params) for name in self._cameras}
+            return InImages(
+                {name: by_points(one, Source.R) for name, (_, one) in found.items()},
+                {name: points for name, (points, _) in found.items()},
+                all_rays(self._rig, self._cameras, echoes.xyz),
+            )
+
+
+def all_rays(rig: Rig, cameras: tuple[str, ...], xyz: Float64) -> dict[str, Rays]:
+    """Points (N, 3) in body coordinates as each camera sees them."""
+    return {name: Rays.of(rig, name, xyz) for name in cameras}
+
+
+def in_images(rig: Rig, cameras: tuple[str, ...], view: RadarView, echoes: Compensated) -> dict[str, Sightings]:
+    """What radars see in space, as each camera sees it."""
+    rate = relative_rates(view, echoes)
+    return {name: by_boxes(rig, name, view.boxes, rate, Source.R) for name in cameras}
+
+
+def relative_rates(view: RadarView, echoes: Compensated) -> Float64:
+    """Change of the distance (M,) [m/s] of each of a view's boxes, positive when receding; NaN where unknown.
+
+    That is its velocity along the line of sight over ground, less the radar's own.
+    """
+    result = np.full(len(view.boxes), np.nan)
+    velocity = view.boxes.velocity_mps
+    if velocity is None:
+        return result
+    for at in range(len(view.boxes)):
+        rows = view.cluster == at
+        own = echoes.own_mps[rows]
+        if np.isfinite(own).any():
+            ray = np.nanmedian(view.xyz[rows], axis=0)[:2]
+            along = velocity[at, :2] @ ray / max(float(np.hypot(*ray)), 1e-9)
+            result[at] = along - np.nanmedian(own)
+    return result

@@ -1,0 +1,310 @@
+"""Classification of LiDAR clusters: boxes with scores, by the fitted model or by rules for passenger cars."""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from fbench.pipelines.params import require_between
+from fbench.pipelines.sensors.points.ground import Plane
+from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.data.arrays import Float64, Int64, Text
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.geometry.kernels import kernel
+
+
+@kernel
+def points_inside(rectangles: Float64, points: Float64, begin: Int64, end: Int64) -> Float64:
+    """Number of points (N, 3) in each rectangle (M, 5), and the highest third coordinate of them: (M, 2).
+
+    Rectangles hold heading [rad], low along and across it, high along and across; borders don't belong to them. Of
+    rectangle m only points `begin[m]` to `end[m]` (M,) are looked at. Without points the highest is -inf.
+    """
+    result = np.zeros((len(rectangles), 2))
+    for m in range(len(rectangles)):
+        c, s = np.cos(rectangles[m, 0]), np.sin(rectangles[m, 0])
+        result[m, 1] = -np.inf
+        for i in range(begin[m], end[m]):
+            u, v = c * points[i, 0] + s * points[i, 1], c * points[i, 1] - s * points[i, 0]
+            if rectangles[m, 1] < u < rectangles[m, 3] and rectangles[m, 2] < v < rectangles[m, 4]:
+                result[m, 0] += 1.0
+                result[m, 1] = max(result[m, 1], points[i, 2])
+    return result
+
+
+class SortedPoints:
+    """Points by x, so that only those between the least and greatest x of a rectangle are looked at."""
+
+    def __init__(self, points: Float64) -> None:
+        """Take points (N, 3): x and y [m], and what is asked for about them, such as heights."""
+        self._points = np.ascontiguousarray(points[np.argsort(points[:, 0], kind="stable")])
+
+    def inside(self, rectangles: Float64, margin_m: float) -> Float64:
+        """Count the points in each rectangle (M, 5 or more), as `fit_rectangles` gives them, widened by a margin [m],
+        and find the highest third coordinate of them, -inf where there are none: (M, 2).
+        """
+        wide = np.column_stack([rectangles[:, 0], rectangles[:, [1, 3]] - margin_m, rectangles[:, [2, 4]] + margin_m])
+        cos, sin = np.cos(wide[:, :1]), np.sin(wide[:, :1])
+        x = cos * wide[:, [1, 1, 3, 3]] - sin * wide[:, [2, 4, 2, 4]]
+        # A hair more than needed, so that rounding leaves no point out.
+        begin = np.searchsorted(self._points[:, 0], x.min(axis=1) - 1e-6)
+        end = np.searchsorted(self._points[:, 0], x.max(axis=1) + 1e-6)
+        return points_inside(wide, self._points, begin, end)
+
+
+FEATURES = (
+    "length_m", "width_m", "top_m", "reach_m", "bottom_m", "log2_points", "filling_m", "upper_share", "over_share",
+    "near_share",
+)  # fmt: skip
+"""Names of the columns of `features`:
+
+- length_m, width_m: longer and shorter edge of the rectangle around the cluster [m]
+- top_m: height above ground of the highest point in the cluster or over its rectangle [m]
+- reach_m: top_m plus the widest gap [m] between heights of the cluster's points, from the ground up: between sparse
+  beams it may be higher than it was seen to be
+- bottom_m: height of its lowest point [m]
+- log2_points: logarithm of the number of points to base 2
+- filling_m: mean distance of the points from the nearest edge of the rectangle [m]: vegetation fills it
+- upper_share: share of the points above the middle between the lowest and the highest
+- over_share: of the cluster's points and those over its rectangle, the share of the latter: poles and trees go on
+- near_share: of all points on and beside its rectangle, the share of others: parts of something larger have neighbours
+"""
+_OVER_MARGIN_M = 0.3
+_NEAR_MARGIN_M = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """What stands on the ground."""
+
+    xy_height: Float64
+    """(N, 3) x and y in body coordinates and height above ground [m], sorted by cluster, those of none first."""
+    first: Int64
+    """(M + 1,) rows where the clusters begin, and the end."""
+    tall: Float64
+    """(K, 3) the same of points above the height up to which they are clustered."""
+
+
+def features(standing: Standing, rectangles: Float64) -> Float64:
+    """Describe clusters by `FEATURES` (M, F); `rectangles` (M, 6) are those of `fit_rectangles`."""
+    first = standing.first
+    num = np.diff(first).astype(np.float64)
+    height = standing.xy_height[first[0] :, 2]
+    begin = first[:-1] - first[0]
+    bottom, top = np.minimum.reduceat(height, begin), np.maximum.reduceat(height, begin)
+    upper = np.add.reduceat((height > np.repeat((bottom + top) / 2, np.diff(first))).astype(np.float64), begin)
+    extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
+    over = SortedPoints(standing.tall).inside(rectangles, _OVER_MARGIN_M)
+    near = SortedPoints(standing.xy_height).inside(rectangles, _NEAR_MARGIN_M)[:, 0]
+    highest = np.maximum(top, over[:, 1])
+    columns = (
+        extent[:, 1], extent[:, 0], highest, highest + _widest_gaps(height, begin), bottom, np.log2(num),
+        rectangles[:, 5], upper / num, over[:, 0] / (over[:, 0] + num), 1.0 - num / np.maximum(near, num),
+    )  # fmt: skip
+    return np.column_stack(columns)
+
+
+def _widest_gaps(height: Float64, begin: Int64) -> Float64:
+    """Widest gap (M,) between neighbouring ones of 0 and the heights (N,) of each cluster [m]."""
+    cluster = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(height)))
+    ordered = height[np.lexsort((height, cluster))]
+    gap = np.diff(ordered, prepend=0.0)
+    gap[begin] = ordered[begin]
+    widest: Float64 = np.maximum.reduceat(gap, begin)
+    return widest
+
+
+FITTED = Path(__file__).with_name("road_users.json")
+"""Made by `benchmarks/fit_road_users.py`, which says how and from what."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoadUserModel:
+    """Log-odds of each class against everything else, the sum of one piecewise linear function of each feature."""
+
+    labels: Text
+    """(C,) classes."""
+    knots: tuple[Float64, ...]
+    """For each feature of `FEATURES` the values (K,) between which its function is linear; beyond them it is level."""
+    log_odds: tuple[Float64, ...]
+    """For each feature what it adds at its knots for each class (C, K)."""
+    offset: Float64
+    """(C,) what is added to the sum."""
+
+    def probabilities(self, features: Float64) -> Float64:
+        """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes.
+
+        What is missing to 1 is that of being anything else.
+        """
+        total = np.tile(self.offset, (len(features), 1))
+        for column, knots, values in zip(features.T, self.knots, self.log_odds, strict=True):
+            total += interpolated(column, knots) @ values.T
+        least = np.maximum(total.max(axis=1, initial=0.0, keepdims=True), 0.0)
+        odds = np.exp(total - least)
+        return np.asarray(odds / (odds.sum(axis=1, keepdims=True) + np.exp(-least)), np.float64)
+
+
+def interpolated(values: Float64, knots: Float64) -> Float64:
+    """Weights (N, K) with which values (N,) lie between ascending knots (K,); beyond them the outermost counts."""
+    at = np.clip(values, knots[0], knots[-1])
+    right = np.clip(np.searchsorted(knots, at, side="right"), 1, len(knots) - 1)
+    share = (at - knots[right - 1]) / (knots[right] - knots[right - 1])
+    weights = np.zeros((len(values), len(knots)))
+    rows = np.arange(len(values))
+    weights[rows, right - 1] = 1.0 - share
+    weights[rows, right] = share
+    return weights
+
+
+@cache
+def fitted_model() -> RoadUserModel:
+    """Return the model that fbench ships."""
+    content = json.loads(FITTED.read_text(encoding="utf-8"))
+    by_feature = content["features"]
+    return RoadUserModel(
+        np.array(content["labels"], np.str_),
+        tuple(np.array(by_feature[name]["knots"], np.float64) for name in FEATURES),
+        tuple(np.array(by_feature[name]["log_odds"], np.float64) for name in FEATURES),
+        np.array(content["offset"], np.float64),
+    )
+
+
+_RISING = ("bottom_m", "top_m", "most_length_m", "most_width_m", "filling_m", "num_over")
+_FALLING = ("least_extent_m", "num_points")
+_LEAST_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class CarShapeParams:
+    """What a cluster must be like; in each pair, values from the first on are fine, from the second on impossible."""
+
+    bottom_m: tuple[float, float] = (0.75, 1.1)
+    """Height of the lowest point [m]: cars stand on the ground, but LiDARs look between rings."""
+    top_m: tuple[float, float] = (2.1, 2.5)
+    """Height of the highest point [m]."""
+    least_extent_m: tuple[float, float] = (1.3, 0.8)
+    """Longer edge [m] where only a part is seen."""
+    most_length_m: tuple[float, float] = (5.2, 6.5)
+    """Longer edge [m]."""
+    most_width_m: tuple[float, float] = (2.0, 2.5)
+    """Shorter edge [m]."""
+    filling_m: tuple[float, float] = (0.12, 0.25)
+    """Mean distance of the points from the nearest edge [m]: vegetation fills its rectangle."""
+    num_points: tuple[float, float] = (10.0, 4.0)
+    """Number of points: a handful is too few to tell."""
+    num_over: tuple[float, float] = (0.0, 4.0)
+    """Number of points above the height of cars: poles, walls and trees go on."""
+    margin_m: float = 0.3
+    """How far beside the rectangle points count as above it [m]."""
+    where: ClassVar[str] = "lidar.shape"
+    """Dotted name of these parameters."""
+
+    def __post_init__(self) -> None:
+        require_between(f"{self.where}.margin_m", self.margin_m, 0, 100)
+        for name in (*_RISING, *_FALLING):
+            for value in getattr(self, name):
+                require_between(f"{self.where}.{name}", value, 0)
+        for name, sign, word in (*((n, 1, "above") for n in _RISING), *((n, -1, "below") for n in _FALLING)):
+            fine, impossible = getattr(self, name)
+            if not sign * (impossible - fine) >= _LEAST_STEP:
+                raise ConfigError(
+                    f"{self.where}.{name}: expected a second value {word} the first, got {fine:g},{impossible:g}"
+                )
+
+
+def plausibility(
+    rectangles: Float64, num_points: Int64, bottom_m: Float64, top_m: Float64, tall: Float64, params: CarShapeParams
+) -> Float64:
+    """Score clusters in [0, 1], as the product of all that is known about cars.
+
+    Takes rectangles (M, 6) as `fit_rectangles` gives them, counts and heights (M,) of the points in them, and the
+    points `tall` (N, 3) [m] above the height of cars.
+    """
+    extent = np.sort(rectangles[:, [2, 4]] - rectangles[:, [1, 3]], axis=1)
+    score: Float64 = fading(bottom_m, *params.bottom_m) * fading(top_m, *params.top_m)
+    score *= fading(extent[:, 1], *params.least_extent_m) * fading(extent[:, 1], *params.most_length_m)
+    score *= fading(extent[:, 0], *params.most_width_m)
+    score *= fading(rectangles[:, 5], *params.filling_m) * fading(num_points, *params.num_points)
+    likely = np.flatnonzero(score > 0)
+    score[likely] *= fading(SortedPoints(tall).inside(rectangles[likely], params.margin_m)[:, 0], *params.num_over)
+    return score
+
+
+_TOP = FEATURES.index("top_m")
+_HIGHEST_M = 4.5
+"""No road user is higher [m]: what is seen above that is a tree or a bridge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Clusters of one frame, M of them."""
+
+    standing: Standing
+    """Their points, and those beside and above them."""
+    rectangles: Float64
+    """(M, 6) as `fit_rectangles` gives them."""
+    plane: Plane
+    """The ground."""
+    viewpoint: Float64
+    """(2,) where the LiDAR is [m]."""
+
+
+def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
+    """Complete clusters to cars; the score says how much they look like one, in [0, 1]."""
+    first = seen.standing.first
+    height = seen.standing.xy_height[first[0] :, 2]
+    bottom, top = (part.reduceat(height, first[:-1] - first[0]) for part in (np.minimum, np.maximum))
+    score = plausibility(seen.rectangles, np.diff(first), bottom, top, seen.standing.tall, shape)
+    return _completed(seen, np.zeros(len(top), np.int64), (size,), top, score)
+
+
+def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
+    """Complete clusters to road users of the likeliest class; the score is the probability of any class."""
+    model = fitted_model()
+    found = features(seen.standing, seen.rectangles)
+    probability = model.probabilities(found)
+    kind = np.argmax(probability, axis=1)
+    by_label = {"car": car, "van": others.van, "truck": others.truck, "motorcycle": others.motorcycle,
+                "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
+    sizes = tuple(by_label[label] for label in model.labels.tolist())
+    boxes = _completed(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
+    score = _one_at_a_place(boxes)
+    return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
+
+
+def _one_at_a_place(boxes: Boxes3D) -> Float64:
+    """Scores (M,), each times the probability that none of the likelier boxes around its middle is there.
+
+    Where two parts of one vehicle are two clusters, both are completed to all of it. Of equal scores the first counts.
+    """
+    score = np.zeros(0) if boxes.score is None else boxes.score
+    offset = boxes.center_m[:, None, :2] - boxes.center_m[None, :, :2]
+    cos, sin = np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)
+    along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)
+    across = np.abs(offset[..., 1] * cos - offset[..., 0] * sin)
+    inside = (along < boxes.size_lwh_m[:, 0] / 2) & (across < boxes.size_lwh_m[:, 1] / 2)
+    order = np.arange(len(score))
+    likelier = (score > score[:, None]) | ((score == score[:, None]) & (order < order[:, None]))
+    return np.asarray(score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1), np.float64)
+
+
+def _completed(
+    seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...],
+    top_m: Float64, score: Float64,
+) -> Boxes3D:  # fmt: skip
+    """Complete clusters (M,) of each kind to its size."""
+    num = len(kind)
+    center, size, yaw = np.zeros((num, 3)), np.zeros((num, 3)), np.zeros(num)
+    for number, typical in enumerate(sizes):
+        rows = kind == number
+        footprint = complete(seen.rectangles[rows], seen.viewpoint, typical)
+        height = np.maximum(top_m[rows], typical.height_m)
+        z = seen.plane.z_m(footprint.center_m) + height / 2
+        center[rows] = np.column_stack([footprint.center_m, z])
+        size[rows] = np.column_stack([footprint.size_lw_m, height])
+        yaw[rows] = footprint.yaw_rad
+    return Boxes3D(center, size, yaw, score=np.clip(score, 0.0, 1.0))

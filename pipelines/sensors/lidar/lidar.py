@@ -1,0 +1,184 @@
+"""LiDAR detection: ground removed, the rest clustered and classified."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from fbench.pipelines.params import require_between, require_ranges
+from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, like_cars, road_users
+from fbench.pipelines.sensors.points.clustering import Grouping
+from fbench.pipelines.sensors.points.ground import (
+    GroundParams,
+    Plane,
+    fit_plane,
+    height_above_ground,
+    lowest_points,
+    surroundings,
+)
+from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, OtherSizes, VehicleSize, fit_rectangles
+from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.metadata import SIMULATED
+from fbench.replay.data.rig import LogInfo
+
+
+@dataclass(frozen=True)
+class LidarClusterParams:
+    """Clustering of what stands on the ground."""
+
+    method: str = "dbscan"
+    """DBSCAN, or one of scikit-learn's: agglomerative, birch, hdbscan, meanshift, optics."""
+    eps_m: float = 0.6
+    """Radius [m]."""
+    min_points: int = 3
+    """Points within the radius that make a core point, itself included."""
+    adaptive_from_m: float | None = 25.0
+    """Beyond this distance from the body's origin [m] the radius of DBSCAN grows in proportion to it, as the spacing of
+    beams does; none: it is the same everywhere."""
+    with_height: bool = False
+    """Whether heights count; if not, points are grouped as seen from above."""
+    max_height_m: float = 2.5
+    """Points higher above the ground [m], such as trees over a street, are left out."""
+
+    def __post_init__(self) -> None:
+        ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "max_height_m": (0.1, 100.0)}
+        require_ranges("lidar.cluster", self, ranges)
+        self.grouping.check("lidar.cluster")
+
+    @property
+    def grouping(self) -> Grouping:
+        """What of this tells how points are grouped."""
+        return Grouping(self.method, self.eps_m, self.min_points, self.adaptive_from_m)
+
+
+OWN = ("min_range_m", "max_range_m")
+"""Parameters that may differ between LiDARs: what acts before their points are merged."""
+
+
+@dataclass(frozen=True)
+class LidarParams:
+    """Parameters of detection by LiDAR."""
+
+    min_range_m: float = 2.5
+    """Points nearer to the LiDAR [m] lie on the own vehicle."""
+    max_range_m: float | None = None
+    """Points farther from the LiDAR [m] are left out; none: all are used."""
+    ego_front_m: float = 4.0
+    """The own vehicle reaches this far ahead of the body's origin [m]: points in its outline lie on it."""
+    ego_rear_m: float = 2.5
+    """The own vehicle reaches this far behind the body's origin [m]."""
+    ego_side_m: float = 1.1
+    """The own vehicle reaches this far to each side of the body's origin [m]; 0: no points are taken for its own."""
+    deskew: bool = True
+    """Where poses are known, points are moved to the frame's instant by their own times, unless the log says that
+    nothing moved in a sweep; sweeps of other instants are moved as a whole."""
+    ground: GroundParams = field(default_factory=GroundParams)
+    """How the ground is found."""
+    cluster: LidarClusterParams = field(default_factory=LidarClusterParams)
+    """How points are grouped."""
+    size: VehicleSize = field(default_factory=VehicleSize)
+    """What partly seen cars are completed to."""
+    sizes: OtherSizes = field(default_factory=OtherSizes)
+    """What others are completed to; only the model tells them apart."""
+    judge: Literal["model", "rules"] | None = None
+    """How clusters are judged: `model`, fitted on the simulated city, gives the probability of a road user and its
+    class, `rules` how much a cluster looks like a passenger car; none: by the model in simulated logs, else by rules.
+    """
+    shape: CarShapeParams = field(default_factory=CarShapeParams)
+    """What a cluster must look like by the rules."""
+
+    def __post_init__(self) -> None:
+        names = ("min_range_m", "ego_front_m", "ego_rear_m", "ego_side_m")
+        require_ranges("lidar", self, dict.fromkeys(names, (0.0, 1000.0)))
+        if self.max_range_m is not None:
+            require_between("lidar.max_range_m", self.max_range_m, 0.1, 10_000.0)
+        self.size.check("lidar.size")
+        self.sizes.check("lidar.sizes")
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """What stands on the ground and what hangs over it."""
+
+    plane: Plane | None
+    """The ground; `None` where too few points tell, and then there are no obstacles."""
+    xyz: Float64
+    """(N, 3) [m] in body coordinates."""
+    height_m: Float64
+    """(N,) above ground [m]."""
+    tall: Float64
+    """(M, 3) [m] points above the height of cars."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarView:
+    """What the LiDAR sees: points that stand on the ground, their clusters, one box for each."""
+
+    plane: Plane | None
+    """The ground; `None` where too few points tell."""
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first."""
+    cluster: Int64
+    """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
+    boxes: Boxes3D
+    """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
+    it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""
+
+
+def judging(params: LidarParams, log_info: LogInfo) -> LidarParams:
+    """Return parameters that say how clusters of this log are judged."""
+    by_model = SIMULATED in log_info.metadata
+    return params if params.judge is not None else replace(params, judge="model" if by_model else "rules")
+
+
+def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
+    """Take the ground away from points (N, 3) in body coordinates."""
+    around = surroundings(xyz, params.ground)
+    lowest, near = lowest_points(around, params.ground), around.is_near
+    plane = fit_plane(lowest, params.ground)
+    if plane is None:
+        near, height = np.zeros(len(xyz), np.bool_), np.zeros(len(xyz))
+    else:
+        height = height_above_ground(around, lowest, plane, params.ground)
+    top = params.cluster.max_height_m
+    standing = near & (height > params.ground.tolerance_m) & (height < top)
+    rows, tall = np.flatnonzero(standing), np.flatnonzero(near & (height >= top) & (height < 2.5 * top))
+    return Obstacles(plane, xyz.take(rows, axis=0), height.take(rows), xyz.take(tall, axis=0))
+
+
+def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
+    """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
+    return judged(found, clusters(found.xyz, params.cluster), viewpoint, params)
+
+
+def judged(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
+    """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,); by rules unless told."""
+    xyz, cluster, seen = arranged(found, cluster, viewpoint)
+    return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else _boxes(seen, params))
+
+
+def arranged(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
+    """Sort obstacles by their clusters (N,), -1 for none, and fit rectangles; `None` where there are no clusters."""
+    by_cluster = np.argsort(cluster, kind="stable")
+    xyz, cluster = found.xyz.take(by_cluster, axis=0), cluster[by_cluster]
+    loose = int(np.searchsorted(cluster, 0))
+    if found.plane is None or loose == len(cluster):
+        return xyz, cluster, None
+    first = np.append(loose + np.flatnonzero(np.diff(cluster[loose:], prepend=-1)), len(cluster))
+    rectangles = fit_rectangles(np.ascontiguousarray(xyz[:, :2]), first, HEADINGS_RAD, NEAR_M)
+    height = np.column_stack([xyz[:, :2], found.height_m[by_cluster]])
+    tall = np.column_stack([found.tall[:, :2], found.tall[:, 2] - found.plane.z_m(found.tall)])
+    return xyz, cluster, Seen(Standing(height, first, tall), rectangles, found.plane, viewpoint)
+
+
+def clusters(xyz: Float64, params: LidarClusterParams) -> Int64:
+    """Cluster obstacles (N, 3): numbers (N,), -1 for none."""
+    features = xyz if params.with_height else xyz[:, :2]
+    return params.grouping.clusters(features, np.hypot(xyz[:, 0], xyz[:, 1]))
+
+
+def _boxes(seen: Seen, params: LidarParams) -> Boxes3D:
+    if params.judge == "model":
+        return road_users(seen, params.size, params.sizes)
+    return like_cars(seen, params.size, params.shape)

@@ -1,0 +1,226 @@
+"""Height of the ground under each point, without knowing how high the sensors sit."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy import ndimage
+
+from fbench.pipelines.params import require_ranges
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.geometry.kernels import kernel
+
+
+@kernel
+def _at_rank(values: Float64, rank: int) -> int:
+    """Return where the value lies that has this rank in ascending order; of equal ones the first has the lowest."""
+    value = np.partition(values, rank)[rank]
+    left = rank
+    for one in values:
+        if one < value:
+            left -= 1
+    for at, one in enumerate(values):
+        if one == value:
+            if left == 0:
+                return at
+            left -= 1
+    return 0  # never: the value is one of them
+
+
+@kernel
+def lowest_rows(cell: Int64, z_m: Float64, outliers: float) -> Int64:
+    """Return the row of the lowest point of each cell, cells in lexicographic order.
+
+    Takes cells (N, 2) and heights (N,) [m] of at least one point; of equally low points the first counts. In each cell
+    the share `outliers` of its lowest points is passed over.
+    """
+    low = (cell[:, 0].min(), cell[:, 1].min())
+    wide = cell[:, 1].max() - low[1] + 1
+    number = (cell[:, 0] - low[0]) * wide + cell[:, 1] - low[1]
+    first = np.zeros(number.max() + 2, np.int64)
+    for one in number:
+        first[one + 1] += 1
+    first = np.cumsum(first)
+    rows, filled = np.empty(len(number), np.int64), first.copy()
+    for row, one in enumerate(number):
+        rows[filled[one]] = row
+        filled[one] += 1
+    result = np.empty(len(first), np.int64)
+    num = 0
+    for one in range(len(first) - 1):
+        own = rows[first[one] : first[one + 1]]
+        if len(own):
+            result[num] = own[_at_rank(z_m[own], int(outliers * len(own)))]
+            num += 1
+    return result[:num]
+
+
+@kernel
+def heights(xyz: Float64, is_near: Bool, cell: Int64, plane: Float64, surface: Float64) -> Float64:
+    """Height (N,) [m] of points (N, 3) above a plane, and, of those that are near, above a surface on it.
+
+    `plane` holds its slopes and its height, `cell` (M, 2) the cells of `surface` (R, C) [m] under the near points.
+    """
+    result, num = np.empty(len(xyz)), 0
+    for row in range(len(xyz)):
+        result[row] = xyz[row, 2] - (plane[0] * xyz[row, 0] + plane[1] * xyz[row, 1] + plane[2])
+        if is_near[row]:
+            result[row] -= surface[cell[num, 0], cell[num, 1]]
+            num += 1
+    return result
+
+
+@kernel
+def fullest_bands(z_m: Float64, band_m: float) -> tuple[Int64, Int64]:
+    """Return for each row of ascending heights (R, N) [m] how many lie within the fullest band, and where it begins.
+
+    A band begins with one of the heights and includes both its ends; of equally full ones the lowest counts.
+    """
+    most, at = np.zeros(len(z_m), np.int64), np.zeros(len(z_m), np.int64)
+    for row in range(len(z_m)):
+        end = 0
+        for begin in range(z_m.shape[1]):
+            while end < z_m.shape[1] and z_m[row, end] <= z_m[row, begin] + band_m:
+                end += 1
+            if end - begin > most[row]:
+                most[row], at[row] = end - begin, begin
+    return most, at
+
+
+@dataclass(frozen=True)
+class GroundParams:
+    """How the ground is found: a plane through the lowest points of all cells, then a surface of limited slope."""
+
+    cell_m: float = 2.0
+    """Edge of the cells [m] whose lowest points stand for the ground."""
+    outliers: float = 0.05
+    """Share of a cell's points that may lie below the ground."""
+    range_m: float = 60.0
+    """Farthest points [m] that take part."""
+    max_tilt: float = 0.16
+    """Steepest plane [m/m], by tilt of the sensors or of the road."""
+    max_slope: float = 0.06
+    """Steepest deviation from the plane [m/m]."""
+    tolerance_m: float = 0.2
+    """Height [m] below which a point belongs to the ground."""
+    where: ClassVar[str] = "lidar.ground"
+    """Dotted name of these parameters."""
+
+    def __post_init__(self) -> None:
+        # Cells and range bound the size of the grid.
+        ranges = {
+            "cell_m": (0.5, 100.0), "outliers": (0.0, 0.5), "range_m": (1.0, 500.0), "max_tilt": (0.0, 1.0),
+            "max_slope": (0.0, 1.0), "tolerance_m": (0.0, 10.0),
+        }  # fmt: skip
+        require_ranges(self.where, self, ranges)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """z = slope_x x + slope_y y + height_m, in body coordinates."""
+
+    slope_x: float
+    slope_y: float
+    height_m: float
+
+    def z_m(self, xyz: Float64) -> Float64:
+        """Height (N,) [m] of the plane at points (N, 2 or 3)."""
+        z: Float64 = self.slope_x * xyz[:, 0] + self.slope_y * xyz[:, 1] + self.height_m
+        return z
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Points that tell of the ground, and in which cells they lie."""
+
+    xyz: Float64
+    """(N, 3) [m] in body coordinates, all points."""
+    is_near: Bool
+    """(N,) which of them lie within `range_m`."""
+    near: Float64
+    """(M, 3) those."""
+    cell: Int64
+    """(M, 2) their cells."""
+
+
+def surroundings(xyz: Float64, params: GroundParams) -> Surroundings:
+    """Tell which points (N, 3) [m] in body coordinates are near, and put those into cells."""
+    is_near = np.hypot(xyz[:, 0], xyz[:, 1]) < params.range_m
+    near = xyz.take(np.flatnonzero(is_near), axis=0)
+    cell = np.empty((len(near), 2), np.int64)
+    cell[:, 0], cell[:, 1] = (np.floor(near[:, axis] / params.cell_m) for axis in (0, 1))
+    return Surroundings(xyz, is_near, near, cell)
+
+
+def lowest_points(around: Surroundings, params: GroundParams) -> Float64:
+    """Return the lowest point (M, 3) of each cell, cells in lexicographic order.
+
+    Points are in lexicographic order, which decides between equally low ones. In cells with many points the lowest
+    `outliers` of them are passed over: reflections from below the road.
+    """
+    if not len(around.near):
+        return around.near
+    lowest: Float64 = around.near[lowest_rows(around.cell, around.near[:, 2], params.outliers)]
+    return lowest
+
+
+def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
+    """Fit a plane through most of the points (M, 3); `None` where they are too few.
+
+    All tilts of a coarse grid are tried: the best is the one whose most frequent height holds most points, the
+    flattest on ties. Least squares on the points near it, with a shrinking band, then refine it.
+    """
+    if len(lowest) < 3:
+        return None
+    steps = np.linspace(-params.max_tilt, params.max_tilt, 9)
+    tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
+    plane = _fullest(lowest, np.array(tilts))
+    for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
+        plane = _refined(plane, lowest, band_m)
+    return plane
+
+
+def _fullest(lowest: Float64, slopes: Float64, band_m: float = 0.8) -> Plane:
+    """Return the first plane of those with slopes (T, 2) that holds most points in its best band of heights."""
+    z = np.sort(lowest[:, 2] - slopes[:, :1] * lowest[:, 0] - slopes[:, 1:] * lowest[:, 1], axis=1)
+    num, begin = fullest_bands(z, band_m)
+    best = int(np.argmax(num))
+    return Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
+
+
+def _refined(plane: Plane, lowest: Float64, band_m: float) -> Plane:
+    residual = lowest[:, 2] - plane.z_m(lowest)
+    inside = np.abs(residual) < band_m
+    near = lowest[inside]
+    if len(near) < 3:
+        return plane
+    middle = near.mean(axis=0)
+    x, y, z = (near - middle).T
+    xx, xy, yy = (x * x).sum(), (x * y).sum(), (y * y).sum()
+    xz, yz = (x * z).sum(), (y * z).sum()
+    determinant = xx * yy - xy * xy
+    if determinant < 1e-3 * (xx + yy) ** 2:  # on a line: keep the tilt
+        return Plane(plane.slope_x, plane.slope_y, plane.height_m + float(np.median(residual[inside])))
+    a, b = float((xz * yy - yz * xy) / determinant), float((yz * xx - xz * xy) / determinant)
+    return Plane(a, b, float(middle[2] - a * middle[0] - b * middle[1]))
+
+
+def height_above_ground(around: Surroundings, lowest: Float64, plane: Plane, params: GroundParams) -> Float64:
+    """Height (N,) [m] of all points above the highest surface under `lowest` (M, 3) that keeps to `max_slope`.
+
+    The surface may deviate from the plane; points too far below the plane (mirrored by puddles and glass) are not
+    taken for ground. Beyond `range_m` the plane counts.
+    """
+    deviation = lowest[:, 2] - plane.z_m(lowest)
+    ground = np.abs(deviation) < 0.3 + params.max_slope * np.hypot(lowest[:, 0], lowest[:, 1])
+    half = int(np.ceil(params.range_m / params.cell_m))
+    # One cell more than needed: a quotient may be rounded up.
+    grid = np.full((2 * half + 1, 2 * half + 1), np.inf)
+    at = np.floor(lowest[ground, :2] / params.cell_m).astype(np.int64) + half
+    grid[at[:, 0], at[:, 1]] = deviation[ground]
+    offset = np.arange(-3, 4) * params.cell_m
+    cone = params.max_slope * np.hypot(offset[:, None], offset[None, :])
+    surface = ndimage.grey_erosion(grid, structure=-cone, mode="constant", cval=np.inf)
+    surface = np.where(np.isfinite(surface), surface, 0.0)
+    shape = np.array([plane.slope_x, plane.slope_y, plane.height_m])
+    return heights(around.xyz, around.is_near, around.cell + half, shape, surface)

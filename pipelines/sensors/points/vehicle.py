@@ -1,0 +1,170 @@
+"""Whole vehicles from the sides of them that a sensor sees."""
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from fbench.pipelines.params import require_ranges
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.geometry.kernels import kernel
+
+
+@dataclass(frozen=True)
+class VehicleSize:
+    """Size of a typical car, to which partly seen vehicles are completed."""
+
+    length_m: float = 4.2
+    """Length [m]."""
+    width_m: float = 1.8
+    """Width [m]."""
+    height_m: float = 1.6
+    """Height [m]."""
+
+    def check(self, prefix: str) -> None:
+        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters.
+
+        Raises:
+            ConfigError: naming the parameter.
+        """
+        require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
+
+
+@dataclass(frozen=True)
+class OtherSizes:
+    """Sizes of typical road users that are no cars."""
+
+    van: VehicleSize = field(default_factory=lambda: VehicleSize(5.3, 2.1, 2.2))
+    """Van."""
+    truck: VehicleSize = field(default_factory=lambda: VehicleSize(8.5, 2.6, 3.3))
+    """Truck or bus."""
+    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(2.1, 0.8, 1.6))
+    """Motorcycle with its rider."""
+    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(1.8, 0.6, 1.7))
+    """Bicycle with its rider."""
+    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(0.6, 0.6, 1.7))
+    """Person on foot."""
+
+    def check(self, prefix: str) -> None:
+        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters.
+
+        Raises:
+            ConfigError: naming the parameter.
+        """
+        for one in fields(self):
+            getattr(self, one.name).check(f"{prefix}.{one.name}")
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """Rectangles on the ground in body coordinates."""
+
+    center_m: Float64
+    """(N, 2) [m]."""
+    size_lw_m: Float64
+    """(N, 2) length and width [m]."""
+    yaw_rad: Float64
+    """(N,) heading [rad] in [-pi/2, pi/2): front and back look the same."""
+
+
+def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Footprints:
+    """Complete visible rectangles (N, 5 or more) to vehicles that lie behind their visible edges.
+
+    Rows hold heading [rad], low and high along the heading, low and high across it [m]. Where one edge is longer
+    than a car is wide it is the vehicle's side, else the edge that looks longer from where the sensor is is its front
+    or back: an edge seen at a grazing angle is seldom seen to its end. The corner that the sensor at `viewpoint` (2,)
+    sees stays where it is; along an axis in which the sensor is beside the rectangle, its middle does.
+    """
+    extent = rectangles[:, [2, 4]] - rectangles[:, [1, 3]]
+    apparent = extent * _facing(rectangles, viewpoint)
+    is_side = extent.max(axis=1) > 1.25 * size.width_m
+    along_first = np.where(is_side, extent[:, 0] > extent[:, 1], apparent[:, 0] <= apparent[:, 1])
+    return completed(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
+
+
+def completed(rectangles: Float64, along_first: Bool, viewpoint: Float64, length_width_m: Float64) -> Footprints:
+    """Complete visible rectangles (N, 5 or more), see `complete`, knowing which edges are the sides.
+
+    `along_first` (N,): whether vehicles are long along the rectangle's heading. `length_width_m`, (2,) or (N, 2) [m]:
+    how large they are at least.
+    """
+    heading = rectangles[:, 0]
+    low, high = rectangles[:, [1, 3]], rectangles[:, [2, 4]]
+    axes = np.stack([_unit(heading), _unit(heading + np.pi / 2)], axis=1)
+    eye = axes[:, :, 0] * viewpoint[0] + axes[:, :, 1] * viewpoint[1]
+    typical = np.broadcast_to(length_width_m, low.shape)
+    typical = np.where(along_first[:, None], typical, typical[:, ::-1])
+    full = np.maximum(high - low, typical)
+    middle = np.where(eye < low, low + full / 2, np.where(eye > high, high - full / 2, (low + high) / 2))
+    center = middle[:, :1] * axes[:, 0] + middle[:, 1:] * axes[:, 1]
+    yaw = half_turn(heading + np.where(along_first, 0.0, np.pi / 2))
+    return Footprints(center, np.where(along_first[:, None], full, full[:, ::-1]), yaw)
+
+
+def _facing(rectangles: Float64, viewpoint: Float64) -> Float64:
+    """Return how far edges (N, 2), along the heading and across it, are turned towards a viewpoint (2,): 0 to 1."""
+    heading = rectangles[:, 0]
+    forward, left = _unit(heading), _unit(heading + np.pi / 2)
+    middle = (rectangles[:, [1, 3]] + rectangles[:, [2, 4]]) / 2 - np.stack(
+        [forward @ viewpoint, left @ viewpoint], axis=1
+    )
+    away = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), 1e-9)
+    return np.abs(middle[:, ::-1]) / away[:, None]
+
+
+def half_turn(angle_rad: Float64) -> Float64:
+    """Wrap headings [rad] to [-pi/2, pi/2)."""
+    wrapped: Float64 = (angle_rad + np.pi / 2) % np.pi - np.pi / 2
+    return wrapped
+
+
+def fading(value: Array, good: float, bad: float) -> Float64:
+    """Return 1 where values are at `good` or beyond, 0 at `bad` or beyond, linear between."""
+    share: Float64 = np.clip((bad - np.asarray(value, np.float64)) / (bad - good), 0.0, 1.0)
+    return share
+
+
+def _unit(angle_rad: Float64) -> Float64:
+    return np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
+
+
+HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
+"""Headings of rectangles in space that are tried; by then a rectangle looks as at the first again [rad]."""
+NEAR_M = 0.05
+"""Distances from an edge below this [m] are noise."""
+
+
+@kernel
+def fit_rectangles(xy: Float64, first: Int64, headings_rad: Float64, near_m: float) -> Float64:
+    """Fit one rectangle to each cluster; points (N, 2) sorted by cluster, `first` (M + 1,) rows where clusters begin.
+
+    Headings are searched for the largest closeness (Zhang et al., "Efficient L-shape fitting for vehicle detection
+    using laser scanners", IV 2017, algorithm 4): the sum over points of 1 / distance to the nearest edge, distances
+    below `near_m` counting as that. The first of equal headings wins.
+
+    Returns (M, 6): heading [rad], low and high along the heading, low and high across it [m], and the mean distance
+    of the points from the rectangle [m].
+    """
+    result = np.zeros((len(first) - 1, 6))
+    for m in range(len(first) - 1):
+        best = -1.0
+        for heading in headings_rad:
+            c, s = np.cos(heading), np.sin(heading)
+            low_u, high_u, low_v, high_v = np.inf, -np.inf, np.inf, -np.inf
+            for i in range(first[m], first[m + 1]):
+                u, v = xy[i, 0] * c + xy[i, 1] * s, xy[i, 1] * c - xy[i, 0] * s
+                low_u, high_u = min(low_u, u), max(high_u, u)
+                low_v, high_v = min(low_v, v), max(high_v, v)
+            closeness = 0.0
+            distance = 0.0
+            for i in range(first[m], first[m + 1]):
+                u, v = xy[i, 0] * c + xy[i, 1] * s, xy[i, 1] * c - xy[i, 0] * s
+                d = min(u - low_u, high_u - u, v - low_v, high_v - v)
+                closeness += 1.0 / max(d, near_m)
+                distance += d
+            if closeness > best:
+                best = closeness
+                num = first[m + 1] - first[m]
+                result[m, 0] = heading
+                result[m, 1], result[m, 2], result[m, 3], result[m, 4] = low_u, high_u, low_v, high_v
+                result[m, 5] = distance / num
+    return result

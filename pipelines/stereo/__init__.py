@@ -1,1 +1,0 @@
-"""Depth from two cameras side by side."""

@@ -1,1 +1,0 @@
-"""The thesis's configurations as variants of `plain2d` and `plain3d`, one TOML file each."""

@@ -1,0 +1,96 @@
+"""camera2d: a detector on every camera, and a tracker per camera."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fbench.pipelines.models.weights import resolve_settings
+from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
+from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.tracking.params import Tracker2DParams
+from fbench.pipelines.tracking.stage import Detected, Tracked2D
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.boxes import Boxes2D, Source, concatenate
+from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Camera2DParams:
+    """Parameters of `camera2d`."""
+
+    camera: CameraParams = field(default_factory=CameraParams)
+    """The detector."""
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
+    """The tracker, one per camera."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
+
+    def __post_init__(self) -> None:
+        require_between("detect_every", self.detect_every, 1)
+        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
+
+
+class Camera2D:
+    """Boxes in the images of all cameras, from the images alone."""
+
+    def __init__(self, params: Camera2DParams) -> None:
+        self._params, self._cameras = params, CameraStage(params.camera)
+        self._tracked = Tracked2D(params.tracking, params.detect_every)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all cameras of the rig; those without weights count as missing.
+
+        Raises:
+            ConfigError: where none has weights: on simulated logs the built-in ones are there.
+            LogError: where the rig has no camera.
+        """
+        if not rig.sensors("camera"):
+            raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")
+        self._cameras.start(rig, log_info, SensorSettings(self._params, rig))
+        if not self._cameras.used:
+            raise ConfigError(
+                "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
+                "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
+            )
+        self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._cameras.identity
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracked.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect in every camera's image and track; a camera without a usable image gives no detections."""
+        return self._tracked.step(frame, self._detected, self._cameras.missing)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        faults = list[Fault]()
+        seen = self._cameras.view(frame, clock, faults)
+        boxes = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])
+        return Detected(boxes, tuple(faults))
+
+
+def camera_boxes(camera: str, found: CameraDetections) -> Boxes2D:
+    """Boxes of one camera with its name and source."""
+    num = len(found)
+    return Boxes2D(
+        camera=np.full(num, camera),
+        xyxy_px=found.xyxy_px,
+        label=found.label,
+        score=found.score,
+        sources=np.full(num, int(Source.C), np.uint8),
+    )
+
+
+def no_detections() -> Boxes2D:
+    """No boxes, with the same fields as others, so that tables of all frames are alike."""
+    return camera_boxes("", CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1")))

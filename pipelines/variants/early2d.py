@@ -1,0 +1,61 @@
+"""early2d: LiDAR and radar points in the images are merged with the cameras' boxes there, and tracked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.pipelines.sensors.image.stage import LidarInImages, RadarInImages
+from fbench.pipelines.sensors.lidar.stage import LidarStage
+from fbench.pipelines.sensors.points.merged import require
+from fbench.pipelines.sensors.radar.radar import RadarStage
+from fbench.pipelines.tracking.stage import Tracked2D
+from fbench.pipelines.variants.fused_images import FusedImages, FusedImagesParams
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Early2DParams(FusedImagesParams):
+    """Parameters of `early2d`."""
+
+
+class Early2D:
+    """Labelled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
+    there.
+
+    Objects without a camera's label are called cars, or trucks where they are long.
+    """
+
+    def __init__(self, params: Early2DParams = Early2DParams()) -> None:
+        self._params, tracked = params, Tracked2D(params.tracking, params.detect_every)
+        self._fused = FusedImages(CameraStage(params.camera, params.fusion.camera_share), params.fusion, tracked)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all sensors of the rig.
+
+        Raises:
+            LogError: where it has no LiDAR or radar, or no camera that can be projected into, or one that is to be used
+                can't.
+        """
+        require("early2d", ("lidar", "radar"), rig, log_info)
+        params, settings = self._params, SensorSettings(self._params, rig)
+        cameras = self._fused.start("early2d", rig, log_info, settings)
+        self._points = LidarStage(rig, log_info, params.lidar, settings)
+        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
+        echoes = RadarStage(rig, log_info, params.radar, settings)
+        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self.reset("start")
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._fused.identity
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks, how the ground lies, and how well the cameras see."""
+        self._fused.reset()
+        self._points.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
+        return self._fused.step(frame, self._lidar.view, self._radar.view)

@@ -1,0 +1,63 @@
+"""radar2d: vehicles in images from the echoes of all radars alone, and a tracker."""
+
+from dataclasses import dataclass, field
+
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
+from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
+from fbench.pipelines.sensors.points.merged import require
+from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
+from fbench.pipelines.tracking.params import Tracker2DParams
+from fbench.pipelines.tracking.stage import Detected, Tracked2D
+from fbench.pipelines.variants.params import RadarAloneParams
+from fbench.replay.contracts.sensor_settings import SensorSettings
+from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Radar2DParams(RadarAloneParams):
+    """Parameters of `radar2d`."""
+
+    radar: RadarParams = field(default_factory=far_radar)
+    """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
+    min_score: float = 0.4
+    """Clusters with a lower score are dropped."""
+    radar_image: RadarImageParams = field(default_factory=RadarImageParams)
+    """Detection in images."""
+    tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
+    """The tracker, one per camera."""
+
+
+class Radar2D:
+    """Boxes in the images of all cameras from all radars, with their range rate; images aren't looked at. They have no
+    class.
+    """
+
+    def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
+        self._params, self._tracked = params, Tracked2D(params.tracking, params.detect_every)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all radars of the rig, and the cameras that can be projected into.
+
+        Raises:
+            LogError: where it has no radar, or no such camera.
+        """
+        require("radar2d", ("radar",), rig, log_info)
+        cameras = projectable("radar2d", rig, log_info)
+        params = self._params
+        echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
+        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracked.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect and track; a frame without radar has no detections."""
+        return self._tracked.step(frame, self._detected)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        return Detected(unlabelled(self._radar.view(frame, clock).seen, self._params.min_score))

@@ -1,0 +1,64 @@
+"""stereo3d: vehicles from the depth of two cameras side by side, and a tracker."""
+
+from dataclasses import dataclass, field
+
+from fbench.pipelines.params import StageClock
+from fbench.pipelines.sensors.points.merged import reported
+from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
+from fbench.pipelines.tracking.params import Tracker3DParams
+from fbench.pipelines.tracking.stage import Detected, Tracked3D
+from fbench.pipelines.variants.params import require_alone
+from fbench.replay.data.boxes import Boxes3D, Source
+from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class Stereo3DParams:
+    """Parameters of `stereo3d`."""
+
+    stereo: StereoParams = field(default_factory=StereoParams)
+    """Which cameras, and how they give depth."""
+    objects: ObjectParams = field(default_factory=ObjectParams)
+    """What becomes of the points."""
+    min_score: float = 0.5
+    """Clusters that look less like a vehicle than this are dropped."""
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
+    """The tracker."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+
+    def __post_init__(self) -> None:
+        require_alone(self.min_score, self.detect_every)
+
+
+class Stereo3D:
+    """Boxes in 3D from one stereo pair. They have no class and no velocity.
+
+    A frame whose depth is noise has no detections, and both cameras count as missing from it.
+    """
+
+    def __init__(self, params: Stereo3DParams = Stereo3DParams()) -> None:
+        self._params, self._tracked = params, Tracked3D(params.tracking, params.detect_every)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take the pair that is named, or the one with the longest baseline."""
+        self._tracked.start(rig)
+        self._stereo = StereoStage(rig, log_info.name, self._params.stereo)
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracked.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect and track; a frame without both images has no detections."""
+        return self._tracked.step(frame, self._detected)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+        faults, pair = list[Fault](), self._stereo.pair
+        view = self._stereo.view(frame, clock, faults)
+        with clock.stage("detect.stereo"):
+            found = detect(view.xyz, self._stereo.eye_m, self._stereo.focal_baseline, self._params.objects)
+            boxes = reported(found.boxes, self._params.min_score, Source.S)
+        return Detected(boxes, tuple(faults), dict.fromkeys((pair.left, pair.right), NOISE) if view.is_off else {})

@@ -1,1 +1,0 @@
-"""Boxes from files: ground truth, or the results of other systems."""

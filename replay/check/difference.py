@@ -1,0 +1,160 @@
+"""The first difference of two replays: which frame, stage and field."""
+
+import json
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fbench.replay.check.verify_task import WATCH
+from fbench.replay.data.arrays import Array
+from fbench.replay.data.boxes import Boxes
+from fbench.replay.runs.digest import START, digest, link
+from fbench.replay.runs.folder import FrameRecord, Run
+
+_OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
+"""Faults with these prefixes tell about the container, which another one needn't have."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What differs first."""
+
+    stage: str
+    what: str
+    frame: int | None = None
+
+    def __str__(self) -> str:
+        place = self.stage if self.frame is None else f"frame {self.frame}, {self.stage}"
+        return f"{place}: {self.what}"
+
+
+class Outcome:
+    """A finished run with what its frames were made of."""
+
+    def __init__(self, folder: Path) -> None:
+        self.run = Run(folder)
+
+    @cached_property
+    def seen(self) -> dict[int, dict[str, Any]]:
+        """What went into each frame, by its index."""
+        return {row["index"]: row for row in self.run.json(WATCH)}
+
+    def faults(self, of_container: bool = True) -> dict[str, Any]:
+        """Faults and stragglers, those of the container if wanted."""
+        content = self.run.json("faults.json")
+        rows = {row["code"]: [row["count"], row["places"]] for row in content.pop("rows")}
+        if of_container:
+            return {**content, **rows}
+        content.pop("lost")
+        return {**content, **{code: row for code, row in rows.items() if not code.startswith(_OF_CONTAINERS)}}
+
+    @cached_property
+    def digests(self) -> dict[str, str]:
+        """One digest a stage."""
+        run = self.run
+        frames = START
+        for record in run.frames:
+            frames = link(frames, digest([_facts(record), self.seen.get(record.index, {}).get("parts", {})]))
+        found = {
+            "messages": run.manifest.log.digest,
+            "frames": frames,
+            "detections": digest([run.detections.frames, run.detections.boxes]),
+            "tracks": digest([run.tracks.frames, run.tracks.boxes]),
+            "faults": digest(json.dumps(self.faults(), sort_keys=True)),
+        }
+        if any(record.truth_stamp_ns is not None for record in run.frames):
+            found["scores"] = digest(json.dumps(run.json("scores.json"), sort_keys=True))
+        return found
+
+
+def first_difference(base: Outcome, other: Outcome, same_container: bool) -> Difference | None:
+    """Find the earliest frame that differs, in it the earliest stage, then what belongs to no frame."""
+    for a, b in zip(base.run.frames, other.run.frames, strict=False):
+        found = _in_frame(base, other, a, b)
+        if found is not None:
+            return Difference(*found, frame=a.index)
+    num, others = len(base.run.frames), len(other.run.frames)
+    if num != others:
+        return Difference("frames", f"{num} frames != {others}")
+    if base.run.manifest.log.digest != other.run.manifest.log.digest:
+        return Difference("messages", "what is in no frame, or truth, differs")
+    for stage, x, y in (
+        ("faults", base.faults(same_container), other.faults(same_container)),
+        ("scores", _by_name(base.run.json("scores.json")), _by_name(other.run.json("scores.json"))),
+    ):
+        if (what := _in_mapping(x, y)) is not None:
+            return Difference(stage, what)
+    return None
+
+
+def _in_frame(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecord) -> tuple[str, str] | None:
+    """Stage and field that differ."""
+    seen_a, seen_b = base.seen.get(a.index, {}), other.seen.get(b.index, {})
+    content = _in_mapping({**seen_a.get("parts", {}), **_facts(a)}, {**seen_b.get("parts", {}), **_facts(b)})
+    if content is not None:
+        return ("messages" if ".content " in content else "frames"), content
+    if seen_a.get("messages") != seen_b.get("messages"):
+        return "messages", "what was read until then differs"
+    if a.failed != b.failed:
+        return "detections", f"failed {a.failed!r} != {b.failed!r}"
+    for stage, table, table_b in (
+        ("detections", base.run.detections, other.run.detections),
+        ("tracks", base.run.tracks, other.run.tracks),
+    ):
+        if (what := boxes_difference(table.at(a.index), table_b.at(b.index))) is not None:
+            return stage, what
+    return None if a.digest == b.digest else ("tracks", "digest differs")
+
+
+def _facts(record: FrameRecord) -> dict[str, Any]:
+    return {
+        "index": record.index,
+        "segment": record.segment,
+        "missing": dict(record.missing),
+        "truth_stamp_ns": record.truth_stamp_ns,
+    }
+
+
+def boxes_difference(a: Boxes, b: Boxes) -> str | None:
+    """First field and element in which boxes differ, such as `score[3] 0.81 != 0.82`."""
+    if type(a) is not type(b) or len(a) != len(b):
+        return f"{len(a)} {type(a).__name__} != {len(b)} {type(b).__name__}"
+    for name in (f.name for f in fields(a)):
+        x, y = getattr(a, name), getattr(b, name)
+        if (x is None) != (y is None):
+            return f"{name} {'absent' if x is None else 'present'} != {'absent' if y is None else 'present'}"
+        if x is not None and (what := _in_array(x, y)) is not None:
+            return f"{name}{what}"
+    return None
+
+
+def _in_array(a: Array, b: Array) -> str | None:
+    same = np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    if same:
+        return None
+    odd = (a != b) & ~((a != a) & (b != b))  # noqa: PLR0124  # NaN is the same as NaN
+    place = tuple(int(i) for i in np.argwhere(odd)[0])
+    return f"[{', '.join(map(str, place))}] {a[place].item()!r} != {b[place].item()!r}"
+
+
+def _by_name(scores: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"/".join(str(s[key]) for key in ("metric", "class", "slice", "matching")): s for s in scores}
+
+
+def _in_mapping(a: dict[str, Any], b: dict[str, Any]) -> str | None:
+    for name in [*a, *(key for key in b if key not in a)]:
+        x, y = a.get(name), b.get(name)
+        if x == y:
+            continue
+        if isinstance(x, dict) and isinstance(y, dict):
+            return f"{name} {_in_mapping(x, y)}"
+        return f"{name} {_short(x)} != {_short(y)}"
+    return None
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

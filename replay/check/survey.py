@@ -1,0 +1,163 @@
+"""Survey of a log from its index where it has one; all times are those at which messages were recorded."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.arrays import Int64
+from fbench.replay.data.messages import BOXES
+from fbench.replay.data.rig import LogInfo, Mount, Rig
+from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
+from fbench.replay.logs.codecs.codec import MESSAGES
+from fbench.replay.logs.open import Storage, read_log_times, span_ns, storage
+from fbench.replay.logs.partial_rig import PartialRig, partial_rig
+from fbench.replay.logs.reader import LogReader
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic, whether fbench has a use for it or not."""
+
+    topic: str
+    schema: str
+    encoding: str
+    kind: str
+    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`, `detections`; empty: unused."""
+    num_messages: int
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The messages of one sensor, or of poses."""
+
+    sensor: str
+    kind: str
+    num_messages: int
+    first_log_ns: int | None
+    """`None` where the index doesn't tell, or without messages; so are the others."""
+    last_log_ns: int | None
+    median_period_ns: int | None
+    rate_hz: float | None
+    """From the median period, else from number and duration."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a log holds."""
+
+    info: LogInfo
+    storage: Storage
+    known: PartialRig
+    reference: str | None
+    """`None` where no sensor has messages."""
+    streams: tuple[Stream, ...]
+    topics: tuple[Topic, ...]
+    num_truths: int
+    """Messages of ground truth."""
+    span_ns: tuple[int, int] | None
+    """Log times of the first and the last message."""
+    breaks: tuple[str, ...] | None
+    """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
+
+    num_ticks: int = 0
+    """Instants of boxes, where these are the reference."""
+
+    @property
+    def num_frames(self) -> int:
+        """Messages of the reference sensor."""
+        if self.reference == BOXES:
+            return self.num_ticks
+        return next((s.num_messages for s in self.streams if s.sensor == self.reference), 0)
+
+
+def survey(reader: LogReader, params: SyncParams) -> Survey:
+    """Survey a log; one without an index is read once, without decoding it.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    container = reader.container
+    by_channel = container.log_times()
+    form, known = storage(container, by_channel), partial_rig(reader)
+    if by_channel is None and not form.is_indexed:
+        by_channel = read_log_times(container)
+    span = span_ns(container, by_channel)
+    reference = reference_of(reader, known, params)
+    times = None if by_channel is None else _by_sensor(reader, by_channel)
+    return Survey(
+        reader.info, form, known, reference, _streams(reader, known, times, span), topics_of(reader),
+        sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
+        _breaks(times, reference, params.max_gap_ns), reader.num_messages.get(BOXES, 0),
+    )  # fmt: skip
+
+
+def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
+    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one.
+
+    Raises:
+        ConfigError: where the sensor that was asked for isn't in the log.
+    """
+    nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
+    try:
+        return choose_reference(Rig(nowhere, {}), reader.info, reader.num_messages, params)
+    except LogError:
+        return None
+    except ConfigError:
+        if params.reference is not None:
+            raise
+        return None  # what the log's metadata name isn't there
+
+
+def _by_sensor(reader: LogReader, by_channel: Mapping[int, Int64]) -> dict[str, Int64]:
+    parts: dict[str, list[Int64]] = {}
+    for id_, role in sorted(reader.roles.items()):
+        if role.kind in MESSAGES:
+            parts.setdefault(role.sensor, []).append(by_channel.get(id_, np.zeros(0, np.int64)))
+    return {sensor: np.sort(np.concatenate(times), kind="stable") for sensor, times in sorted(parts.items())}
+
+
+def _streams(
+    reader: LogReader, known: PartialRig, times: Mapping[str, Int64] | None, span: tuple[int, int] | None
+) -> tuple[Stream, ...]:
+    kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **known.kinds}
+    nums = reader.num_messages
+    if times is None:
+        return tuple(_counted(name, kinds[name], nums.get(name, 0), span) for name in sorted(kinds))
+    return tuple(_timed(name, kinds[name], times.get(name, np.zeros(0, np.int64))) for name in sorted(kinds))
+
+
+def _counted(sensor: str, kind: str, num: int, span: tuple[int, int] | None) -> Stream:
+    duration_ns = 0 if span is None else span[1] - span[0]
+    rate = (num - 1) * 1e9 / duration_ns if num > 1 and duration_ns else None
+    return Stream(sensor, kind, num, None, None, None, rate)
+
+
+def _timed(sensor: str, kind: str, log_ns: Int64) -> Stream:
+    if len(log_ns) == 0:
+        return Stream(sensor, kind, 0, None, None, None, None)
+    first, last = int(log_ns[0]), int(log_ns[-1])
+    steps = np.sort(np.diff(log_ns), kind="stable")
+    period = int(steps[len(steps) // 2]) if len(steps) else None
+    rate = 1e9 / period if period else _counted(sensor, kind, len(log_ns), (first, last)).rate_hz
+    return Stream(sensor, kind, len(log_ns), first, last, period, rate)
+
+
+def topics_of(reader: LogReader) -> tuple[Topic, ...]:
+    """All topics of a log, by name, over all parts of the recording."""
+    container = reader.container
+    nums: Counter[tuple[str, str, str, str]] = Counter()
+    for id_, c in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
+        kind = reader.roles[id_].kind if id_ in reader.roles else ""
+        nums[c.topic, c.schema_name, c.encoding, kind] += container.counts.get(id_, 0)
+    return tuple(Topic(*key, num) for key, num in nums.items())
+
+
+def _breaks(times: Mapping[str, Int64] | None, reference: str | None, max_gap_ns: int) -> tuple[str, ...] | None:
+    if times is None:
+        return None
+    log_ns = times.get(reference or "", np.zeros(0, np.int64))
+    steps = np.diff(log_ns)
+    return tuple(f"gap of {steps[i] / 1e9:.3f} s before frame {i + 1}" for i in np.flatnonzero(steps > max_gap_ns))

@@ -1,0 +1,122 @@
+"""Recording of what went into each frame, and the same log in other containers."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from fbench.replay.check.verify_task import Form
+from fbench.replay.contracts.protocols import Pipeline, Reader
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, Tick, Truth
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.logs.container import Container
+from fbench.replay.logs.containers.mcap.write import RawMcapWriter
+from fbench.replay.logs.convert.copying import Copying
+from fbench.replay.logs.convert.run import Wish, convert
+from fbench.replay.logs.convert.sinks import McapSink
+from fbench.replay.logs.convert.source import Source
+from fbench.replay.logs.convert.target import Target
+from fbench.replay.runs.digest import START, digest, link
+
+
+class WatchedReader:
+    """A reader that chains the digests of the messages it delivers."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+        self.chain = START
+        """Last link."""
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        return self._reader.info
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration."""
+        return self._reader.rig
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages by sensor."""
+        return self._reader.num_messages
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return self._reader.poses
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All messages."""
+        for message in self._reader.messages():
+            self.chain = link(self.chain, digest(message))
+            yield message
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """All messages, and the instants of boxes."""
+        for message in self._reader.ticked():
+            self.chain = link(self.chain, digest(message))
+            yield message
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth."""
+        return self._reader.truths()
+
+
+class WatchedPipeline:
+    """A pipeline that notes what its frames are made of."""
+
+    def __init__(self, pipeline: Pipeline, reader: WatchedReader) -> None:
+        self._pipeline, self._reader = pipeline, reader
+        self.rows: list[dict[str, object]] = []
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Prepare for one log."""
+        self._pipeline.start(rig, log_info)
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._pipeline.reset(reason)
+
+    def step(self, frame: Frame) -> Output:
+        """Process one frame."""
+        parts: dict[str, object] = {"stamp_ns": frame.stamp_ns, "frame_number": frame.frame_number}
+        for sensor, message in frame.messages.items():
+            parts[f"{sensor}.stamp_ns"] = message.stamp_ns
+            parts[f"{sensor}.log_ns"] = message.log_ns
+            parts[f"{sensor}.content"] = digest(message)
+        self.rows.append({"index": frame.index, "messages": self._reader.chain, "parts": parts})
+        return self._pipeline.step(frame)
+
+
+_SMALL = 4096
+
+
+def converted(container: Container, folder: Path, form: Form) -> Path:
+    """Write a log into `folder` in another form, under the same name; returns where it is.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    name = container.path.stem
+    if form == "unchunked":
+        return _unchunked(container, folder / f"{name}.mcap")
+    targets = {
+        "lz4": Target(folder / f"{name}.mcap", compression="lz4"),
+        "small chunks": Target(folder / f"{name}.mcap", chunk_size=_SMALL),
+        "parquet": Target(folder / f"{name}.parquet"),
+    }
+    return convert(container, targets[form], Wish()).path
+
+
+def _unchunked(container: Container, path: Path) -> Path:
+    source = Source(container, (), Excerpt())
+    sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False), str(path))
+    try:
+        for item in Copying(source, frozenset()).items():
+            sink.put(item)
+        sink.close()
+    finally:
+        sink.discard()
+    return path

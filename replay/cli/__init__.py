@@ -1,5 +1,0 @@
-"""The command line: the only place that prints or exits. Heavy imports stay inside the command functions."""
-
-from fbench.replay.cli.app import app, main
-
-__all__ = ["app", "main"]

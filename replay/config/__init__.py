@@ -1,1 +1,0 @@
-"""What a user says about logs in an `fbench.toml`."""

@@ -1,0 +1,98 @@
+"""Errors, exit codes and the near names that errors suggest."""
+
+import difflib
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
+
+from fbench.replay.runs.secrets import without_secrets
+
+EXIT_OK = 0
+EXIT_NO = 1
+EXIT_USAGE = 2
+EXIT_DATA = 3
+EXIT_LOSSY = 4
+_MAX_CHARS = 1200
+"""Longer messages lose their middle, which then is a name or value from data."""
+
+
+class FbenchError(Exception):
+    """Root of all errors that fbench raises on purpose.
+
+    The message is one line: what, where (file, topic, stamp, offset), what to do. What isn't printable in names that
+    come from data becomes a space; credentials are left out.
+    """
+
+    exit_code = EXIT_DATA
+
+    def __init__(self, text: str = "", code: str = "") -> None:
+        clean = without_secrets(_shortened(text))
+        super().__init__("".join(c if c.isprintable() else " " for c in clean))
+        self.code = code
+        """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
+
+
+def _shortened(text: str) -> str:
+    half = _MAX_CHARS // 2
+    return text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
+
+
+class ConfigError(FbenchError):
+    """Usage or configuration: an unknown name, a wrong parameter, an output folder that exists."""
+
+    exit_code = EXIT_USAGE
+
+
+class LogError(FbenchError):
+    """A log that can't be used: wrong format, no calibration, no such sensor."""
+
+
+class LimitError(LogError):
+    """Data that would take more memory than fbench grants them."""
+
+
+class DecodeError(LogError):
+    """One message whose payload can't be decoded; readers count it and go on."""
+
+
+class UnsupportedError(DecodeError):
+    """A message in a form that fbench has no use for, such as a depth image."""
+
+
+class PointsError(DecodeError):
+    """A cloud whose sizes don't fit together, or that has no coordinates."""
+
+
+class DataError(FbenchError):
+    """An array of the wrong shape or dtype: names field, expected and got."""
+
+
+class ModelError(FbenchError):
+    """Weights that can't be fetched or loaded, or whose outputs aren't understood."""
+
+
+class RunError(FbenchError):
+    """A run folder that is missing, incomplete or of another version."""
+
+
+class MetricError(FbenchError):
+    """Truth or results that can't be scored."""
+
+
+def one_line(error: BaseException) -> str:
+    """What a plug-in raised, with the place where it did."""
+    what = without_secrets(str(error)).splitlines()[0] if str(error) else "no message"
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `; did you mean 'x'?`, or the known names where none is near."""
+    names = sorted(known)
+    lower = {n.lower(): n for n in names}
+    near = difflib.get_close_matches(name.lower(), list(lower), n=1, cutoff=0.6)
+    if not near:
+        near = [n for n in sorted(lower) if n.endswith(f".{name.lower()}")][:1]
+    if near:
+        return f"; did you mean '{lower[near[0]]}'?"
+    return f"; there are: {', '.join(names)}" if names else "; there are none"

@@ -1,0 +1,310 @@
+"""Loading of plug-ins: built-ins and outsiders come in by the same entry points, or from a single file.
+
+`GROUP/NAME` or `FILE.toml`.
+"""
+
+import importlib.util
+import inspect
+import re
+import shlex
+import sys
+import typing
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, is_dataclass
+from importlib.metadata import EntryPoint, entry_points
+from itertools import takewhile
+from pathlib import Path
+from typing import Any, Literal
+
+from fbench.replay.contracts.errors import ConfigError, FbenchError, RunError, did_you_mean, one_line
+from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
+from fbench.replay.contracts.settings import apply_settings, describe
+from fbench.replay.contracts.variants import SUFFIX, Variant, built_in_variants, variant_of, variant_settings
+
+_MAX_CHARS = 60
+
+
+@dataclass(frozen=True)
+class PipelineName:
+    """Which plug-in, and what follows its name."""
+
+    plugin: str
+    """`NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`."""
+    argument: str | None = None
+    """Short for the parameter that the plug-in names: `exec:./stack` is `exec` with `command=./stack`."""
+
+    def __str__(self) -> str:
+        return self.plugin if self.argument is None else f"{self.plugin}:{self.argument}"
+
+    @property
+    def file(self) -> Path | None:
+        """The file that holds the class, where it comes from one."""
+        path, _, _ = self.plugin.rpartition(".py:")
+        return Path(f"{path}.py") if path else None
+
+    @property
+    def short(self) -> str:
+        """As part of a file name: `mine-Mine` for `dir/mine.py:Mine`, `my_stack` for `exec:./my_stack --fast`."""
+        if self.file is not None:
+            return _clean(f"{self.file.stem}-{self.plugin.rpartition(':')[2]}")
+        if self.argument is None:
+            return _clean(self.plugin.replace("/", "-"))
+        words = takewhile(lambda word: not word.startswith("-"), self.words)
+        if self.plugin == "exec":  # the program's name says more than that it is one
+            return _clean("-".join(Path(word).stem for word in words)) or "exec"
+        return _clean("-".join([self.plugin, *(_clean(word) for word in words)]))
+
+    @property
+    def words(self) -> list[str]:
+        """The argument's words, split as a shell does."""
+        return _words(self.argument or "")
+
+
+def parse_name(text: str) -> PipelineName:
+    """Take a pipeline's name apart; what isn't known is found out later."""
+    head, colon, argument = text.partition(":")
+    return PipelineName(head, argument) if colon and re.fullmatch(r"[A-Za-z]\w*", head) else PipelineName(text)
+
+
+def with_absolute_files(text: str) -> str:
+    """A command line, or a single path, as seen from any folder: words that are files here become absolute."""
+    words = _words(text)
+    # Links stay: a virtual environment's Python is one.
+    absolute = [str(Path(word).absolute()) if names_file(word) else word for word in words]
+    return text if words == absolute else shlex.join(absolute)
+
+
+def names_file(word: str) -> bool:
+    """Tell whether a word of a command line is the path of a file that is there."""
+    # A word such as `fast` may be the name of a file by chance.
+    return ("/" in word or "." in word) and not word.startswith("-") and Path(word).is_file()
+
+
+def _words(text: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError:
+        return [text]
+
+
+def _clean(text: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", text).strip("_.-")[:_MAX_CHARS]
+
+
+Group = Literal["datasets", "pipelines", "metrics", "reports"]
+
+
+def found(group: Group) -> dict[str, EntryPoint]:
+    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them.
+
+    Raises:
+        ConfigError: where two packages claim one name.
+    """
+    points: dict[str, EntryPoint] = {}
+    for point in sorted(entry_points(group=f"fbench.{group}"), key=lambda p: (p.name, p.value)):
+        if point.name in points and points[point.name].value != point.value:
+            raise ConfigError(f"two {group} are called '{point.name}': {points[point.name].value} and {point.value}")
+        points[point.name] = point
+    return points
+
+
+def load(group: Group, name: str) -> Any:
+    """Return the class behind a name of `fbench.GROUP`, or behind `FILE.py:CLASS`.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest one) or a plug-in that can't be imported.
+    """
+    if ".py:" in name:
+        return _from_file(name)
+    points = found(group)
+    if name not in points:
+        variants = [variant.name for variant, _ in built_in_variants()] if group == "pipelines" else []
+        raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *variants])}")
+    try:
+        return points[name].load()
+    except (ImportError, AttributeError) as error:
+        raise ConfigError(
+            f"{group.removesuffix('s')} '{name}' ({points[name].value}) can't be loaded: {error}"
+        ) from error
+
+
+def _from_file(name: str) -> Any:
+    path, _, class_name = name.rpartition(":")
+    file = Path(path).resolve()
+    if not file.is_file():
+        raise ConfigError(f"{path}: no such file")
+    module_name = f"fbench_plugin_{file.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, file)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:  # a plug-in's file may raise anything
+        raise ConfigError(f"{path}: can't be imported: {type(error).__name__}: {error}") from error
+    classes = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
+    if class_name not in classes:
+        raise ConfigError(f"{path}: has no class '{class_name}'{did_you_mean(class_name, classes)}")
+    return classes[class_name]
+
+
+@contextmanager
+def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
+    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something.
+
+    Raises:
+        RunError: where it can't be closed, unless another error came before.
+    """
+    pipeline, parameters = make_pipeline(name, settings)
+    try:
+        yield pipeline, parameters
+    except BaseException:
+        with suppress(FbenchError):  # what ended the replay says more
+            _close(pipeline, name)
+        raise
+    _close(pipeline, name)
+
+
+@contextmanager
+def guarded(what: str) -> Iterator[None]:
+    """Tell whatever a plug-in raises in one line.
+
+    Raises:
+        RunError: with `what` couldn't be done, and why; errors of fbench pass as they are.
+    """
+    try:
+        yield
+    except FbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        raise RunError(f"{what}: {one_line(error)}") from error
+
+
+def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> None:
+    """Let a pipeline that needs more of a log than its frames have one of its own.
+
+    Raises:
+        RunError: where it fails to take it.
+    """
+    if isinstance(pipeline, UsesLog):
+        log = opened()
+        with guarded(f"pipeline '{name}' can't use the log"):
+            pipeline.use_log(log)
+
+
+def _close(pipeline: Pipeline, name: str) -> None:
+    if isinstance(pipeline, Closes):
+        with guarded(f"pipeline '{name}' can't be closed"):
+            pipeline.close()
+
+
+def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:
+    """Build a pipeline and return it with its parameters as the manifest shows them.
+
+    Args:
+        name: `NAME`, `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a
+            variant: `GROUP/NAME` or `FILE.toml`.
+        settings: `NAME=VALUE`, applied after the argument, or after what the variant sets.
+
+    Raises:
+        ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
+    """
+    cls, own = _chosen(name)
+    pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
+    return pipeline, describe(params)
+
+
+def _chosen(name: str) -> tuple[type, list[str]]:
+    """Return the class that a pipeline's name means, and what the name itself sets."""
+    variant = variant_of(name)
+    if variant is None:
+        cls: type = load("pipelines", parse_name(name).plugin)
+        return cls, _argument(name, cls)
+    cls = _base(variant)
+    return cls, variant_settings(variant, default_params(cls))
+
+
+def _base(variant: Variant) -> type:
+    """Return the class that a variant is one of; untrusted files run no code."""
+    if ".py:" in variant.base:
+        raise ConfigError(f"{variant.where}: 'base': expected the name of a pipeline, got the file {variant.base}")
+    if variant.base.endswith(SUFFIX) or variant_of(variant.base) is not None:
+        raise ConfigError(f"{variant.where}: 'base': {variant.base} is a variant itself; name a pipeline, and set all")
+    try:
+        cls: type = load("pipelines", variant.base)
+    except ConfigError as error:
+        raise ConfigError(f"{variant.where}: 'base': {error}", "CFG003") from error
+    if isinstance(cls, KeepsStderr):
+        raise ConfigError(f"{variant.where}: 'base': {variant.base} runs a program; name it on the command line")
+    if variant.name in found("pipelines"):
+        raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
+    return cls
+
+
+def _argument(name: str, cls: type) -> list[str]:
+    """What follows a colon, as a setting."""
+    parsed = parse_name(name)
+    if parsed.argument is None:
+        return []
+    if not isinstance(cls, TakesArgument):
+        raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
+    return [f"{cls.argument}={parsed.argument}"]
+
+
+def pipeline_class(name: str) -> type:
+    """Return the class of a pipeline, whose name is written as for `make_pipeline`.
+
+    Raises:
+        ConfigError: for an unknown name, or a class that can't be imported.
+    """
+    return _chosen(name)[0]
+
+
+def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
+    """Return the parameters that `make_pipeline` would give, without making the pipeline.
+
+    Raises:
+        ConfigError: for an unknown name or setting.
+    """
+    cls, own = _chosen(name)
+    params = default_params(cls)
+    return {} if params is None else describe(apply_settings(params, [*own, *settings]))
+
+
+def make_importer(name: str, settings: list[str]) -> Importer:
+    """Build the importer of a dataset.
+
+    Raises:
+        ConfigError: for an unknown name or setting, or a class that isn't an importer.
+    """
+    importer, _ = _made("dataset", name, load("datasets", name), ("names", "recordings"), settings)
+    return importer  # type: ignore[no-any-return]
+
+
+def _made(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
+    """Build a plug-in, and return it with its parameters."""
+    absent = [method for method in methods if not callable(getattr(cls, method, None))]
+    if absent:
+        raise ConfigError(f"{what} '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")
+    try:
+        params = default_params(cls)
+        if params is None and settings:
+            raise ConfigError(f"{what} '{name}' takes no parameters, so --set {settings[0]} can't be applied")
+        params = apply_settings(params, settings)
+        return (cls() if params is None else cls(params)), params
+    except FbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+        raise ConfigError(f"{what} '{name}' can't be made: {type(error).__name__}: {error}") from error
+
+
+def default_params(cls: type) -> Any:
+    """Return the defaults of a class's `params`, or `None` where it takes none."""
+    if "params" not in inspect.signature(cls).parameters:
+        return None
+    kind = typing.get_type_hints(cls.__init__).get("params")  # type: ignore[misc]
+    if not (isinstance(kind, type) and is_dataclass(kind)):
+        raise ConfigError(f"{cls.__name__}: its argument 'params' must be annotated with a dataclass")
+    return kind()

@@ -1,0 +1,228 @@
+"""Protocols that plug-ins implement. Built-ins come in by the same entry-point groups."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar, Protocol, runtime_checkable
+
+from fbench.replay.contracts.importing import Imported, ImportWish
+from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.messages import Message, Pose, Tick, Truth
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.runs.folder import Run
+
+
+class Reader(Protocol):
+    """One log, read as a stream; never loads a whole log."""
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        ...
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins."""
+        ...
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages of each sensor and stream of poses, by name; without any of sensors, those with boxes as `BOXES`."""
+        ...
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses, which frames wait for like for sensors."""
+        ...
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream).
+
+        Between them come the changes of the rig.
+        """
+        ...
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes between them, for logs without measurements: those of truth, else those
+        of results.
+        """
+        ...
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth in the order of its stamps."""
+        ...
+
+
+class Recording(Protocol):
+    """One sequence of a dataset, which becomes one log."""
+
+    @property
+    def name(self) -> str:
+        """As the dataset calls it; also the name of its log in a folder of logs."""
+        ...
+
+    @property
+    def info(self) -> LogInfo:
+        """The log's name, its id, which tells files and parameters apart (`imports.identity`), and the dataset's facts.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+    @property
+    def num_items(self) -> int:
+        """About how many items there are, for the progress bar."""
+        ...
+
+    def items(self) -> Iterator[Imported]:
+        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once.
+
+        Raises:
+            LogError: naming the file that can't be used, unless such are skipped.
+        """
+        ...
+
+    def summary(self) -> Sequence[str]:
+        """Lines that say what was found and what was odd; asked when all items were read."""
+        ...
+
+
+class Importer(Protocol):
+    """Turns one public dataset into fbench logs.
+
+    Made without arguments, or with `params` as a pipeline is: their fields are what `--set` changes.
+    """
+
+    def names(self, source: Path) -> Sequence[str]:
+        """Names of the sequences in the folder `source`, found without reading them.
+
+        Raises:
+            LogError: where it isn't a folder of the dataset, or lacks what all sequences need.
+        """
+        ...
+
+    def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
+        """Open the sequences that are asked for, one after the other; each is done with when the next one comes.
+
+        Raises:
+            LogError: naming the file that is missing or wrong.
+        """
+        ...
+
+
+class Pipeline(Protocol):
+    """Frames in, detections and tracks out.
+
+    Made without arguments, or with one argument `params`, annotated with a frozen dataclass whose fields all
+    have defaults; these are what `--set name.field=value` changes.
+    """
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Prepare for one log; called again where the rig changes within it, before `reset`.
+
+        Raises:
+            LogError: where the rig lacks a sensor that the pipeline can't do without.
+        """
+        ...
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks: a segment of the log begins."""
+        ...
+
+    def step(self, frame: Frame) -> Output:
+        """Process one frame. Must depend on nothing but the frames since the last reset."""
+        ...
+
+
+class BoxReader(Protocol):
+    """What a log, or a file beside it, holds of another system's results."""
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses, which alone can move boxes from the world to the body."""
+        ...
+
+    def body_poses(self) -> Iterator[Pose]:
+        """Poses of all streams, in the order in which they were recorded."""
+        ...
+
+    def detections(self, topic: str) -> Iterator[Truth]:
+        """Boxes of one topic in the order in which they were recorded; where `topic` is empty, those of the file that
+        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded.
+
+        Raises:
+            LogError: where there is no such topic, naming the nearest ones.
+        """
+        ...
+
+
+@runtime_checkable
+class UsesLog(Protocol):
+    """A pipeline that needs more of the log than its frames."""
+
+    def use_log(self, log: BoxReader) -> None:
+        """Take the log, before `start`."""
+        ...
+
+
+@runtime_checkable
+class Closes(Protocol):
+    """A pipeline that holds something which must be given back: a process, say."""
+
+    def close(self) -> None:
+        """Give it back; called once, at the end, also after an error."""
+        ...
+
+
+@runtime_checkable
+class TakesArgument(Protocol):
+    """A pipeline's class with a parameter that may follow its name: `exec:./my_stack`."""
+
+    argument: ClassVar[str]
+    """Name of that parameter."""
+
+
+@runtime_checkable
+class TellsIdentity(Protocol):
+    """A pipeline whose work is done by something that its parameters don't tell apart: one build of a program, say."""
+
+    def identity(self) -> Mapping[str, object]:
+        """What tells it apart, by names for the manifest's parameters, JSON-ready; asked at the end of a run. Names of
+        files stand under the key `file`, so that `--redact` finds them.
+        """
+        ...
+
+
+@runtime_checkable
+class KeepsStderr(Protocol):
+    """A pipeline whose work is done by a program that talks."""
+
+    def stderr(self) -> bytes:
+        """What it wrote to stderr until now, bounded; may be any bytes."""
+        ...
+
+
+class Metric(Protocol):
+    """Scores of one run, computed from its folder alone. Made without arguments."""
+
+    def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
+        """Return this metric's rows, the primary one first."""
+        ...
+
+
+class Report(Protocol):
+    """Turns runs and their scores into a file; computes nothing. Made without arguments."""
+
+    def write(self, runs: Sequence[Run], out: Path) -> None:
+        """Write the report of these runs to `out`."""
+        ...

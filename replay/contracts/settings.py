@@ -1,0 +1,194 @@
+"""Parameters: nested frozen dataclasses, changed by `name.field=value`, described for the manifest."""
+
+import hashlib
+import math
+import types
+import typing
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.data.files import expanded, is_file
+
+P = TypeVar("P")
+BY_SENSOR = "by_sensor"
+"""Field of a pipeline's parameters, `tuple[str, ...]`, that collects settings `SENSOR.field=value`; only the rig tells
+which sensors there are (`sensor_settings`).
+"""
+
+
+def apply_settings(params: P, settings: Sequence[str]) -> P:
+    """Return a copy of `params` with each setting `name.field=value` applied.
+
+    Where they have a field `by_sensor`, it collects the settings whose name begins with none of their fields.
+
+    Raises:
+        ConfigError: for a setting without `=`, an unknown name (with the nearest one), a value of another type.
+    """
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {setting}: expected NAME=VALUE, such as lidar.cluster.eps_m=0.6")
+        if _may_name_sensor(params, path.split(".")):
+            params = replace(params, **{BY_SENSOR: (*getattr(params, BY_SENSOR), setting)})  # type: ignore[type-var]
+        else:
+            params = set_parameter(params, path, path.split("."), text)
+    return params
+
+
+def _may_name_sensor(params: object, names: list[str]) -> bool:
+    """Tell whether the first names are those of a sensor; it may be called as a field is, and have dots in its name."""
+    if not has_sensor_settings(params) or len(names) < 2 or names[0] == BY_SENSOR:
+        return False
+    if names[0] not in typing.get_type_hints(type(params)):
+        return True
+    known = parameter_paths(getattr(params, names[0]))
+    return ".".join(names[1:]) not in known and any(".".join(names[i:]) in known for i in range(2, len(names)))
+
+
+def has_sensor_settings(params: object) -> bool:
+    """Tell whether parameters can be set for single sensors."""
+    return is_dataclass(params) and any(f.name == BY_SENSOR for f in fields(params))
+
+
+def set_parameter(params: P, path: str, names: list[str], text: str) -> P:
+    """Return a copy of `params` with the parameter of these names set; `path` is what errors call it.
+
+    Raises:
+        ConfigError: for an unknown name (with the nearest one), or a value of another type.
+    """
+    changed: P = _with(params, path, names, text)
+    return changed
+
+
+def _with(params: Any, path: str, names: list[str], text: str) -> Any:
+    name, *rest = names
+    known = typing.get_type_hints(type(params))
+    if name not in known or name == BY_SENSOR:
+        # The nearest name is looked for among full paths, so that a forgotten prefix is found as well.
+        done = path.split(".")[: -len(names)]
+        paths = [".".join([*done, p]) for p in parameter_paths(params)]
+        raise ConfigError(f"unknown parameter '{path}'{did_you_mean(path, paths)}")
+    value = getattr(params, name)
+    if rest and is_dataclass(value):
+        return replace(params, **{name: _with(value, path, rest, text)})
+    if rest or is_dataclass(value):
+        raise ConfigError(f"'{path}' isn't a single parameter{did_you_mean(path, parameter_paths(params))}")
+    return replace(params, **{name: _parsed(path, known[name], text)})
+
+
+def _parsed(path: str, hint: Any, text: str) -> object:
+    """Convert text to the type of a field."""
+    options = (
+        typing.get_args(hint)
+        if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union
+        else (hint,)
+    )
+    if text == "none" and type(None) in options:
+        return None
+    for option in options:
+        try:
+            return _convert(option, text)
+        except ValueError:
+            continue
+    names = [getattr(o, "__name__", str(o)) for o in options]
+    raise ConfigError(f"--set {path}={text}: expected {' or '.join(names)}")
+
+
+def _convert(kind: Any, text: str) -> object:
+    if kind is bool:
+        if text.lower() not in ("true", "false"):
+            raise ValueError(text)
+        return text.lower() == "true"
+    if typing.get_origin(kind) is typing.Literal:
+        if text not in typing.get_args(kind):
+            raise ValueError(text)
+        return text
+    if typing.get_origin(kind) is tuple:
+        parts, kinds = text.split(","), [k for k in typing.get_args(kind) if k is not Ellipsis]
+        if Ellipsis not in typing.get_args(kind) and len(parts) != len(kinds):
+            raise ValueError(text)
+        return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
+    if kind is Path:
+        return expanded(text)
+    if kind in (int, float, str):
+        value: object = kind(text)
+        if isinstance(value, float) and math.isnan(value):
+            raise ValueError(text)
+        return value
+    raise ValueError(text)
+
+
+def parameter_paths(params: object) -> list[str]:
+    """Return the dotted names of all single parameters."""
+    return [path for path, _ in _walk(params)]
+
+
+def _walk(params: object) -> list[tuple[str, object]]:
+    if not is_dataclass(params) or isinstance(params, type):
+        return []
+    rows: list[tuple[str, object]] = []
+    for f in fields(params):
+        if f.name == BY_SENSOR:
+            continue
+        value = getattr(params, f.name)
+        inner = _walk(value)
+        rows += [(f"{f.name}.{path}", v) for path, v in inner] if is_dataclass(value) else [(f.name, value)]
+    return rows
+
+
+def describe(params: object) -> dict[str, object]:
+    """Return all parameters by dotted name, JSON-ready; a file becomes its name and sha256."""
+    rows = _walk(params)
+    described = {path: _described(value) for path, value in rows}
+    return described | (_described_by_sensor(params) if has_sensor_settings(params) else {})
+
+
+def described_file(path: Path) -> dict[str, object]:
+    """Return a file's name and sha256, `None` where it can't be read, as a program may be."""
+    try:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    except PermissionError:
+        sha256 = None
+    return {"file": path.name, "sha256": sha256}
+
+
+def names_file(params: object, path: str, text: str) -> bool:
+    """Tell whether what a parameter is set to, whose dotted name may begin with that of a sensor, is a file."""
+    name = path.rpartition(".")[2]
+    return any(name == known and _is_file(hint, text) for known, hint in _hints(type(params)))
+
+
+def _is_file(hint: Any, text: str) -> bool:
+    # Other types take some texts as words of their own, such as `none`.
+    return Path in (hint, *typing.get_args(hint)) and isinstance(_parsed("", hint, text), Path)
+
+
+def _described_by_sensor(params: Any) -> dict[str, object]:
+    described: dict[str, object] = {}
+    for setting in getattr(params, BY_SENSOR):
+        path, _, text = setting.partition("=")
+        described[path] = _described(expanded(text)) if names_file(params, path, text) else text
+    return described
+
+
+def _hints(cls: type) -> list[tuple[str, Any]]:
+    """Names and types of all single parameters of a class, without what precedes them."""
+    rows: list[tuple[str, Any]] = []
+    for name, hint in typing.get_type_hints(cls).items():
+        rows += _hints(hint) if is_dataclass(hint) and isinstance(hint, type) else [(name, hint)]
+    return rows
+
+
+def _described(value: object) -> object:
+    if isinstance(value, Path) and not is_file(value):
+        raise ConfigError(f"{value}: no such file")
+    if isinstance(value, Path):
+        return described_file(value)
+    if isinstance(value, tuple):
+        return [_described(item) for item in value]
+    plain = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
+    return value if plain else str(value)

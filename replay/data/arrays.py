@@ -1,0 +1,76 @@
+"""Checks of the arrays inside the data types: shape and dtype, once, with an error that names the field."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from fbench.replay.contracts.errors import DataError
+
+Array = NDArray[Any]
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+Text = NDArray[np.str_]
+
+Shape = tuple[int | str, ...]
+MAX_TEXT = 1000
+"""Characters of a text in an array, where each takes the room of the longest."""
+
+
+def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
+    """Return `value` as a read-only array of `dtype` and `shape`.
+
+    A letter in `shape` stands for a size that must agree between all fields of one object; `sizes` holds
+    those met so far and is extended. Casts that lose nothing are made, others refused.
+
+    Raises:
+        DataError: naming field, expected and got.
+    """
+    array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
+    fits = array.ndim == len(shape) and _castable(array, wanted)
+    if fits:
+        for want, have in zip(shape, array.shape, strict=True):
+            fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
+            fits = fits and fixed == have
+    if not fits:
+        expected = f"{wanted.name} ({', '.join(str(known.get(str(s), s)) for s in shape)})"
+        raise DataError(f"{owner}.{field}: expected {expected}, got {array.dtype.name} {array.shape}")
+    return _frozen(array, wanted)
+
+
+def text_array(texts: Sequence[str]) -> Text:
+    """Return texts of others as an array (N,).
+
+    Raises:
+        DataError: where one is longer than `MAX_TEXT`.
+    """
+    longest = max(map(len, texts), default=0)
+    if longest > MAX_TEXT:
+        raise DataError(f"a text has {longest} characters, more than {MAX_TEXT}")
+    return np.array(texts, np.str_)
+
+
+def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
+    """Check the named array fields of a frozen dataclass and make them read-only; `None` stays `None`."""
+    sizes: dict[str, int] = {}
+    for name, (dtype, shape) in specs.items():
+        value = getattr(owner, name)
+        if value is not None:
+            array = checked(type(owner).__name__, name, value, dtype, shape, sizes)
+            object.__setattr__(owner, name, array)
+
+
+def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
+    if dtype.kind == "U":
+        return array.dtype.kind == "U" or array.size == 0
+    return array.dtype == dtype or array.size == 0 or np.can_cast(array.dtype, dtype, "safe")
+
+
+def _frozen(array: Array, dtype: np.dtype[Any]) -> Array:
+    cast = array if dtype.kind == "U" and array.dtype.kind == "U" else array.astype(dtype, copy=False)
+    view = cast.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,58 @@
+"""Frames, and the outputs that pipelines make of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+from fbench.replay.contracts.errors import DataError
+from fbench.replay.data.boxes import Boxes
+from fbench.replay.data.messages import Message
+
+ClockName: TypeAlias = Literal["host", "log"]
+"""Whose time latencies are measured in: that of this machine, or that of the log."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The messages of all sensors that belong to one instant."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    messages: Mapping[str, Message]
+    """By sensor name."""
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Why an expected sensor isn't there, by sensor name."""
+    frame_number: int | None = None
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong with the data of one frame that a pipeline met: a code of the fault table, and where."""
+
+    code: str
+    where: str
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """What a pipeline makes of one frame: boxes in body coordinates (3D) or in images (2D)."""
+
+    detections: Boxes
+    tracks: Boxes
+    stage_ns: Mapping[str, int]
+    """Time of each stage [ns], in the order in which they ran."""
+    faults: tuple[Fault, ...] = ()
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Sensors that the pipeline could have used but couldn't, with the reason: a camera without weights."""
+    clock: ClockName = "host"
+    """`log` where the pipeline only passes on what was computed elsewhere: then the times of the stages are log times
+    that follow the frame's instant and add up to the latency, which is unknown without any; what the step took says
+    nothing. Else they are wall times within the step.
+    """
+
+    def __post_init__(self) -> None:
+        if type(self.detections) is not type(self.tracks):
+            raise DataError(
+                f"Output.tracks: expected {type(self.detections).__name__}, got {type(self.tracks).__name__}"
+            )

@@ -1,0 +1,248 @@
+"""Decoding and encoding of images, and the layouts of raw ones. OpenCV is imported when first needed."""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fbench.replay.contracts.errors import DecodeError, UnsupportedError
+from fbench.replay.data.messages import Image
+
+RawPixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the pixels of one row follow each other."""
+
+    channels: int
+    """Samples a pixel."""
+    conversion: str = ""
+    """Name of OpenCV's conversion to BGR; empty: none is needed."""
+    sample_bytes: int = 1
+    even: tuple[int, int] = (1, 1)
+    """Width and height are multiples of these [px]."""
+    rows: tuple[int, int] = (1, 1)
+    """Rows in memory a row of the image, as a fraction: planes of colour follow that of brightness."""
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes a pixel in a row."""
+        return self.channels * self.sample_bytes
+
+    def num_rows(self, height: int) -> int:
+        """Rows in memory of an image `height` px high."""
+        return height * self.rows[0] // self.rows[1]
+
+
+_COLOURS: Mapping[str, tuple[int, str]] = {
+    "mono": (1, "COLOR_GRAY2BGR"), "bgr": (3, ""), "rgb": (3, "COLOR_RGB2BGR"), "bgra": (4, "COLOR_BGRA2BGR"),
+    "rgba": (4, "COLOR_RGBA2BGR"), "bayer_rggb": (1, "COLOR_BayerRGGB2BGR"), "bayer_bggr": (1, "COLOR_BayerBGGR2BGR"),
+    "bayer_gbrg": (1, "COLOR_BayerGBRG2BGR"), "bayer_grbg": (1, "COLOR_BayerGRBG2BGR"),
+}  # fmt: skip
+# Bayer names are those of the first two pixels of the first two rows, in ROS as in OpenCV's longer names; its short
+# ones (BayerBG2BGR for rggb) begin at the second pixel of the second row.
+
+LAYOUTS: Mapping[str, Layout] = {
+    **{f"{name}8": Layout(channels, code) for name, (channels, code) in _COLOURS.items()},
+    **{f"{name}16": Layout(channels, code, 2) for name, (channels, code) in _COLOURS.items()},
+    "uyvy": Layout(2, "COLOR_YUV2BGR_UYVY", even=(2, 1)),
+    "yuyv": Layout(2, "COLOR_YUV2BGR_YUY2", even=(2, 1)),
+    "nv21": Layout(1, "COLOR_YUV2BGR_NV21", even=(2, 2), rows=(3, 2)),
+}
+"""Raw layouts by name; samples of 16 bits are little-endian."""
+
+_OTHER_NAMES: Mapping[str, str] = {
+    "8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC1": "mono16", "16UC3": "bgr16", "16UC4": "bgra16",
+    "yuv422": "uyvy", "yuv422_yuy2": "yuyv",
+}  # fmt: skip
+
+
+def layout_name(encoding: str) -> str:
+    """Return the one name of a raw layout that ROS and OpenCV give several: `uyvy` for `yuv422`, `bgr8` for `8UC3`.
+
+    Raises:
+        DecodeError: where it isn't in `LAYOUTS`.
+    """
+    name = _OTHER_NAMES.get(encoding, encoding)
+    if name not in LAYOUTS:
+        raise UnsupportedError(f"image encoding '{encoding}' isn't supported, only {', '.join(LAYOUTS)}")
+    return name
+
+
+def packed(
+    data: memoryview, encoding: str, size_wh: tuple[int, int], step: int, *, is_bigendian: bool = False
+) -> bytes:
+    """Copy an image of layout `encoding` without the padding at the end of its rows of `step` bytes, little-endian.
+
+    Raises:
+        DecodeError: where size, step and data don't fit together.
+    """
+    layout, (width, height) = LAYOUTS[encoding], size_wh
+    row, rows = width * layout.pixel_bytes, layout.num_rows(height)
+    if width % layout.even[0] or height % layout.even[1]:
+        raise DecodeError(f"{encoding} image of {width}x{height} px, its sides must be even")
+    if len(data) == row * rows:
+        step = row
+    if min(width, height) <= 0 or step < row or len(data) != step * rows:
+        raise DecodeError(f"{encoding} image of {width}x{height} px with rows of {step} bytes has {len(data)} bytes")
+    swapped = is_bigendian and layout.sample_bytes == 2
+    if step == row and not swapped:
+        return bytes(data)
+    pixels = np.frombuffer(data, np.uint8).reshape(rows, step)[:, :row]
+    if swapped:
+        pixels = pixels.reshape(rows, row // 2, 2)[..., ::-1]
+    return pixels.tobytes()
+
+
+def raw_to_bgr(data: bytes, encoding: str, size_wh: tuple[int, int]) -> RawPixels | None:
+    """Convert packed pixels to (H, W, 3) BGR; of 16 bits the upper 8 count. `None` where sizes don't fit."""
+    layout, (width, height) = LAYOUTS[encoding], size_wh
+    rows = layout.num_rows(height)
+    fits = width % layout.even[0] == 0 and height % layout.even[1] == 0
+    if not fits or len(data) != rows * width * layout.pixel_bytes:
+        return None
+    samples = np.frombuffer(data, np.uint8).reshape(rows, width, layout.channels, layout.sample_bytes)
+    return _converted(samples[..., -1], layout)
+
+
+def _converted(samples: RawPixels, layout: Layout) -> RawPixels | None:
+    if not layout.conversion:
+        return np.ascontiguousarray(samples)
+    import cv2
+
+    pixels = samples[..., 0] if layout.channels == 1 else samples
+    try:
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, layout.conversion)), np.uint8)
+    except cv2.error:
+        return None
+
+
+Pixels = NDArray[np.uint8]
+MAX_PIXELS = 178_956_970
+"""Larger images are refused before they are decoded (Pillow's limit for decompression bombs)."""
+
+RAW_CHANNELS = {name: layout.pixel_bytes for name, layout in LAYOUTS.items()}
+"""Bytes a pixel in a row of the raw layouts."""
+
+
+def decode(image: Image) -> Pixels | None:
+    """Decode to (H, W, 3) BGR uint8; `None` where the data are corrupt or their size isn't `size_wh`."""
+    width, height = image.size_wh
+    if width * height > MAX_PIXELS or width <= 0 or height <= 0:
+        return None
+    if image.encoding in LAYOUTS:
+        return raw_to_bgr(image.data, image.encoding, image.size_wh)
+    return _decode_compressed(image, is_grey=False)
+
+
+def decode_grey(image: Image) -> Pixels | None:
+    """Decode to (H, W) uint8; of a JPEG that is the brightness it stores, which takes less than half of the time.
+
+    `None` as `decode` gives it.
+    """
+    if image.encoding not in LAYOUTS and max(image.size_wh) > 0 and image.size_wh[0] * image.size_wh[1] <= MAX_PIXELS:
+        return _decode_compressed(image, is_grey=True)
+    import cv2
+
+    pixels = decode(image)
+    return None if pixels is None else np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def _decode_compressed(image: Image, *, is_grey: bool) -> Pixels | None:
+    import cv2
+
+    wanted = cv2.IMREAD_GRAYSCALE if is_grey else cv2.IMREAD_COLOR
+    try:
+        if encoded_size(image.data) != image.size_wh:
+            return None
+        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), wanted | cv2.IMREAD_IGNORE_ORIENTATION)
+    except (DecodeError, cv2.error):
+        return None
+    return pixels if pixels is not None and pixels.shape[:2] == image.size_wh[::-1] else None
+
+
+def encode_jpeg(pixels: Pixels, quality: int = 80) -> bytes:
+    """Encode (H, W, 3) BGR as JPEG."""
+    import cv2
+
+    ok, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not ok:
+        raise DecodeError(f"image of shape {pixels.shape} can't be encoded as JPEG")
+    return bytes(data.tobytes())
+
+
+def resized(pixels: Pixels, max_width: int) -> Pixels:
+    """Scale (H, W, 3) down to at most `max_width` [px]; smaller images stay as they are."""
+    import cv2
+
+    height, width = pixels.shape[:2]
+    if width <= max_width:
+        return pixels
+    size = (max_width, max(1, round(height * max_width / width)))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def encoded_format(data: bytes | memoryview) -> str:
+    """Return `jpeg`, `png` or `webp` as the first bytes say, whatever name an image has.
+
+    Raises:
+        DecodeError: where it is none of them.
+    """
+    head = bytes(data[:12])
+    if head.startswith(b"\x89PNG\r\n\x1a\n"):
+        return "png"
+    if head.startswith(b"\xff\xd8"):
+        return "jpeg"
+    if head.startswith(b"RIFF") and head.endswith(b"WEBP"):
+        return "webp"
+    raise DecodeError("neither a JPEG nor a PNG nor a WebP image")
+
+
+def encoded_size(data: bytes) -> tuple[int, int]:
+    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it.
+
+    Raises:
+        DecodeError: where it is none of them, or the header is damaged.
+    """
+    return _SIZES[encoded_format(data)](data)
+
+
+def _png_size(data: bytes) -> tuple[int, int]:
+    if len(data) < 24:
+        raise DecodeError("PNG without a header")
+    width, height = struct.unpack(">II", data[16:24])
+    return width, height
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        else:
+            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
+    raise DecodeError("JPEG without a frame header")
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Read the first chunk: RFC 9649, sections 2.5 (VP8), 2.6 (VP8L) and 2.7 (VP8X)."""
+    kind, body = data[12:16], data[20:30]
+    if kind == b"VP8X" and len(body) == 10:
+        return int.from_bytes(body[4:7], "little") + 1, int.from_bytes(body[7:10], "little") + 1
+    if kind == b"VP8L" and body[:1] == b"\x2f" and len(body) >= 5:
+        bits = int.from_bytes(body[1:5], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if kind == b"VP8 " and body[3:6] == b"\x9d\x01\x2a" and len(body) == 10:
+        width, height = struct.unpack("<HH", body[6:10])
+        return width & 0x3FFF, height & 0x3FFF
+    raise DecodeError("WebP without a frame header")
+
+
+_SIZES = {"png": _png_size, "jpeg": _jpeg_size, "webp": _webp_size}

@@ -1,0 +1,134 @@
+"""The rig: sensors with their calibration, and what a log says about itself."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias, TypeVar, get_args
+
+import numpy as np
+
+from fbench.replay.data.arrays import Float64, freeze_fields
+from fbench.replay.data.metadata import Region, regions_of
+from fbench.replay.geometry.transforms import pose_matrix
+
+Kind: TypeAlias = Literal["camera", "lidar", "radar"]
+
+
+KINDS: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
+"""Kinds of sensors by their names, to read what is only a text."""
+
+
+T = TypeVar("T", "Mount", "CameraModel")
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """Where a sensor sits on the body: the sensor's pose in body coordinates, as it was given."""
+
+    kind: Kind
+    translation_m: Float64
+    """(3,) [m]."""
+    rotation_xyzw: Float64
+    """(4,) quaternion."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, translation_m=("f8", (3,)), rotation_xyzw=("f8", (4,)))
+
+    def equals(self, other: "Mount") -> bool:
+        """Tell whether both are the same, bit for bit."""
+        return (self.kind, self.translation_m.tobytes(), self.rotation_xyzw.tobytes()) == (
+            other.kind, other.translation_m.tobytes(), other.rotation_xyzw.tobytes(),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """Intrinsics of one camera: u = K [x/z, y/z, 1] for undistorted rays."""
+
+    K: Float64
+    """(3, 3) [px]."""
+    size_wh: tuple[int, int]
+    distortion_model: str = ""
+    """As in ROS: `plumb_bob`, `rational_polynomial`, `fisheye`; empty: none."""
+    distortion: Float64 = field(default_factory=lambda: np.zeros(0))
+    """(M,) coefficients."""
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, K=("f8", (3, 3)), distortion=("f8", ("M",)))
+
+    def equals(self, other: "CameraModel") -> bool:
+        """Tell whether both are the same, bit for bit."""
+        return (self.size_wh, self.distortion_model, self.K.tobytes(), self.distortion.tobytes()) == (
+            other.size_wh, other.distortion_model, other.K.tobytes(), other.distortion.tobytes(),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The sensors of a vehicle with their calibration, by sensor name."""
+
+    mounts: Mapping[str, Mount]
+    cameras: Mapping[str, CameraModel]
+
+    def body_T_sensor(self, sensor: str) -> Float64:
+        """Matrix (4, 4) that moves points from the sensor's to body coordinates."""
+        mount = self.mounts[sensor]
+        return pose_matrix(mount.translation_m, mount.rotation_xyzw)
+
+    def sensors(self, *kinds: Kind) -> tuple[str, ...]:
+        """Names of all sensors of these kinds, sorted."""
+        return tuple(sorted(name for name, mount in self.mounts.items() if mount.kind in kinds))
+
+    def without(self, sensors: Collection[str]) -> "Rig":
+        """Return the rig without some of its sensors."""
+        return Rig(
+            {name: mount for name, mount in self.mounts.items() if name not in sensors},
+            {name: camera for name, camera in self.cameras.items() if name not in sensors},
+        )
+
+    def changed_since(self, old: "Rig") -> tuple[str, ...]:
+        """Names of the sensors whose mount or camera model isn't the same as in `old`, bit for bit; sorted."""
+        names = sorted({*self.mounts, *self.cameras, *old.mounts, *old.cameras})
+        return tuple(
+            name
+            for name in names
+            if not _same(self.mounts.get(name), old.mounts.get(name))
+            or not _same(self.cameras.get(name), old.cameras.get(name))
+        )
+
+
+def _same(a: T | None, b: T | None) -> bool:
+    return a is b if a is None or b is None else a.equals(b)
+
+
+@dataclass(frozen=True, eq=False)
+class RigChange:
+    """From here on another rig holds; comes between the messages of a log."""
+
+    log_ns: int
+    rig: Rig
+    sensors: tuple[str, ...]
+    """Whose calibration changed."""
+
+    @property
+    def reason(self) -> str:
+        """Why a segment ends here."""
+        return f"calibration of {', '.join(self.sensors)} changes"
+
+
+@dataclass(frozen=True)
+class LogInfo:
+    """What a log says about itself."""
+
+    name: str
+    """File name without folder and suffix."""
+    log_id: str
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Where road users are expected, in world coordinates; none where the log doesn't say.
+
+        Raises:
+            LogError: where the metadata say it in another form than ours.
+        """
+        return regions_of(self.metadata)

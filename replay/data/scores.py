@@ -1,0 +1,231 @@
+"""Scores, one row a number as written to `scores.json`, and tables of them ready to be shown."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from fbench.replay.contracts.errors import ConfigError, MetricError, RunError
+from fbench.replay.data.files import replace_text
+
+_OF_INTERVALS = ("low", "high", "interval")
+
+
+@dataclass(frozen=True)
+class ScoreOptions:
+    """What is scored and how boxes are matched."""
+
+    range_m: float = 50.0
+    """Region of interest: distance in the ground plane from the body's origin."""
+    in_view: bool = True
+    """Region of interest: only objects whose centre a camera of the rig sees, where the rig has cameras."""
+    distance_m: float = 2.0
+    """3D boxes match when their centres are this near in the ground plane."""
+    iou: float = 0.5
+    """2D boxes match from this intersection over union on."""
+    regions: tuple[str, ...] = ()
+    """Region of interest: only objects in the log's regions of these kinds, such as `road`; all where empty."""
+    seen: int = 0
+    """Region of interest: only objects that some sensor of the log sees, as its truth tells: with so many points of a
+    LiDAR or radar, or in an image; 0: all.
+    """
+
+    def __post_init__(self) -> None:
+        if not (self.range_m > 0 and 0 < self.distance_m < math.inf):
+            raise ConfigError(f"score options: range {self.range_m} m, distance {self.distance_m} m: expected above 0")
+        if not 0 < self.iou <= 1:
+            raise ConfigError(f"score options: iou {self.iou}: expected above 0 and up to 1")
+        if self.seen < 0:
+            raise ConfigError(f"score options: seen with {self.seen} points: expected 0 or more")
+        if "" in self.regions:
+            raise ConfigError("score options: a kind of region has no name; write them as road,sidewalk")
+
+
+def region_kinds(text: str | None) -> tuple[str, ...]:
+    """Read what follows `--region`: kinds of regions with commas between."""
+    return () if text is None else tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+@dataclass(frozen=True)
+class Score:
+    """One number with everything that says what it is; `value` is `None` with a `reason` where undefined."""
+
+    metric: str
+    """f1, precision, recall, mota ..."""
+    class_: str
+    """`vehicle`: all vehicles as one class; else a label."""
+    slice: str
+    """`all`, or what part of the frames or boxes it is about."""
+    matching: str
+    """`bev 2 m`, `iou 0.5` ..."""
+    value: float | None
+    reason: str | None
+    unit: str
+    """`1` for ratios and counts."""
+    counts: Mapping[str, int | float] = field(default_factory=dict)
+    """Raw counts, which can be added over runs."""
+    low: float | None = None
+    """Lower end of the confidence interval; `None` where there is none."""
+    high: float | None = None
+    interval: str | None = None
+    """How the interval was made: `95 % of 1000 bootstrap resamples of 21 logs`; or why there is none."""
+
+    def __post_init__(self) -> None:
+        if self.value is not None and not math.isfinite(self.value):
+            raise MetricError(
+                f"score {self.metric} ({self.matching}): {self.value} isn't a number, use null and a reason"
+            )
+        if (self.value is None) != (self.reason is not None):
+            raise MetricError(f"score {self.metric} ({self.matching}): a reason goes with null and only with null")
+        ends = [end for end in (self.low, self.high) if end is not None]
+        if len(ends) == 1 or not all(map(math.isfinite, ends)) or ends != sorted(ends) or (ends and not self.interval):
+            raise MetricError(f"score {self.metric} ({self.matching}): {self.low} to {self.high} isn't an interval")
+
+
+def ratio(
+    metric: str,
+    class_: str,
+    matching: str,
+    top: float,
+    bottom: float,
+    why: str,
+    counts: Mapping[str, int | float],
+    unit: str = "1",
+    part: str = "all",
+) -> Score:
+    """Return `top / bottom` as a score of a slice, or null with the reason `why` when `bottom` is 0."""
+    value = top / bottom if bottom else None
+    return Score(metric, class_, part, matching, value, None if bottom else why, unit, counts)
+
+
+def save_scores(path: Path, scores: Sequence[Score]) -> None:
+    """Write scores as JSON; equal scores give equal bytes."""
+    replace_text(path, json.dumps(score_rows(scores), indent=1, allow_nan=False) + "\n")
+
+
+def score_rows(scores: Sequence[Score]) -> list[dict[str, object]]:
+    """Return scores as they stand in `scores.json`; nothing is said of intervals where none was asked for."""
+    return [_row(score) for score in scores]
+
+
+def _row(score: Score) -> dict[str, object]:
+    values = {("class" if f.name == "class_" else f.name): getattr(score, f.name) for f in fields(score)}
+    unsaid = {name for name in _OF_INTERVALS if values[name] is None}
+    return {name: value for name, value in values.items() if name not in unsaid} | {"counts": dict(score.counts)}
+
+
+def load_scores(path: Path) -> list[Score]:
+    """Read what `save_scores` wrote.
+
+    Raises:
+        RunError: where the file is missing or isn't a list of scores.
+    """
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        return [Score(**{("class_" if k == "class" else k): v for k, v in row.items()}) for row in rows]
+    except FileNotFoundError:
+        raise RunError(f"{path}: no scores, run `fbench score {path.parent}`") from None
+    except (ValueError, TypeError, AttributeError) as error:
+        raise RunError(f"{path}: not a list of scores ({error})") from error
+
+
+Kind: TypeAlias = Literal["share", "change", "count", "ms"]
+"""A ratio, shown in percent; a relative change, shown in percent with its sign; a number of things; milliseconds."""
+DASH = "–"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One number, or why there is none."""
+
+    value: float | None
+    reason: str | None = None
+    counts: Mapping[str, int | float] = field(default_factory=dict)
+    """Raw counts that it comes from."""
+    published: float | None = None
+    """The same number as the source system's authors give it."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One configuration in one space."""
+
+    name: str
+    space: str
+    """Such as `image` or `3D`; empty where it plays no part."""
+    figures: tuple[Figure, ...]
+    """One a column."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """What the figures below each other are."""
+
+    name: str
+    kind: Kind = "share"
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """A table with a title, and what must be known to read it."""
+
+    name: str
+    """Short, for machines."""
+    title: str
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def has_spaces(self) -> bool:
+        """Whether lines say in which space they are."""
+        return any(line.space for line in self.lines)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why numbers are missing, each reason once with what it is about."""
+        about: dict[str, list[str]] = {}
+        for line in self.lines:
+            for column, figure in zip(self.columns, line.figures, strict=True):
+                if figure.reason is not None:
+                    where = " ".join(part for part in (line.name, line.space) if part)
+                    about.setdefault(figure.reason, []).append(f"{column.name} of {where}")
+        return tuple(f"{', '.join(names)}: {reason}" for reason, names in about.items())
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that an experiment gave."""
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    """What ran: name and text."""
+    tables: tuple[ResultTable, ...]
+    measured: tuple[ResultTable, ...] = ()
+    """Tables of times, which differ from run to run."""
+    problems: tuple[str, ...] = ()
+    """What failed or was left out, and why."""
+
+
+def shown(value: float | None, kind: Kind) -> str:
+    """A number as people read it; an en dash for none."""
+    if value is None:
+        return DASH
+    if kind == "count":
+        return f"{value:.0f}"
+    if kind == "ms":
+        return f"{value:.2f}"
+    text = f"{100 * value:+.1f}" if kind == "change" else f"{100 * value:.1f}"
+    return text.lstrip("+-") if float(text) == 0 else text
+
+
+def table_rows(table: ResultTable) -> list[dict[str, object]]:
+    """Return a table's figures as rows for JSON."""
+    return [
+        {"name": line.name, "space": line.space, "column": column.name, "value": figure.value,
+         "reason": figure.reason, "published": figure.published, "counts": dict(figure.counts)}
+        for line in table.lines
+        for column, figure in zip(table.columns, line.figures, strict=True)
+    ]  # fmt: skip

@@ -1,0 +1,110 @@
+"""Removal of what must never reach a pipeline, and messages that are skipped."""
+
+from bisect import bisect_left, bisect_right, insort
+from typing import NamedTuple
+
+import numpy as np
+
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Float32
+from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
+from fbench.replay.data.rig import Rig
+from fbench.replay.logs.codecs.points import C, only_finite
+
+
+class Skipped(NamedTuple):
+    """A message that can't be used."""
+
+    sensor: str
+    stamp_ns: int
+    frame_number: int | None
+    reason: str
+
+
+class SkippedMessages:
+    """Keeps them so that finding one takes no longer in a long log.
+
+    Args:
+        tolerance_ns: How far a stamp may be from the instant of its frame [ns].
+    """
+
+    def __init__(self, tolerance_ns: int) -> None:
+        self._tolerance_ns = tolerance_ns
+        self._by_number: dict[tuple[str, int], Skipped] = {}
+        self._by_stamp: dict[str, list[Skipped]] = {}
+
+    def add(self, message: Skipped) -> None:
+        """Keep one message."""
+        if message.frame_number is not None:
+            self._by_number[message.sensor, message.frame_number] = message
+        insort(self._by_stamp.setdefault(message.sensor, []), message, key=_stamp_ns)
+
+    def reason(self, sensor: str, stamp_ns: int, frame_number: int | None) -> str | None:
+        """Why the sensor's message of this frame was skipped; `None` where there was none: by frame number where both
+        have one, else by nearest stamp.
+        """
+        if frame_number is not None and (found := self._by_number.get((sensor, frame_number))):
+            return found.reason
+        messages = self._by_stamp.get(sensor, [])
+        first = bisect_left(messages, stamp_ns - self._tolerance_ns, key=_stamp_ns)
+        stop = bisect_right(messages, stamp_ns + self._tolerance_ns, key=_stamp_ns)
+        near = [m for m in messages[first:stop] if frame_number is None or m.frame_number is None]
+        return min(near, key=lambda m: abs(m.stamp_ns - stamp_ns)).reason if near else None
+
+
+def _stamp_ns(message: Skipped) -> int:
+    return message.stamp_ns
+
+
+MAX_LOST_SHARE = 0.5
+"""A cloud with a larger share of non-finite points is skipped whole."""
+MAX_RANGE_M = 1000.0
+"""Points farther away are taken as they are, but no sensor of a vehicle sees so far."""
+
+
+def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
+    """Drop points with a non-finite coordinate, clouds that consist mostly of them, and images of another size than
+    their camera's; count all of these.
+    """
+    if isinstance(message, PointCloud):
+        return _clean_cloud(message, faults)
+    if isinstance(message, RadarScan):
+        return _clean_cloud(message, faults)
+    if isinstance(message, Image):
+        return _clean_image(message, rig, faults)
+    return message
+
+
+def _clean_image(image: Image, rig: Rig, faults: FaultLog) -> Image | Skipped:
+    camera = rig.cameras.get(image.sensor)
+    if camera is None or camera.size_wh == image.size_wh:
+        return image
+    (width, height), (w, h) = image.size_wh, camera.size_wh
+    reason = f"{width}x{height}, but calibrated for {w}x{h}"
+    faults.add("LIM003", f"{image.sensor} at {image.stamp_ns} ns: {reason}")
+    return Skipped(image.sensor, image.stamp_ns, image.frame_number, reason)
+
+
+def _clean_cloud(cloud: C, faults: FaultLog) -> C | Skipped:
+    where = f"{cloud.sensor} at {cloud.stamp_ns} ns"
+    num = len(cloud.xyz)
+    if num == 0:
+        faults.add("DAT002", where)
+        return cloud
+    if np.isfinite(cloud.xyz).all():
+        _flag_far(where, cloud.xyz, faults)
+        return cloud
+    finite = only_finite(cloud)
+    lost = num - len(finite.xyz)
+    if lost > MAX_LOST_SHARE * num:
+        faults.add("DAT001", f"{where}: {lost} of {num} points")
+        return Skipped(cloud.sensor, cloud.stamp_ns, cloud.frame_number, "mostly non-finite points")
+    faults.add("DAT004", f"{where}: {lost} of {num} points")
+    _flag_far(where, finite.xyz, faults)
+    return finite
+
+
+def _flag_far(where: str, xyz: Float32, faults: FaultLog) -> None:
+    if max(float(xyz.max()), -float(xyz.min())) > MAX_RANGE_M:
+        num = int(np.count_nonzero((np.abs(xyz) > MAX_RANGE_M).any(axis=1)))
+        faults.add("DAT003", f"{where}: {num} of {len(xyz)} points")

@@ -1,0 +1,343 @@
+"""The frame buffer: puts the messages of all sensors that belong to one instant into one frame.
+
+Instants are the stamps of a reference sensor as recorded. Other messages join by frame number where the log has
+one, else by nearest stamp within a tolerance. A frame is released whole when every expected sensor has delivered,
+or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronisation).
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.messages import BOXES, Message, Tick
+from fbench.replay.data.metadata import REFERENCE, TIMEOUT_MS
+from fbench.replay.data.rig import Kind, LogInfo, Rig
+
+NOT_THERE = "not there within"
+_REMEMBERED = 16
+_PREFERENCE: tuple[Kind, ...] = ("lidar", "camera", "radar")
+
+
+@dataclass(frozen=True)
+class SyncParams:
+    """How messages are put into frames."""
+
+    reference: str | None = None
+    """Sensor whose stamps are the frames' instants; `None`: as the log says, else a LiDAR, camera or radar."""
+    timeout_ns: int = 30_000_000
+    """How long a frame waits [ns], in log time: with frame numbers from its first arrival on; without them it is
+    known only from the arrival of its reference message on."""
+    tolerance_ns: int = 50_000_000
+    """How far a stamp may be from the instant [ns]; never more than half a mean period of it or the reference."""
+    max_gap_ns: int = 2_000_000_000
+    """A longer pause between two instants begins a new segment [ns]."""
+    max_jump_ns: int = 1_000_000_000
+    """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
+    is_default_timeout: bool = False
+    """Whether nobody asked for `timeout_ns`, so that what the log says counts."""
+
+    def told_by(self, info: LogInfo) -> "SyncParams":
+        """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""
+        text = info.metadata.get(TIMEOUT_MS, "")
+        if not (self.is_default_timeout and text.isascii() and text.isdecimal() and len(text) < 10):
+            return self
+        return replace(self, timeout_ns=int(text) * 1_000_000)
+
+
+def make_sync_params(
+    reference: str | None, timeout_ms: float | None, tolerance_ms: float, max_gap_s: float
+) -> SyncParams:
+    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`.
+
+    Raises:
+        ConfigError: where a duration isn't a number, or negative.
+    """
+    return SyncParams(
+        reference,
+        timeout_ns=SyncParams.timeout_ns if timeout_ms is None else _to_ns("--timeout-ms", timeout_ms, 1e6),
+        tolerance_ns=_to_ns("--tolerance-ms", tolerance_ms, 1e6),
+        max_gap_ns=_to_ns("--max-gap-s", max_gap_s, 1e9),
+        is_default_timeout=timeout_ms is None,
+    )
+
+
+def _to_ns(option: str, value: float, unit_ns: float) -> int:
+    """Infinity becomes longer than any log."""
+    if not value >= 0:
+        raise ConfigError(f"{option} {value}: expected a duration, such as 20")
+    return round(min(value * unit_ns, 1e18))
+
+
+def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
+    """Return the name of the reference sensor: as asked for, as the log says, else the slowest.
+
+    The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
+    get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide. Where no sensor has
+    messages, boxes give the instants: `BOXES`.
+
+    Raises:
+        ConfigError: where the sensor that was asked for isn't in the log.
+        LogError: where the log has no message of any sensor with calibration.
+    """
+    told = info.metadata.get(REFERENCE)
+    wanted = params.reference or (told if told in rig.mounts else None)  # it may have been left out
+    if wanted is not None:
+        if wanted not in rig.mounts:
+            raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
+        return wanted
+    heard = {name: num for name in rig.sensors(*_PREFERENCE) if (num := num_messages.get(name, 0))}
+    if not heard and num_messages.get(BOXES):
+        return BOXES
+    if not heard:
+        raise LogError(f"log '{info.name}' has no messages of a sensor with calibration, so there are no frames")
+    slow = [name for name, num in heard.items() if num <= 1.1 * min(heard.values())]
+    return min(slow, key=lambda name: (_PREFERENCE.index(rig.mounts[name].kind), name))
+
+
+@dataclass
+class _Open:
+    """A frame that waits for its sensors."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    number: int | None
+    opened_ns: int
+    messages: dict[str, Message] = field(default_factory=dict)
+
+    @property
+    def first_arrival_ns(self) -> int:
+        if self.number is None:
+            return self.opened_ns
+        return min((m.log_ns for m in self.messages.values()), default=self.opened_ns)
+
+
+class _Released(NamedTuple):
+    """What is remembered of a frame, to recognise messages that come too late for it."""
+
+    frame: int
+    stamp_ns: int
+    number: int | None
+    deadline_ns: int
+    absent: frozenset[str]
+
+
+class _Periods:
+    """Mean time between the messages of each sensor."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, tuple[int, int, int]] = {}
+
+    def note(self, sensor: str, stamp_ns: int) -> None:
+        first, _, num = self._seen.get(sensor, (stamp_ns, stamp_ns, 0))
+        self._seen[sensor] = (first, stamp_ns, num + 1)
+
+    def limit_ns(self, sensor: str, otherwise_ns: int) -> int:
+        """Farther than half a mean period away another message of the sensor is nearer; a fiftieth more, so that an
+        instant half way between two messages gets one of them whatever their jitter.
+        """
+        first, last, num = self._seen.get(sensor, (0, 0, 0))
+        return min(otherwise_ns, (last - first) * 51 // (100 * (num - 1))) if num > 1 and last > first else otherwise_ns
+
+
+@dataclass(frozen=True)
+class SyncCounts:
+    """What became of the messages that are in no frame, and what was late."""
+
+    late_ms: dict[tuple[int, str], float]
+    """How much too late a message came for a frame that lacks it, by frame index and sensor."""
+    unused: dict[str, int]
+    """Messages that no frame needed, by sensor."""
+    disordered: int
+    """Messages of the reference sensor that opened no frame, since a later one had come before them."""
+
+    @property
+    def late(self) -> dict[str, int]:
+        """Messages that came after the release of the frame that lacks them, by sensor."""
+        sensors = Counter(sensor for _, sensor in self.late_ms)
+        return {sensor: sensors[sensor] for sensor in self.unused}
+
+
+class FrameBuffer:
+    """Collects messages, given in canonical order, into frames, released in the order of their instants."""
+
+    def __init__(self, expected: Sequence[str], reference: str, params: SyncParams) -> None:
+        self._expected, self._reference, self._params = tuple(sorted(expected)), reference, params
+        self._open: list[_Open] = []
+        self._pending: list[Message] = []
+        self._released: list[_Released] = []
+        self._num_frames, self._segment, self._first_of_segment = 0, 0, 0
+        self._last_stamp_ns: int | None = None
+        self._periods = _Periods()
+        self._late_ms: dict[tuple[int, str], float] = {}
+        self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
+        self._disordered = 0
+        self._is_numbered = False
+        """Whether frames have numbers, all of them or some."""
+        self.breaks: list[str] = []
+
+    def advance(self, now_ns: int) -> Iterator[Frame]:
+        """Release the frames whose time-out has passed at log time `now_ns`, and complete ones before them."""
+        while self._open and (self._complete(self._open[0]) or now_ns > self._deadline_ns(self._open[0])):
+            yield self._release(self._open.pop(0))
+
+    def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
+        """Open the frame at the instant of a message of the reference sensor, as recorded.
+
+        Yields the frames of the segment that ends where a gap or a jump of the clock is. A message that is merely out
+        of order, or a repeated stamp, opens no frame, so that time never stands still or runs back within a segment.
+        """
+        stamp = message.stamp_ns
+        step = None if self._last_stamp_ns is None else stamp - self._last_stamp_ns
+        if step is not None and (why := self._border(step)):
+            yield from self.break_off(why)
+        elif step is not None and step <= 0:
+            self._disordered += 1
+            return
+        self._last_stamp_ns = stamp
+        self._periods.note(self._reference, stamp)
+        self._is_numbered = self._is_numbered or message.frame_number is not None
+        frame = _Open(self._num_frames, stamp, self._segment, message.frame_number, message.log_ns)
+        self._num_frames += 1
+        self._open.append(frame)
+        self._adopt(frame)
+
+    def break_off(self, why: str) -> Iterator[Frame]:
+        """Release all frames and begin a new segment with the next one, where there were frames already."""
+        yield from self._release_all()
+        self._periods, self._released = _Periods(), []
+        if self._num_frames and self._num_frames != self._first_of_segment:
+            self.breaks.append(f"{why} before frame {self._num_frames}")
+            self._segment, self._first_of_segment = self._segment + 1, self._num_frames
+
+    def add(self, message: Message) -> Iterator[Frame]:
+        """Put one message into the frame that it belongs to, or keep it until that frame opens."""
+        if message.sensor not in self._unused:
+            return
+        yield from self.advance(message.log_ns)
+        if message.sensor != self._reference:
+            self._periods.note(message.sensor, message.stamp_ns)
+        frame = self._find(message)
+        if frame is not None:
+            self._join(frame, message)
+        elif not self._is_late(message):
+            self._wait(message)
+        yield from self.advance(message.log_ns)
+
+    def flush(self) -> Iterator[Frame]:
+        """Release all frames: the log ends."""
+        yield from self._release_all()
+        for message in self._pending:
+            self._unused[message.sensor] += 1
+        self._pending = []
+
+    @property
+    def segment(self) -> int:
+        """Segment of the frame that opens next, as far as it is known."""
+        return self._segment
+
+    @property
+    def num_frames(self) -> int:
+        """Frames opened so far."""
+        return self._num_frames
+
+    @property
+    def counts(self) -> SyncCounts:
+        """What was late or unused so far."""
+        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
+
+    def _release_all(self) -> Iterator[Frame]:
+        while self._open:
+            yield self._release(self._open.pop(0))
+
+    def _border(self, step_ns: int) -> str | None:
+        if step_ns > self._params.max_gap_ns:
+            return f"gap of {step_ns / 1e9:.3f} s"
+        if -step_ns > self._params.max_jump_ns:
+            return f"clock jumps back by {-step_ns / 1e9:.3f} s"
+        return None
+
+    def _complete(self, frame: _Open) -> bool:
+        return all(name in frame.messages for name in self._expected)
+
+    def _deadline_ns(self, frame: _Open) -> int:
+        return frame.first_arrival_ns + self._params.timeout_ns
+
+    def _tolerance_ns(self, sensor: str) -> int:
+        limit = self._periods.limit_ns(self._reference, self._params.tolerance_ns)
+        return self._periods.limit_ns(sensor, limit)
+
+    def _distance_ns(self, message: Message, stamp_ns: int, number: int | None) -> int | None:
+        """How far a message is from an instant, or `None` where it doesn't belong there.
+
+        Of frames of which only some have numbers, as keyframes do, a message with a number belongs to no other.
+        """
+        if message.frame_number is not None and (number is not None or self._is_numbered):
+            return 0 if message.frame_number == number else None
+        distance = abs(message.stamp_ns - stamp_ns)
+        return distance if distance <= self._tolerance_ns(message.sensor) else None
+
+    def _find(self, message: Message) -> _Open | None:
+        near = [
+            (d, f.index, f) for f in self._open if (d := self._distance_ns(message, f.stamp_ns, f.number)) is not None
+        ]
+        return min(near, key=lambda n: n[:2])[2] if near else None
+
+    def _join(self, frame: _Open, message: Message) -> None:
+        """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
+        other = frame.messages.get(message.sensor)
+        if other is None:
+            frame.messages[message.sensor] = message
+            return
+        self._unused[message.sensor] += 1
+        if _rank(message, frame) < _rank(other, frame):
+            frame.messages[message.sensor] = message
+
+    def _wait(self, message: Message) -> None:
+        """Keep a message whose frame isn't open yet, but not for longer than a segment can pause."""
+        oldest = message.log_ns - self._params.max_gap_ns
+        for old in [m for m in self._pending if m.log_ns < oldest]:
+            self._unused[old.sensor] += 1
+        self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
+
+    def _adopt(self, frame: _Open) -> None:
+        """Give a new frame the messages that came before it; drop those that no later frame can want."""
+        waiting, self._pending = self._pending, []
+        for message in waiting:
+            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
+                self._join(frame, message)
+            elif message.stamp_ns > frame.stamp_ns or (message.frame_number is not None and frame.number is None):
+                self._pending.append(message)
+            else:
+                self._unused[message.sensor] += 1
+
+    def _is_late(self, message: Message) -> bool:
+        """Tell whether the message belongs to a released frame; where that lacks it, note by how much it is late."""
+        for frame in reversed(self._released):
+            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
+                key = (frame.frame, message.sensor)
+                if message.sensor in frame.absent and key not in self._late_ms:
+                    self._late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
+                else:
+                    self._unused[message.sensor] += 1
+                return True
+        return False
+
+    def _release(self, frame: _Open) -> Frame:
+        absent = [name for name in self._expected if name not in frame.messages]
+        wait_ms = self._params.timeout_ns / 1e6
+        released = _Released(frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame), frozenset(absent))
+        self._released = [*self._released[1 - _REMEMBERED :], released]
+        return Frame(
+            frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
+            dict.fromkeys(absent, f"{NOT_THERE} {wait_ms:g} ms"), frame.number,
+        )  # fmt: skip
+
+
+def _rank(message: Message, frame: _Open) -> tuple[bool, int]:
+    """Order of messages that could be a frame's: those with its number first, then the nearest."""
+    is_own = message.frame_number is not None and message.frame_number == frame.number
+    return not is_own, abs(message.stamp_ns - frame.stamp_ns)

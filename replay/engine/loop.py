@@ -1,0 +1,330 @@
+"""The one loop: log -> frames -> pipeline -> run folder."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fbench.replay.contracts.errors import LogError, RunError, one_line
+from fbench.replay.contracts.faults import FaultBudget, FaultLog
+from fbench.replay.contracts.plugins import guarded
+from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
+from fbench.replay.data.boxes import Boxes, finite
+from fbench.replay.data.frames import ClockName, Frame, Output
+from fbench.replay.data.rig import Rig
+from fbench.replay.engine.clock import Clock, VirtualClock
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
+from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.outputs import OutputCheck
+from fbench.replay.logs.setup import StampParams
+from fbench.replay.runs.digest import START, digest, link
+from fbench.replay.runs.folder import FrameRecord, RunWriter
+from fbench.replay.runs.manifest import (
+    FrameEntry,
+    InputEntry,
+    InterpolationEntry,
+    LogEntry,
+    Manifest,
+    TruthEntry,
+    VariantEntry,
+    package_versions,
+    rig_entry,
+)
+from fbench.replay.runs.media import MediaKeeper
+from fbench.replay.runs.redaction import redacted_manifest, redacted_record, redacted_rows
+from fbench.replay.runs.secrets import clean_mapping, without_secrets
+
+NUM_MEDIA = 8
+MAX_FAILURES_IN_A_ROW = 10
+"""A pipeline that fails on so many frames in a row is given up."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run and how."""
+
+    pipeline: Pipeline
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    sync: SyncParams = field(default_factory=SyncParams)
+    stamps: StampParams = field(default_factory=StampParams)
+    excerpt: Excerpt = field(default_factory=Excerpt)
+    topics: Sequence[str] = ()
+    """Patterns with which the log was opened, for the manifest."""
+    sensors: Sequence[str] = ()
+    """Patterns of the sensors that the pipeline gets, see `sensor_choice`; empty: all."""
+    variant: VariantEntry | None = None
+    """Which variant the pipeline is, for the manifest."""
+    inputs: Sequence[InputEntry] = ()
+    """Files that decided how it was read, for the manifest."""
+    truth: TruthEntry | None = None
+    """The file that truth comes from, for the manifest."""
+    max_between_ns: int = 0
+    """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
+    clock: Clock = field(default_factory=VirtualClock)
+    budget: FaultBudget = field(default_factory=FaultBudget)
+    """So much data may be lost without the run being incomplete."""
+    redact: bool = False
+    """Leave out of the run what tells whose log it is; see `redact`."""
+    num_media: int = NUM_MEDIA
+    """So many frames at least keep images and points for reports, where the log has as many."""
+    progress: Callable[[int], None] = lambda num_frames: None
+    failed: Callable[[BaseException], None] = lambda error: None
+    """Told of every exception that counts as a failed frame."""
+
+
+def replay(
+    reader: Reader,
+    plan: Plan,
+    folder: Path,
+    faults: FaultLog,
+    overwrite: bool = False,
+    complete: Callable[[Path], None] = lambda folder: None,
+) -> Path:
+    """Replay a log into a pipeline and write the run folder; returns its path.
+
+    Args:
+        reader: The log.
+        plan: What to run and how.
+        folder: Where the run goes.
+        faults: Where faults are counted, those of the reader too.
+        overwrite: Replace a run that is there.
+        complete: Adds to the folder, scores for instance, before it gets its name.
+
+    Raises:
+        ConfigError: where the folder exists or can't be written.
+        LogError: where the log can't be used by this pipeline.
+        RunError: where the pipeline keeps failing.
+    """
+    with RunWriter(folder, overwrite) as writer:
+        loop = _Loop(reader, plan, faults, writer)
+        loop.start()
+        for num_frames, frame in enumerate(loop.stream.frames(reader), 1):
+            loop.step(frame)
+            plan.progress(num_frames)
+        loop.require_results()
+        loop.finish(reader)
+        return writer.finish(loop.manifest(), complete)
+
+
+class _Loop:
+    """The state of one replay."""
+
+    def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
+        self._plan, self._faults, self._writer = plan, faults, writer
+        self.stream = FrameStream(
+            reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns
+        )
+        self._rig, self._info = self.stream.rig, reader.info
+        self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
+        self._check = OutputCheck(self._rig)
+        self._chain, self._failures = START, 0
+        self._segment: int | None = None
+
+    def start(self) -> None:
+        """Start the pipeline.
+
+        Raises:
+            LogError: where the log doesn't fit it, naming what a variant is a variant of.
+            RunError: where it fails for a reason of its own.
+        """
+        _require_plain_names(self._rig)
+        try:
+            with guarded(f"pipeline '{self._plan.name}' can't start"):
+                self._plan.pipeline.start(self._rig, self._info)
+        except LogError as error:
+            if self._plan.variant is None:
+                raise
+            base = self._plan.variant.base
+            raise LogError(f"{error}; {self._plan.name} is a variant of {base}", error.code) from error
+
+    def step(self, frame: Frame) -> None:
+        """Run the pipeline on one frame and record what it gives."""
+        start = time.perf_counter_ns()
+        output, failed = self._guarded(frame)
+        total_ns = time.perf_counter_ns() - start
+        self._record(frame, output, failed, total_ns)
+        self._media.offer(frame)
+
+    def _guarded(self, frame: Frame) -> tuple[Output | None, str | None]:
+        """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
+        try:
+            if self._rig is not self.stream.rig:
+                self._plan.pipeline.start(self.stream.rig, self._info)
+                self._rig = self.stream.rig
+            if frame.segment != self._segment:
+                self._enter(frame)
+            output = self._check(self._plan.pipeline.step(frame))
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
+            self._failures += 1
+            self._plan.failed(error)
+            why, times = one_line(error), self._failures
+            if times >= MAX_FAILURES_IN_A_ROW:
+                raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
+            self._faults.add("PRD002", f"frame {frame.index}: {why}")
+            return None, why
+        self._failures = 0
+        for fault in output.faults:
+            self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")
+        return output, None
+
+    def _enter(self, frame: Frame) -> None:
+        """Begin a segment, or an excerpt in the middle of one."""
+        is_first, self._segment = self._segment is None, frame.segment
+        if frame.index:
+            begins = f"replay begins with frame {frame.index}"
+            self._plan.pipeline.reset(begins if is_first else self.stream.breaks[frame.segment - 1])
+
+    def _record(self, frame: Frame, output: Output | None, failed: str | None, total_ns: int) -> None:
+        results = None if output is None else (output.detections, output.tracks)
+        missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
+        content = [frame.index, frame.stamp_ns, frame.segment, missing, failed, results]
+        frame_digest = digest(content)
+        self._chain = link(self._chain, frame_digest)
+        for name, boxes in zip(("detections", "tracks"), results or (), strict=False):
+            self._count_invalid(f"frame {frame.index}: {name}", boxes)
+            self._writer.add_boxes(name, frame.index, boxes)
+        number, stamp = frame.frame_number, frame.stamp_ns
+        record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
+        self._writer.add_frame(record, *_times(output, total_ns))
+
+    def _count_invalid(self, where: str, boxes: Boxes) -> None:
+        sane, scored = finite(boxes)
+        if num := int(np.count_nonzero(~(sane & scored))):
+            self._faults.add("PRD001", where, num)
+
+    def require_results(self) -> None:
+        """Refuse to write a run of nothing.
+
+        Raises:
+            LogError: without a single frame.
+            RunError: where the pipeline failed on every frame.
+        """
+        records = self._writer.records
+        self.stream.require_frames(self._info.name)
+        if all(record.failed is not None for record in records):
+            raise RunError(f"pipeline '{self._plan.name}' failed on all {len(records)} frames: {records[0].failed}")
+
+    def finish(self, reader: Reader) -> None:
+        """Attach truth, explain what was missing, and write what isn't a table."""
+        for index, truth in self.stream.labels(reader):
+            self._writer.label_frame(index, truth)
+        if not self._plan.redact:
+            self._writer.set_poses(self.stream.poses.values)
+        counts = self.stream.counts
+        if counts.disordered:
+            self._faults.add("TIM001", self.stream.reference, counts.disordered)
+        self._writer.explain_missing(lambda record: self._explained(record, counts))
+        rows = self._faults.rows()
+        if self._plan.redact:
+            self._writer.explain_missing(redacted_record)
+            rows = redacted_rows(rows)
+        self._writer.write_media(self._media.frames)
+        faults = {
+            "lost": self._faults.lost,
+            "late_messages": counts.late,
+            "unused_messages": counts.unused,
+            "rows": rows,
+        }
+        self._writer.write_json("faults.json", faults)
+
+    def _explained(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never.
+
+        What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.
+        """
+
+        def why(sensor: str, reason: str) -> str:
+            late = counts.late_ms.get((record.index, sensor))
+            if late is not None:
+                return f"late by {late:.1f} ms"
+            if not reason.startswith(NOT_THERE):
+                return reason
+            skipped = self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number)
+            if skipped is not None:
+                return f"skipped: {skipped}"
+            return reason if self.stream.is_cut else "never came"
+
+        return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
+
+    def manifest(self) -> Manifest:
+        """Say what ran."""
+        first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
+        info, sync = self._info, self.stream.sync
+        manifest = Manifest(
+            complete=not self._plan.budget.exceeded(self._faults),
+            log=LogEntry(
+                name=info.name,
+                log_id=info.log_id,
+                digest=self.stream.log_digest,
+                metadata=dict(sorted(info.metadata.items())),
+            ),
+            pipeline=self._plan.name,
+            parameters={**self._plan.parameters, **self._identity()},
+            variant=self._plan.variant,
+            frames=FrameEntry(
+                reference=self.stream.reference,
+                timeout_ns=sync.timeout_ns,
+                tolerance_ns=sync.tolerance_ns,
+                max_gap_ns=sync.max_gap_ns,
+                max_jump_ns=sync.max_jump_ns,
+                stamps=self._plan.stamps.source,
+                offsets_ns=dict(self._plan.stamps.offsets_ns),
+                topics=list(self._plan.topics),
+                sensors=list(self._plan.sensors),
+                excerpt=str(self._plan.excerpt),
+            ),
+            inputs=list(self._plan.inputs),
+            truth=self._plan.truth,
+            interpolation=InterpolationEntry(max_gap_ns=self._plan.max_between_ns, num_frames=self.stream.num_between),
+            mounts=first.mounts,
+            cameras=first.cameras,
+            rig_changes=changed,
+            num_frames=len(self._writer.records),
+            num_segments=len({record.segment for record in self._writer.records}),
+            digest=self._chain,
+            versions=package_versions(),
+        )
+        return redacted_manifest(manifest) if self._plan.redact else manifest
+
+    def _identity(self) -> Mapping[str, object]:
+        """What tells the pipeline apart.
+
+        Raises:
+            RunError: where it fails to say, or says what JSON can't hold.
+        """
+        pipeline = self._plan.pipeline
+        if not isinstance(pipeline, TellsIdentity):
+            return {}
+        with guarded(f"pipeline '{self._plan.name}' can't say what tells it apart"):
+            identity = dict(pipeline.identity())
+            json.dumps(identity, allow_nan=False)
+        return identity
+
+
+def _require_plain_names(rig: Rig) -> None:
+    """Refuse sensors whose names, which are all over a run, hold credentials.
+
+    Raises:
+        LogError: naming one without them.
+    """
+    for name in sorted({*rig.mounts, *rig.cameras}):
+        if (plain := without_secrets(name)) != name:
+            raise LogError(
+                f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
+                "([sensors.NAME] with its topic), or leave it out with --topics"
+            )
+
+
+def _times(output: Output | None, step_ns: int) -> tuple[dict[str, int], ClockName]:
+    """Times [ns] of the stages and of the whole frame, and whose they are."""
+    if output is None:
+        return {"total": step_ns}, "host"
+    if output.clock == "host":
+        return {**output.stage_ns, "total": step_ns}, "host"
+    return {**output.stage_ns, "total": sum(output.stage_ns.values())} if output.stage_ns else {}, "log"

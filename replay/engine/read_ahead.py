@@ -1,0 +1,212 @@
+"""Reading ahead: a thread reads and decodes messages while the pipeline works on earlier ones.
+
+Order, faults and errors are those of reading without it: what was met while a message was read is told when that
+message is delivered, and what was read but never delivered was never met.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog, StagedFaults
+from fbench.replay.contracts.protocols import Reader
+from fbench.replay.data.messages import Message, Tick, Truth
+from fbench.replay.data.rig import LogInfo, Rig, RigChange
+
+T = TypeVar("T")
+R = TypeVar("R", bound=Message | RigChange | Tick)
+
+DEFAULT = 4
+"""Messages: reading takes a few percent of a replay, and more than these hide no more of it."""
+MAX_BYTES = 256 * 1024 * 1024
+"""What waits takes so much memory at most; one message may always wait."""
+
+
+def make_limit(text: str) -> int | None:
+    """Read `--read-ahead`.
+
+    Raises:
+        ConfigError: where it can't be understood.
+    """
+    if text in ("all", "auto"):
+        return None if text == "all" else DEFAULT
+    if not (text.isascii() and text.isdecimal() and len(text) <= 9):
+        raise ConfigError(f"--read-ahead {text}: expected a number of messages, 'all' or 'auto'")
+    return int(text)
+
+
+@contextmanager
+def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
+    """Open a log and read ahead while the `with` block runs.
+
+    Args:
+        open_log: Opens it, given where its faults are counted.
+        faults: Where they are counted when their message is delivered.
+        limit: Messages that may wait; 0: don't read ahead, `None`: as many as fit into `MAX_BYTES`.
+    """
+    if limit == 0:
+        yield open_log(faults)
+        return
+    staged = StagedFaults()
+    try:
+        ahead = AheadReader(open_log(staged), staged, faults, limit)
+        try:
+            yield ahead
+        finally:
+            ahead.stop()
+    finally:
+        staged.tell(faults)
+
+
+class _Item(NamedTuple, Generic[R]):
+    """What the thread hands over."""
+
+    content: R | BaseException | None
+    """A message, an error that ended reading, or `None` at the end."""
+    faults: StagedFaults
+    num_bytes: int
+
+
+class _Queue(Generic[R]):
+    """Bounded by number and by bytes; closing it from either side wakes the other."""
+
+    def __init__(self, limit: int | None) -> None:
+        self._limit, self._items, self._num_bytes, self._closed = limit, deque[_Item[R]](), 0, False
+        self._changed = threading.Condition()
+
+    def put(self, item: _Item[R]) -> bool:
+        """Wait for room and append; `False` where nobody wants it any more."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._has_room(item))
+            if self._closed:
+                return False
+            self._items.append(item)
+            self._num_bytes += item.num_bytes
+            self._changed.notify_all()
+            return True
+
+    def get(self) -> _Item[R]:
+        """Wait for the next item."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._items)
+            if not self._items:
+                return _Item(None, StagedFaults(), 0)
+            item = self._items.popleft()
+            self._num_bytes -= item.num_bytes
+            self._changed.notify_all()
+            return item
+
+    def close(self) -> None:
+        """Let the other side end."""
+        with self._changed:
+            self._closed = True
+            self._items.clear()
+            self._changed.notify_all()
+
+    def _has_room(self, item: _Item[R]) -> bool:
+        if not self._items:
+            return True
+        full = self._limit is not None and len(self._items) >= self._limit
+        return not full and self._num_bytes + item.num_bytes <= MAX_BYTES
+
+
+class AheadReader:
+    """A reader that reads ahead of whoever iterates over its messages; only one thread uses the log at a time."""
+
+    def __init__(self, reader: Reader, staged: StagedFaults, faults: FaultLog, limit: int | None) -> None:
+        self._reader, self._staged, self._faults, self._limit = reader, staged, faults, limit
+        self._running: tuple[threading.Thread, _Queue[Any]] | None = None
+
+    @property
+    def info(self) -> LogInfo:
+        """Name, id and metadata."""
+        return self._told(self._reader.info)
+
+    @property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins."""
+        return self._told(self._reader.rig)
+
+    @property
+    def num_messages(self) -> Mapping[str, int]:
+        """Messages of each sensor and stream of poses, by name."""
+        return self._told(self._reader.num_messages)
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Names of the streams of poses."""
+        return self._told(self._reader.poses)
+
+    def messages(self) -> Iterator[Message | RigChange]:
+        """All messages of the log, read by a thread that ends with the iteration."""
+        return self._ahead(self._reader.messages)
+
+    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+        """The same with the instants of boxes."""
+        return self._ahead(self._reader.ticked)
+
+    def _ahead(self, messages: Callable[[], Iterator[R]]) -> Iterator[R]:
+        self.stop()
+        queue = _Queue[R](self._limit)
+        thread = threading.Thread(target=self._read, args=(queue, messages), name="fbench-read-ahead")
+        self._running = (thread, queue)
+        thread.start()
+        try:
+            yield from self._delivered(queue)
+        finally:
+            self.stop()
+
+    def truths(self) -> Iterator[Truth]:
+        """Ground truth, not read ahead."""
+        self.stop()
+        for truth in self._reader.truths():
+            self._staged.tell(self._faults)
+            yield truth
+        self._staged.tell(self._faults)
+
+    def stop(self) -> None:
+        """End the thread, and forget what was read but not delivered."""
+        if self._running is None:
+            return
+        thread, queue = self._running
+        self._running = None
+        queue.close()
+        thread.join()
+        self._staged.clear()
+
+    def _told(self, value: T) -> T:
+        if self._running is None:
+            self._staged.tell(self._faults)
+        return value
+
+    def _delivered(self, queue: _Queue[R]) -> Iterator[R]:
+        while True:
+            item = queue.get()
+            item.faults.tell(self._faults)
+            if isinstance(item.content, BaseException):
+                raise item.content
+            if item.content is None:
+                return
+            yield item.content
+
+    def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
+        """Runs in the thread."""
+        end: BaseException | None = None
+        try:
+            for message in messages():
+                if not queue.put(_Item(message, self._staged.taken(), _num_bytes(message))):
+                    return
+        except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
+            end = error
+        queue.put(_Item(end, self._staged.taken(), 0))
+
+
+def _num_bytes(message: Message | RigChange | Tick) -> int:
+    values = (getattr(message, f.name) for f in fields(message))
+    return sum(v.nbytes if isinstance(v, np.ndarray) else len(v) if isinstance(v, bytes) else 0 for v in values)

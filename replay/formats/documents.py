@@ -1,0 +1,236 @@
+"""JSON, TOML and YAML of others, read as untrusted input."""
+
+import json
+import math
+import tomllib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent, NodeEvent
+
+from fbench.replay.contracts.errors import LimitError, LogError
+
+_MAX_BYTES = 256 * 2**20
+_HEAD = 2**20
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file.
+
+    Raises:
+        LogError: where it can't be read.
+        LimitError: where it is too large, or nested too deeply.
+    """
+    try:
+        if (size := path.stat().st_size) > _MAX_BYTES:
+            raise LimitError(
+                f"{path}: {size >> 20} MiB of JSON, more than {_MAX_BYTES >> 20}; split it, or use Parquet"
+            )
+        return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_object)
+    except RecursionError:
+        raise LimitError(f"{path}: nested too deeply") from None
+    except ValueError as error:
+        raise LogError(f"{path}: isn't JSON ({str(error).splitlines()[0][:200]})") from error
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Of two values under one key JSON keeps one, so that boxes would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        raise ValueError(f"an object has the key '{counts.most_common(1)[0][0][:60]}' twice")
+    return found
+
+
+def head_of(path: Path) -> str:
+    """Return the beginning of a text, to see what it is.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(_HEAD).decode("utf-8", "replace")
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+
+
+def member(value: object, name: str, where: str) -> Mapping[str, Any]:
+    """Return an object inside another one; empty where there is none.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    found = mapping(value, where).get(name)
+    return {} if found is None else mapping(found, f"{where}: {name}")
+
+
+def mapping(value: object, where: str) -> Mapping[str, Any]:
+    """Return what must be a JSON object.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    if not isinstance(value, dict):
+        raise LogError(f"{where}: expected an object, got {_kind(value)}")
+    return value
+
+
+def items(value: object, where: str) -> Sequence[Any]:
+    """Return what must be a list; one object stands for a list of it.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    if isinstance(value, dict):
+        return [value]
+    if not isinstance(value, list):
+        raise LogError(f"{where}: expected a list, got {_kind(value)}")
+    return value
+
+
+def vector(value: object, lengths: tuple[int, ...], where: str) -> list[float]:
+    """Return a list of numbers of one of these lengths; what isn't finite stays so.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    wanted = " or ".join(map(str, lengths))
+    if not isinstance(value, list) or len(value) not in lengths:
+        raise LogError(f"{where}: expected {wanted} numbers, got {_kind(value)}")
+    return [scalar(item, where) for item in value]
+
+
+def scalar(value: object, where: str) -> float:
+    """Return a number.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise LogError(f"{where}: expected a number, got {_kind(value)}")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def text(value: object, where: str) -> str:
+    """Return a text, empty for null.
+
+    Raises:
+        LogError: where it is something else.
+    """
+    if value is None:
+        return ""
+    if not isinstance(value, str):
+        raise LogError(f"{where}: expected a text, got {_kind(value)}")
+    return value.encode("utf-8", "replace").decode()  # JSON can write half a surrogate pair, files can't
+
+
+def _kind(value: object) -> str:
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    return {dict: "an object", str: "a text", bool: "true or false", type(None): "null"}.get(type(value), "a number")
+
+
+_MAX_DOTS = 500
+
+
+class TomlError(Exception):
+    """What is wrong with a text, in one line without the name of its file."""
+
+
+def parse_toml(content: bytes) -> dict[str, Any]:
+    """Return the tables of a file of UTF-8, with or without a byte order mark.
+
+    Raises:
+        TomlError: where it isn't TOML, or written to exhaust whoever parses it.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise TomlError(f"not UTF-8 ({error.reason} at byte {error.start})") from error
+    _require_short_keys(text)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise TomlError("nested too deeply") from None
+    except ValueError as error:  # also whole numbers of thousands of digits
+        raise TomlError(str(error).splitlines()[0]) from error
+
+
+def _require_short_keys(text: str) -> None:
+    """A dotted key of N parts, which takes one line, costs time and memory with N squared."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.count(".") > _MAX_DOTS and not line.lstrip().startswith("#"):
+            raise TomlError(f"line {number} has over {_MAX_DOTS} dots; break it into several lines")
+
+
+MAX_SIZE = 4 * 1024 * 1024
+_MAX_DEPTH = 32
+
+
+class YamlFileError(Exception):
+    """What is wrong with a file, in one line without its name."""
+
+    def __init__(self, text: str, mendable: bool = True) -> None:
+        super().__init__(text)
+        self.mendable = mendable
+        """Whether the content is damaged, so that writing the file anew would help."""
+
+
+def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
+    """Return the content of a file as dicts, lists and texts.
+
+    Raises:
+        YamlFileError: where it can't be read, is too large or isn't what `parse_yaml` takes.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(max_size + 1)
+    except OSError as error:
+        raise YamlFileError(f"can't be read ({error.strerror})", mendable=False) from error
+    if len(content) > max_size:
+        raise YamlFileError(f"has more than the limit of {max_size} bytes", mendable=False)
+    return parse_yaml(content)
+
+
+def parse_yaml(content: bytes) -> object:
+    """Parse without interpreting: every value is text, so that no tag, date or number can do harm.
+
+    Raises:
+        YamlFileError: where it is damaged, nested too deeply, or has aliases or one key twice.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise YamlFileError(f"isn't UTF-8 text ({error.reason} at byte {error.start})") from error
+    try:
+        _check_shape(text)
+        return _parser().load(text)
+    except YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise YamlFileError(f"can't be parsed ({reason[:200]})") from error
+
+
+def _parser() -> Any:
+    return YAML(typ="base", pure=True)
+
+
+def _check_shape(text: str) -> None:
+    depth = 0
+    for event in _parser().parse(text):
+        if isinstance(event, NodeEvent) and event.anchor is not None:
+            line = event.start_mark.line + 1
+            raise YamlFileError(f"line {line}: YAML anchors and aliases aren't allowed here", mendable=False)
+        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            line = event.start_mark.line + 1
+            raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)

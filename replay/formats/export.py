@@ -1,0 +1,298 @@
+"""One export: runs and logs in, files of a benchmark out, all of them at once or none."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.files import file_name, swap
+from fbench.replay.data.rig import Kind
+from fbench.replay.formats.class_names import require_class
+from fbench.replay.formats.export_request import ExportWish, LeftOut
+from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
+from fbench.replay.formats.kitti import coordinate_frame, kitti_rows
+from fbench.replay.formats.mot import mot_rows, seqinfo
+from fbench.replay.formats.nuscenes import meta, nuscenes_samples
+from fbench.replay.formats.sequence import BoxSequence, camera_of
+from fbench.replay.setup.source import LogWish, log_source
+
+_SUFFIXES = (".txt", ".ini")
+"""Of all that is written into folders."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A folder, or for formats of one file that file.
+
+    Raises:
+        ConfigError: where it mustn't be written.
+    """
+
+    path: Path
+    is_file: bool
+    overwrite: bool = False
+
+    def check(self, sources: Sequence[Path]) -> None:
+        """See that nothing else is lost.
+
+        Raises:
+            ConfigError: where something is in the way, or it lies in a source.
+        """
+        out = self.path.resolve()
+        for source in sources:
+            old = source.resolve()
+            if old == out or old in out.parents or out in old.parents:
+                raise ConfigError(f"{self.path}: is what is exported, or lies in it or around it; choose another name")
+        if self.is_file and self.path.suffix != ".json":
+            raise ConfigError(f"{self.path}: this format is one file; expected a name that ends in .json")
+        if not out.parent.is_dir():
+            raise ConfigError(f"{self.path}: can't be written (no folder {out.parent})")
+        if not (self.path.exists() or self.path.is_symlink()) or self._is_empty():
+            return
+        if not self.overwrite:
+            raise ConfigError(f"{self.path}: exists already; choose another with --out, or --overwrite it")
+        if not self._is_alike():
+            raise ConfigError(f"{self.path}: exists and holds more than an export, so --overwrite doesn't touch it")
+
+    def _is_empty(self) -> bool:
+        return not self.is_file and _is_folder(self.path) and not any(self.path.iterdir())
+
+    def _is_alike(self) -> bool:
+        if self.is_file:
+            return self.path.is_file()
+        if not _is_folder(self.path):
+            return False
+        return all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.path.rglob("*"))
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What is written until it gets its name; nothing is left of it where that doesn't happen."""
+
+    place: Place
+
+    @property
+    def _partial(self) -> Path:
+        out = self.place.path.absolute()
+        return out.with_name(f".{out.name}.partial-{os.getpid()}")
+
+    def __enter__(self) -> Self:
+        try:
+            if not self.place.is_file:
+                self._partial.mkdir()
+        except OSError as error:
+            raise ConfigError(f"{self.place.path}: can't be written ({error.strerror})") from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.place.is_file:
+            self._partial.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(self._partial, ignore_errors=True)
+
+    def open(self, name: str = "") -> IO[str]:
+        """Begin a file of the folder, or the only one."""
+        path = self._partial / name if name else self._partial
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("w", encoding="utf-8", newline="\n")
+
+    def finish(self) -> None:
+        """Give everything its name."""
+        if self.place.is_file:
+            self._partial.replace(self.place.path.absolute())
+        else:
+            swap(self._partial, self.place.path.absolute())
+
+
+def view_of(sequence: BoxSequence, wish: ExportWish) -> str:
+    """Say which image and coordinates the exported boxes of a sequence are in."""
+    if wish.is_nuscenes:
+        return "3D boxes in the world"
+    camera = camera_of(sequence, wish.camera)
+    has_solids = wish.format != "mot" and any(frame.boxes3d is not None for frame in sequence.frames)
+    solids = f", 3D boxes in {coordinate_frame(sequence, wish.frame, camera)}" if has_solids else ""
+    return f"2D boxes in {camera}{solids}"
+
+
+class TextFiles:
+    """Files of rows: of KITTI `NAME.txt`, or one for each frame; of MOTChallenge `NAME.txt`, or of truth
+    `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
+    """
+
+    def __init__(self, draft: Draft, is_only: bool) -> None:
+        """Begin; the files of a single sequence that has one for each frame lie in no folder of their own."""
+        self._draft, self._is_only = draft, is_only
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def add(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
+        """Write a sequence, and yield the number of rows of each frame."""
+        if wish.format == "mot":
+            return self._mot(name, sequence, wish, left)
+        frames = kitti_rows(sequence, wish, left)
+        if wish.format == "kitti":
+            return self._frames(frames, "" if self._is_only else f"{name}/")
+        return self._one((rows for _, rows in frames), f"{name}.txt")
+
+    def _mot(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
+        rows = mot_rows(sequence, wish, left)
+        if not sequence.is_truth:
+            return self._one(rows, f"{name}.txt")
+        with self._draft.open(f"{name}/seqinfo.ini") as file:
+            file.write(seqinfo(name, sequence, sequence.rig.cameras.get(camera_of(sequence, wish.camera))))
+        return self._one(rows, f"{name}/gt/gt.txt")
+
+    def _frames(self, frames: Iterator[tuple[int, list[str]]], folder: str) -> Iterator[int]:
+        for number, rows in frames:
+            with self._draft.open(f"{folder}{number:06d}.txt") as file:
+                file.writelines(f"{row}\n" for row in rows)
+            yield len(rows)
+
+    def _one(self, frames: Iterator[list[str]], name: str) -> Iterator[int]:
+        with self._draft.open(name) as file:
+            for rows in frames:
+                file.writelines(f"{row}\n" for row in rows)
+                yield len(rows)
+
+
+class Submission:
+    """The one file of nuScenes, written sample by sample."""
+
+    def __init__(self, draft: Draft) -> None:
+        self._file = draft.open()
+        self._owners: dict[str, str] = {}
+        self._kinds: set[Kind] = set()
+
+    def __enter__(self) -> Self:
+        self._file.write('{"results": {')
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._file.write(f'\n}}, "meta": {json.dumps(meta(self._kinds))}}}\n')
+        self._file.close()
+
+    def add(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
+        """Write the samples of a sequence, and yield the number of boxes of each.
+
+        Raises:
+            LogError: where a sample is another sequence's too.
+        """
+        self._kinds.update(sequence.kinds)
+        for token, results in nuscenes_samples(sequence, wish, left):
+            if token in self._owners:
+                raise LogError(f"{sequence.where}: sample {token} is of {self._owners[token]} too")
+            separator = "," if self._owners else ""
+            self._owners[token] = sequence.where
+            self._file.write(f"{separator}\n{json.dumps(token)}: {json.dumps(results, allow_nan=False)}")
+            yield len(results)
+
+
+Progress = Callable[[str, int, int], None]
+"""Is told the name of a sequence, how many of its frames are done, and how many there are."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What became of one run or log."""
+
+    name: str
+    num_frames: int
+    num_rows: int
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    """Boxes that aren't in the files, by the reason."""
+    view: str = ""
+    """Which image and coordinates they are in."""
+
+
+@dataclass(frozen=True)
+class Export:
+    """What is exported, and where to.
+
+    Raises:
+        ConfigError: where a class isn't known, or a name is for several sources.
+    """
+
+    sources: Sequence[Path]
+    """Run folders and logs."""
+    wish: ExportWish
+    place: Place
+    name: str = ""
+    """Of the only source, in place of its own."""
+
+    def __post_init__(self) -> None:
+        require_class(self.wish)
+        if self.name and len(self.sources) != 1:
+            raise ConfigError(f"--name {self.name}: is for one source, there are {len(self.sources)}")
+
+
+def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:
+    """Export sources one after the other; the files appear when all of them are done.
+
+    Raises:
+        ConfigError: where files can't or mustn't be written, or a source isn't there.
+        LogError: where the format can't hold what a source has.
+        RunError: where a run can't be read.
+    """
+    job.place.check(job.sources)
+    with Draft(job.place) as draft:
+        yield from _written(job, draft, faults, progress)
+        draft.finish()
+
+
+def _written(job: Export, draft: Draft, faults: FaultLog, progress: Progress) -> Iterator[Exported]:
+    names: dict[str, Path] = {}
+    is_only = len(job.sources) == 1
+    with Submission(draft) if job.wish.is_nuscenes else TextFiles(draft, is_only) as files:
+        for source in job.sources:
+            left = LeftOut()
+            sequence = _sequence(source, job.wish, left, faults)
+            sequence.require_boxes(job.wish.is_tracking)
+            name = file_name(job.name or sequence.name)
+            if name in names:
+                raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
+            names[name] = source
+            exported = _counted(name, sequence, files.add(name, sequence, job.wish, left), left, progress)
+            yield replace(exported, view=view_of(sequence, job.wish))
+
+
+def _sequence(source: Path, wish: ExportWish, left: LeftOut, faults: FaultLog) -> BoxSequence:
+    if not source.exists():
+        raise ConfigError(f"{source}: no such run folder or log")
+    if (source / MANIFEST).is_file():
+        return run_sequence(source, wish)
+    try:
+        return log_sequence(log_source(LogWish(source)), wish, left, faults)
+    except LogError as error:
+        if error.code == "LOG001":
+            raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error
+        raise
+
+
+def _counted(name: str, sequence: BoxSequence, rows: Iterator[int], left: LeftOut, progress: Progress) -> Exported:
+    """Write what is to be written, which `rows` does as it goes: the number of rows of each frame or sample."""
+    num_rows, num_frames = 0, 0
+    for num in rows:
+        num_rows, num_frames = num_rows + num, num_frames + 1
+        progress(name, num_frames, len(sequence.frames))
+    return Exported(name, num_frames, num_rows, dict(sorted(left.counts.items())))

@@ -1,0 +1,180 @@
+"""Boxes of logs and runs, read for an export."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, Source
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.rig import KINDS, Kind, Rig
+from fbench.replay.engine.clock import VirtualClock
+from fbench.replay.engine.excerpt import Excerpt
+from fbench.replay.engine.frames import FrameStream
+from fbench.replay.engine.poses import FramePoses, pose_of
+from fbench.replay.formats.export_request import ExportWish, LeftOut, Which
+from fbench.replay.formats.sequence import BoxFrame, BoxSequence
+from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.transforms import inverse
+from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.setup import StampParams
+from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.replay.runs.tables import BoxTable
+from fbench.replay.setup.source import LogSource
+from fbench.replay.truth.labelling import Instant, Labelling, stray
+
+NO_POSE = "in the world, without a pose of the body"
+
+
+@dataclass(frozen=True, eq=False)
+class _Labelled:
+    """The boxes of one instant, and which frame they belong to."""
+
+    index: int
+    number: int | None
+    truth: Truth
+    rig: Rig
+
+
+@dataclass(frozen=True, eq=False)
+class _Matched:
+    """All of them, with where the body was."""
+
+    rows: Sequence[_Labelled]
+    poses: FramePoses
+    num_frames: int
+
+
+def log_sequence(source: LogSource, wish: ExportWish, left: LeftOut, faults: FaultLog) -> BoxSequence:
+    """Read the boxes of a log that are asked for.
+
+    Where each has a number of its own (as logs of KITTI have), only they and the poses are read; else the whole log,
+    to know its frames as a replay does.
+
+    Raises:
+        ConfigError: where tracks are asked for.
+        LogError: where the log can't be read, or has no results.
+    """
+    if wish.boxes == "tracks":
+        raise ConfigError(f"{source.path}: is a log, which has no tracks; take --boxes truth, or detections, or a run")
+    reader = source.open(faults)
+    is_truth = wish.boxes != "detections"
+    truths = list(reader.truths() if is_truth else reader.detections(""))
+    matched = _numbered(truths, reader) if _are_numbered(truths, wish) else _framed(truths, source, faults)
+    frames = [_frame(row, matched.poses, left) for row in matched.rows]
+    return BoxSequence(
+        str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, matched.num_frames
+    )  # fmt: skip
+
+
+def _are_numbered(truths: Sequence[Truth], wish: ExportWish) -> bool:
+    """Tell whether the truths say themselves which frames they belong to.
+
+    MOTChallenge counts frames, so there numbers must be counts too.
+    """
+    numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
+    if not numbers or len(set(numbers)) != len(truths):
+        return False
+    return wish.format != "mot" or sorted(numbers) == list(range(len(numbers)))
+
+
+def _numbered(truths: Iterable[Truth], reader: LogReader) -> _Matched:
+    ordered = sorted(truths, key=lambda truth: truth.stamp_ns)
+    poses = FramePoses(min(reader.poses, default=None))
+    for index, truth in enumerate(ordered):
+        poses.open(index, truth.stamp_ns)
+    for pose in reader.body_poses() if reader.poses else ():
+        poses.add(pose)
+    poses.finish()
+    rig = reader.rig
+    rows = [_Labelled(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
+    return _Matched(rows, poses, len(ordered))
+
+
+def _framed(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
+    """Match boxes with frames as a replay would; what belongs to none is counted as GT006."""
+    reader = source.open(faults)
+    sync = source.sync(None, None, None, None)
+    stream = FrameStream(reader, sync, StampParams(), Excerpt(), VirtualClock(), faults)
+    frames = [(Instant(f.index, f.stamp_ns, f.frame_number, is_chosen=True), f.segment) for f in stream.frames(reader)]
+    stream.require_frames(reader.info.name)
+    rows = []
+    for index, truth in Labelling([instant for instant, _ in frames]).matched(iter(truths)):
+        if index is None:
+            faults.add("GT006", stray(truth))
+        else:
+            instant, segment = frames[index]
+            rows.append(_Labelled(index, instant.frame_number, truth, _rig(stream, segment)))
+    return _Matched(sorted(rows, key=lambda row: row.index), stream.poses, len(frames))
+
+
+def _rig(stream: FrameStream, segment: int) -> Rig:
+    return stream.rigs[max(first for first in stream.rigs if first <= segment)]
+
+
+def _frame(row: _Labelled, poses: FramePoses, left: LeftOut) -> BoxFrame:
+    truth, pose = row.truth, poses.world_T_body(row.index)
+    boxes = truth.boxes3d
+    if boxes is not None and truth.in_world:
+        if pose is None:
+            left.add(NO_POSE, len(boxes))
+        boxes = Boxes3D.empty() if pose is None else moved(boxes, inverse(pose))
+    return BoxFrame(row.index, row.number, truth.stamp_ns, row.rig, boxes, truth.boxes2d, pose)
+
+
+MANIFEST = "manifest.json"
+_KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
+
+
+def run_sequence(folder: Path, wish: ExportWish) -> BoxSequence:
+    """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections.
+
+    Raises:
+        RunError: where it can't be read.
+    """
+    run = Run(folder)
+    which: Which = wish.boxes or ("tracks" if wish.is_tracking else "detections")
+    rigs = _rigs(run)
+    frames = [
+        BoxFrame(
+            record.index, record.frame_number, record.stamp_ns, rigs[record.segment],
+            *_boxes(run, which, record), pose_of(pose),
+        )
+        for record, pose in zip(run.frames, run.poses, strict=True)
+        if which != "truth" or record.truth_spaces
+    ]  # fmt: skip
+    num = max((record.index + 1 for record in run.frames), default=0)
+    log = run.manifest.log
+    kinds = () if which == "truth" else _kinds(run, which)
+    return BoxSequence(str(folder), log.name, log.metadata, which == "truth", frames, num, kinds)
+
+
+def _rigs(run: Run) -> dict[int, Rig]:
+    """Rig of each segment."""
+    return {segment: run.manifest.rig_of(segment) for segment in sorted({record.segment for record in run.frames})}
+
+
+def _boxes(run: Run, which: Which, record: FrameRecord) -> tuple[Boxes3D | None, Boxes2D | None]:
+    if which == "truth":
+        return run.truth3d(record.index), run.truth2d(record.index)
+    boxes: Boxes = _table(run, which).at(record.index)
+    return (boxes, None) if isinstance(boxes, Boxes3D) else (None, boxes)
+
+
+def _table(run: Run, which: Which) -> BoxTable:
+    return run.tracks if which == "tracks" else run.detections
+
+
+def _kinds(run: Run, which: Which) -> list[Kind]:
+    """Kinds of the sensors that boxes come from, as they say themselves, else of those that the pipeline got."""
+    boxes = _table(run, which).boxes
+    bits = 0 if boxes.sources is None else int(np.bitwise_or.reduce(boxes.sources, initial=0))
+    if bits:
+        return sorted({kind for source, kind in _KIND.items() if bits & source})
+    rig = run.manifest.rig
+    names = chosen_sensors(rig.sensors(*KINDS.values()), run.manifest.frames.sensors)
+    return sorted({rig.mounts[name].kind for name in names})

@@ -1,0 +1,195 @@
+"""Opening of a file or folder of boxes, whatever its format."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError, DataError, LogError, did_you_mean
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Truth
+from fbench.replay.formats.documents import head_of
+from fbench.replay.formats.kitti import AB3DMOT_COLUMNS, open_ab3dmot, open_kitti, open_kitti_tracking
+from fbench.replay.formats.mot import open_mot
+from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
+from fbench.replay.formats.objects import digest_of
+from fbench.replay.formats.openlabel import open_openlabel
+from fbench.replay.formats.table import open_table
+from fbench.replay.formats.table_files import SUFFIXES
+from fbench.replay.logs.coordinate_frames import CoordinateFrames
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.runs.manifest import TruthEntry
+
+_LOOKED_AT = 20
+
+
+def recognised(path: Path) -> str:
+    """Return the name of the form.
+
+    Raises:
+        LogError: where it can't be told.
+    """
+    form = _of_folder(path) if path.is_dir() else _of_file(path)
+    if form is None:
+        raise LogError(
+            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge "
+            ".txt, nuScenes or OpenLABEL .json)"
+        )
+    return form
+
+
+def _of_folder(path: Path) -> str | None:
+    if (path / "label_2").is_dir():
+        return "kitti"
+    if (path / "label_02").is_dir():
+        return "kitti-tracking"
+    if any((path / name).is_file() for name in ("gt/gt.txt", "det/det.txt", "gt.txt", "det.txt")):
+        return "mot"
+    files = sorted(file for file in path.iterdir() if file.is_file() and file.name not in COMPANIONS)
+    if any(file.suffix.lower() in SUFFIXES for file in files):
+        return "table"
+    numbered = [file for file in files if file.suffix == ".txt" and file.stem.isascii() and file.stem.isdigit()]
+    found = (form for file in numbered[:_LOOKED_AT] if (form := _of_text(file)) is not None)
+    return next(found, "kitti" if numbered else None)
+
+
+def _of_file(path: Path) -> str | None:
+    suffix = path.suffix.lower()
+    if suffix == ".json":
+        head = head_of(path)
+        return "openlabel" if '"openlabel"' in head else "nuscenes" if '"results"' in head else None
+    if suffix in SUFFIXES and not (suffix == ".csv" and _of_text(path) in ("mot", "ab3dmot")):
+        return "table"
+    return _of_text(path) if suffix in (".txt", ".csv") else None
+
+
+def _of_text(path: Path) -> str | None:
+    """Tell from the first row; a table has a row of names first."""
+    first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
+    fields, split = first.split(), first.split(",")
+    if len(split) > 5:
+        if not all(map(_is_number, filter(None, (field.strip() for field in split)))):
+            return None
+        return "ab3dmot" if len(split) == AB3DMOT_COLUMNS else "mot"
+    if len(fields) in (15, 16):
+        return "kitti"
+    # Frame, id, class ...; some trackers write more behind the score.
+    is_row = len(fields) >= 17 and _is_number(fields[0]) and not _is_number(fields[2])
+    return "kitti-tracking" if is_row else None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
+    "table": open_table,
+    "kitti": open_kitti,
+    "kitti-tracking": open_kitti_tracking,
+    "ab3dmot": open_ab3dmot,
+    "mot": open_mot,
+    "nuscenes": open_nuscenes,
+    "openlabel": open_openlabel,
+}
+
+
+@dataclass(frozen=True)
+class BoxFile:
+    """Boxes of a file, or of the files of a folder."""
+
+    source: BoxSource
+    format: str
+    """One of `FORMATS`."""
+    coordinates: CoordinateFrames
+    faults: FaultLog
+    """Where labels are counted that fbench has no use for."""
+
+    def truths(self) -> Iterator[Truth]:
+        """Read the boxes in the order of stamps, or of frames where the file counts these (`frame_index`; with
+        `frame_number` where a log's own numbers may be meant). `log_ns` is `stamp_ns` where the file doesn't say when a
+        result was there. Boxes that aren't finite come as they are.
+
+        Raises:
+            ConfigError: where a camera or coordinate frame isn't known.
+            LogError: naming file, row, column and what was expected; where one id is twice in a frame.
+        """
+        try:
+            for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
+                _require_unique(truth, self.source)
+                yield truth
+        except DataError as error:
+            raise LogError(f"{self.source.path}: {error}") from error
+
+    def labels(self) -> Mapping[str, int]:
+        """Read all, and count the boxes of each class as the source names it."""
+        counts: Counter[str] = Counter()
+        for truth in self.truths():
+            for boxes in (truth.boxes3d, truth.boxes2d):
+                if boxes is not None and boxes.source_label is not None:
+                    counts.update(boxes.source_label.tolist())
+        return dict(sorted(counts.items()))
+
+
+def open_boxes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> BoxFile:
+    """Open a file or folder of boxes; reading begins with `truths`.
+
+    Raises:
+        ConfigError: where there is no such file or format.
+        LogError: where its form isn't known.
+    """
+    return BoxFile(source, form_of(source), coordinates, faults)
+
+
+def form_of(source: BoxSource) -> str:
+    """Return which of `FORMATS` a file or folder has.
+
+    Raises:
+        ConfigError: where there is no such file or format.
+        LogError: where its form isn't known.
+    """
+    if not source.path.exists():
+        raise ConfigError(f"{source.path}: no such file or folder")
+    if not (source.path.is_file() or source.path.is_dir()):  # a FIFO would block, a device could go on for ever
+        raise ConfigError(f"{source.path}: neither a regular file nor a folder")
+    form = source.format or recognised(source.path)
+    if form not in FORMATS:
+        raise ConfigError(f"'{form}' is no form of boxes{did_you_mean(form, FORMATS)}")
+    return form
+
+
+def _require_unique(truth: Truth, source: BoxSource) -> None:
+    for boxes in (truth.boxes3d, truth.boxes2d):
+        twice = None if boxes is None else _repeated(boxes)
+        if twice is not None:
+            at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
+            raise LogError(f"{source.path}: id {twice} twice at {at}; an id names one object of a frame", "GT003")
+
+
+def _repeated(boxes: Boxes2D | Boxes3D) -> int | None:
+    """An id that two boxes have; in images each camera has its own."""
+    if boxes.track_id is None:
+        return None
+    cameras = boxes.camera if isinstance(boxes, Boxes2D) else np.zeros(len(boxes), np.int64)
+    named = boxes.track_id >= 0
+    for camera in np.unique(cameras[named]):
+        ids, times = np.unique(boxes.track_id[named & (cameras == camera)], return_counts=True)
+        if (times > 1).any():
+            return int(ids[times > 1][0])
+    return None
+
+
+def truth_entry(source: BoxSource) -> TruthEntry:
+    """Say where truth comes from, for the manifest.
+
+    Raises:
+        ConfigError: where there is no such file or format.
+        LogError: where it can't be read, or its form isn't known.
+    """
+    return TruthEntry(name=source.path.name, format=form_of(source), digest=digest_of(source.path))

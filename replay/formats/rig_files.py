@@ -1,0 +1,275 @@
+"""Calibration files: fbench's own TOML, and camera_info YAML; opening of any form.
+
+Keys after http://wiki.ros.org/camera_calibration_parsers. `rectification_matrix` and `projection_matrix` are those of
+rectified images; fbench uses images as they are, so it takes only `camera_matrix` and the distortion.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.rig import CameraModel
+from fbench.replay.formats.calibration_values import (
+    INVALID,
+    MALFORMED,
+    camera_model,
+    known_model,
+    matrix,
+    natural,
+    numbers,
+    require_tree,
+    rigid,
+    shown,
+    unit_quaternion,
+)
+from fbench.replay.formats.documents import TomlError, YamlFileError, parse_toml, parse_yaml
+from fbench.replay.formats.kalibr import read_kalibr
+from fbench.replay.formats.urdf import read_urdf
+from fbench.replay.logs.coordinate_frames import BODY, Edge
+from fbench.replay.logs.rig_patch import RigPatch
+
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Three = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Four = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Rows = list[list[Number]]
+Pixels = Annotated[int, Field(gt=0, le=1_000_000)]
+_ROTATIONS = ("rotation_xyzw", "yaw_pitch_roll_deg", "matrix")
+_PINHOLE = ("fx", "fy", "cx", "cy")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class PoseTable(_Strict):
+    """`[sensors.NAME]` and `[frames.NAME]`: the pose of a sensor or coordinate frame in its parent's."""
+
+    parent: Name = BODY
+    translation_m: Three | None = None
+    rotation_xyzw: Four | None = None
+    yaw_pitch_roll_deg: Three | None = None
+    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    matrix: Rows | None = None
+    """`parent_T_sensor`, 4x4 or 3x4, translation included."""
+
+
+class CameraTable(_Strict):
+    """`[cameras.NAME]`: intrinsics."""
+
+    K: Rows | None = None
+    fx: Number | None = None
+    fy: Number | None = None
+    cx: Number | None = None
+    cy: Number | None = None
+    size_wh: Annotated[list[Pixels], Field(min_length=2, max_length=2)]
+    distortion_model: Annotated[str, Field(max_length=200)] = ""
+    distortion: Annotated[list[Number], Field(max_length=100)] = []
+
+
+class RigFile(_Strict):
+    """A whole file."""
+
+    sensors: dict[Name, PoseTable] = {}
+    frames: dict[Name, PoseTable] = {}
+    """Coordinate frames that are no sensors."""
+    cameras: dict[Name, CameraTable] = {}
+
+
+def read_own(path: Path, content: bytes) -> RigPatch:
+    """Return the poses and intrinsics of a file.
+
+    Raises:
+        ConfigError: naming the key that is wrong or unknown.
+    """
+    file = _parsed(path, content)
+    twice = sorted(file.sensors.keys() & file.frames.keys())
+    if twice:
+        raise ConfigError(f"{path}: '{twice[0]}' is in [sensors] and in [frames]; remove one", MALFORMED)
+    edges = {name: _edge(f"{path}: sensors.{name}", table) for name, table in file.sensors.items()}
+    edges |= {name: _edge(f"{path}: frames.{name}", table) for name, table in file.frames.items()}
+    if BODY in edges:
+        raise ConfigError(f"{path}: '{BODY}' is the root, and has no pose", INVALID)
+    require_tree(str(path), edges)
+    return RigPatch(edges, {name: _camera(f"{path}: cameras.{name}", t) for name, t in file.cameras.items()})
+
+
+def _parsed(path: Path, content: bytes) -> RigFile:
+    try:
+        return RigFile.model_validate(parse_toml(content))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_first(error)}", MALFORMED) from None
+    except TomlError as error:
+        raise ConfigError(f"{path}: isn't TOML ({error})", MALFORMED) from error
+
+
+def _first(error: ValidationError) -> str:
+    """What is wrong first, with the name that may be meant."""
+    first = error.errors(include_url=False)[0]
+    place = [str(part) for part in first["loc"]]
+    if first["type"] != "extra_forbidden":
+        return f"{'.'.join(place)}: {first['msg']}, got {shown(first['input'])}"
+    tables: dict[str, type[BaseModel]] = {"sensors": PoseTable, "frames": PoseTable, "cameras": CameraTable}
+    table = RigFile if len(place) == 1 else tables[place[0]]
+    return f"unknown key '{'.'.join(place)}'{did_you_mean(place[-1], table.model_fields)}"
+
+
+def _edge(where: str, table: PoseTable) -> Edge:
+    given = [name for name in _ROTATIONS if getattr(table, name) is not None]
+    if len(given) != 1:
+        what = " and ".join(given) if given else "none"
+        raise ConfigError(f"{where}: expected one of {', '.join(_ROTATIONS)}; got {what}", MALFORMED)
+    if table.matrix is not None:
+        if table.translation_m is not None:
+            raise ConfigError(f"{where}: a matrix holds the translation, so translation_m is one too many", MALFORMED)
+        place = f"{where}.matrix"
+        return Edge(table.parent, *rigid(place, matrix(place, table.matrix, (4, 4), (3, 4))))
+    if table.translation_m is None:
+        raise ConfigError(f"{where}: no translation_m", MALFORMED)
+    return Edge(table.parent, np.array(table.translation_m, np.float64), _rotation(where, table))
+
+
+def _rotation(where: str, table: PoseTable) -> Float64:
+    if table.rotation_xyzw is not None:
+        return unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
+    angles: Any = table.yaw_pitch_roll_deg
+    return np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_quat(), np.float64)
+
+
+def _camera(where: str, table: CameraTable) -> CameraModel:
+    given = [name for name in _PINHOLE if getattr(table, name) is not None]
+    if (table.K is None) == (not given) or len(given) not in (0, len(_PINHOLE)):
+        got = [*(["K"] if table.K is not None else []), *given]
+        raise ConfigError(f"{where}: expected K, or fx, fy, cx and cy; got {', '.join(got) or 'none'}", MALFORMED)
+    if table.K is not None:
+        K = matrix(f"{where}.K", table.K, (3, 3))
+    else:
+        fx, fy, cx, cy = (getattr(table, name) for name in _PINHOLE)
+        K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
+    width, height = table.size_wh
+    return camera_model(where, K, (width, height), table.distortion_model, table.distortion)
+
+
+def read_camera_info(path: Path, tree: Mapping[str, object]) -> RigPatch:
+    """Return the camera of a file, under its `camera_name`, else under the name of the file.
+
+    Raises:
+        ConfigError: naming the key that is wrong.
+    """
+    size_wh = (_natural(path, tree, "image_width"), _natural(path, tree, "image_height"))
+    K = np.array(_data(path, tree, "camera_matrix", 3, 3)).reshape(3, 3)
+    distortion = _data(path, tree, "distortion_coefficients", 1) if "distortion_coefficients" in tree else []
+    model = known_model(f"{path}: distortion_model", _text(path, tree, "distortion_model", "plumb_bob"))
+    name = _text(path, tree, "camera_name", path.stem) or path.stem
+    return RigPatch(cameras={name: camera_model(f"{path}: {name}", K, size_wh, model, distortion)})
+
+
+def _natural(path: Path, tree: Mapping[str, object], key: str) -> int:
+    if key not in tree:
+        raise ConfigError(f"{path}: no '{key}'", MALFORMED)
+    return natural(f"{path}: {key}", tree[key])
+
+
+def _text(path: Path, tree: Mapping[str, object], key: str, default: str) -> str:
+    value = tree.get(key, default)
+    if not isinstance(value, str):
+        raise ConfigError(f"{path}: {key}: expected a text, got {shown(value)}", MALFORMED)
+    return value.strip()
+
+
+def _data(path: Path, tree: Mapping[str, object], key: str, rows: int, cols: int | None = None) -> list[float]:
+    """Return the numbers of `{rows, cols, data}`, row by row."""
+    value = tree.get(key)
+    if not isinstance(value, Mapping) or "data" not in value:
+        raise ConfigError(f"{path}: no '{key}' with rows, cols and data", MALFORMED)
+    found = tuple(natural(f"{path}: {key}.{n}", value[n]) for n in ("rows", "cols") if n in value and value[n] != "0")
+    data = numbers(f"{path}: {key}.data", value["data"], None if cols is None else rows * cols)
+    if len(found) == 2 and found != (rows, len(data) // rows):
+        raise ConfigError(
+            f"{path}: {key}: expected {rows}x{len(data) // rows}, got {found[0]}x{found[1]} (rows x cols)", MALFORMED
+        )
+    return data
+
+
+MAX_TEXT = 1024 * 1024
+"""Bytes of a TOML or YAML file; a rig of a hundred sensors has a tenth of it."""
+MAX_XML = 16 * 1024 * 1024
+"""Bytes of a URDF file."""
+_FORMS = "fbench's TOML ([sensors.NAME] ...), URDF, a Kalibr camchain, or camera_info YAML of ROS"
+_IMU_KEYS = ("imu", "accelerometer_noise_density", "gyroscope_noise_density")
+
+
+def open_rig_file(path: Path) -> RigPatch:
+    """Read calibration; the form is told by the content: our TOML, URDF, Kalibr camchain, or ROS camera_info YAML.
+
+    Raises:
+        ConfigError: naming the file, and the key that is wrong.
+    """
+    content = _content(path)
+    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if path.suffix.lower() == ".xacro" or start.startswith(b"<"):
+        patch = read_urdf(path, content)
+    elif len(content) > MAX_TEXT:
+        raise _too_large(path, MAX_TEXT)
+    elif _is_toml(path, start):
+        patch = read_own(path, content)
+    else:
+        patch = _yaml(path, content)
+    return RigPatch(
+        patch.edges, patch.cameras, patch.topics,
+        {name: str(path) for name in [*patch.edges, *patch.cameras, *patch.topics, *patch.moving]}, patch.moving,
+    )  # fmt: skip
+
+
+def _content(path: Path) -> bytes:
+    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+        raise ConfigError(f"{path}: not a regular file; name the file with the calibration")
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_XML + 1)
+    except OSError as error:
+        raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
+    if len(content) > MAX_XML:
+        raise _too_large(path, MAX_XML)
+    return content
+
+
+def _too_large(path: Path, limit: int) -> ConfigError:
+    return ConfigError(f"{path}: has more than {limit} bytes, too large for a calibration", MALFORMED)
+
+
+def _is_toml(path: Path, start: bytes) -> bool:
+    """TOML begins with a table or `key =`, which none of the YAML forms does."""
+    if path.suffix.lower() == ".toml":
+        return True
+    lines = (line.strip() for line in start.splitlines())
+    first = next((line for line in lines if line and not line.startswith(b"#")), b"")
+    return first.startswith(b"[") or b"=" in first.partition(b":")[0]
+
+
+def _yaml(path: Path, content: bytes) -> RigPatch:
+    if content.lstrip().startswith(b"%YAML:"):
+        raise ConfigError(f"{path}: an OpenCV FileStorage isn't read; expected {_FORMS}", MALFORMED)
+    try:
+        tree = parse_yaml(content)
+    except YamlFileError as error:
+        raise ConfigError(f"{path}: {error}", MALFORMED) from error
+    keys = [key for key in tree if isinstance(key, str)] if isinstance(tree, dict) else []
+    if isinstance(tree, dict) and ("camera_matrix" in keys or "image_width" in keys):
+        return read_camera_info(path, tree)
+    if isinstance(tree, dict) and any(_is_numbered(key, "cam") for key in keys):
+        return read_kalibr(path, tree)
+    if any(key in _IMU_KEYS or _is_numbered(key, "imu") for key in keys):
+        raise ConfigError(f"{path}: is about an IMU, and holds no camera; name the camchain of Kalibr", MALFORMED)
+    raise ConfigError(f"{path}: no calibration that is known; expected {_FORMS}", MALFORMED)
+
+
+def _is_numbered(key: str, name: str) -> bool:
+    digits = key.removeprefix(name)
+    return key.startswith(name) and digits.isascii() and digits.isdecimal()

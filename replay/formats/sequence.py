@@ -1,0 +1,250 @@
+"""Boxes of one run or log as exporters see them."""
+
+from collections import defaultdict, deque
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.rig import Kind, Rig
+from fbench.replay.formats.class_names import Namer
+from fbench.replay.formats.export_request import LeftOut
+from fbench.replay.geometry.camera import project_boxes, require_projection
+
+B = TypeVar("B", Boxes2D, Boxes3D)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxFrame:
+    """One frame and the boxes in it; `None` where it has none of a kind, which isn't the same as nothing there."""
+
+    index: int
+    """Place among the frames of the log, from 0."""
+    number: int | None
+    """As the recorder or dataset numbers it."""
+    stamp_ns: int
+    rig: Rig
+    boxes3d: Boxes3D | None
+    """In body coordinates at the stamp."""
+    boxes2d: Boxes2D | None
+    world_T_body: Float64 | None = None
+    """(4, 4) where known."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSequence:
+    """One run or log."""
+
+    where: str
+    """For errors."""
+    name: str
+    """For files."""
+    metadata: Mapping[str, str]
+    is_truth: bool
+    frames: Sequence[BoxFrame]
+    num_frames: int
+    """Of the log up to the last one that is known, also those without truth."""
+    kinds: Collection[Kind] = ()
+    """Of the sensors that results come from."""
+
+    @property
+    def boxes(self) -> Sequence[Boxes2D | Boxes3D]:
+        """Those of all frames, 3D ones first."""
+        both = ((frame.boxes3d, frame.boxes2d) for frame in self.frames)
+        return [boxes for pair in both for boxes in pair if boxes is not None and len(boxes)]
+
+    @property
+    def rig(self) -> Rig:
+        """The sensors as it begins."""
+        return self.frames[0].rig if self.frames else Rig({}, {})
+
+    @cached_property
+    def cameras_of_boxes(self) -> Sequence[str]:
+        """Those in whose images there are 2D boxes, sorted."""
+        flat = (frame.boxes2d.camera for frame in self.frames if frame.boxes2d is not None)
+        return sorted({name for names in flat for name in names.tolist()})
+
+    def numbers(self) -> list[int]:
+        """Number of each frame: the log's own where every frame has one of its own, else its index."""
+        own = [frame.number for frame in self.frames]
+        known = [number for number in own if number is not None]
+        return known if len(set(known)) == len(own) else [frame.index for frame in self.frames]
+
+    def require_boxes(self, is_tracking: bool) -> None:
+        """Refuse what has no boxes at all, or no ids where these are needed.
+
+        Raises:
+            LogError: saying what there is not.
+        """
+        kinds = [boxes for frame in self.frames for boxes in (frame.boxes3d, frame.boxes2d) if boxes is not None]
+        if not kinds:
+            raise LogError(f"{self.where}: has no {'truth' if self.is_truth else 'boxes'} to export")
+        full = self.boxes
+        if is_tracking and full and all(boxes.track_id is None for boxes in full):
+            raise LogError(
+                f"{self.where}: its boxes have no track ids, which this format needs; export tracks with --boxes "
+                "tracks, or take --format kitti or nuscenes"
+            )
+
+
+def usable(boxes: B | None, left: LeftOut) -> B | None:
+    """Return boxes without those whose geometry or score isn't finite, or beyond all reason, which are counted."""
+    if boxes is None or not len(boxes):
+        return boxes
+    sane, scored = finite(boxes)
+    good: Bool = sane & scored if boxes.score is None else sane & (np.abs(boxes.score) < MAX_MAGNITUDE)
+    left.add("not finite", int(np.count_nonzero(~good)))
+    return boxes if good.all() else boxes[good]
+
+
+def paired(flat: Boxes2D, solid: Boxes3D) -> Int64:
+    """Return the 3D box (N,) of each 2D box, -1 where it has none.
+
+    Boxes of one track id belong together. Those without an id do in their order, within a class as the source names it;
+    ignore regions have no other half.
+    """
+    mates = np.full(len(flat), -1, np.int64)
+    ids_flat, ids_solid = _ids(flat), _ids(solid)
+    by_id = {id_: j for j, id_ in enumerate(ids_solid.tolist()) if id_ >= 0}
+    mates[:] = [by_id.get(id_, -1) if id_ >= 0 else -1 for id_ in ids_flat.tolist()]
+    waiting: defaultdict[str, deque[int]] = defaultdict(deque)
+    for j in np.flatnonzero((ids_solid < 0) & ~_ignored(solid)).tolist():
+        waiting[_class(solid, j)].append(j)
+    for i in np.flatnonzero((ids_flat < 0) & ~_ignored(flat)).tolist():
+        rows = waiting[_class(flat, i)]
+        if rows:
+            mates[i] = rows.popleft()
+    return mates
+
+
+def _ids(boxes: Boxes2D | Boxes3D) -> Int64:
+    return np.full(len(boxes), -1, np.int64) if boxes.track_id is None else boxes.track_id
+
+
+def _ignored(boxes: Boxes2D | Boxes3D) -> Array:
+    return np.zeros(len(boxes), bool) if boxes.ignore is None else boxes.ignore
+
+
+def _class(boxes: Boxes2D | Boxes3D, row: int) -> str:
+    names = boxes.label if boxes.source_label is None else boxes.source_label
+    return "" if names is None else str(names[row])
+
+
+_KITTI_CAMERA = "image_02"
+"""Whose image KITTI's labels are in."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageRows:
+    """N objects of one frame: each with a 2D box, a 3D box, or both."""
+
+    xyxy_px: Float64
+    """(N, 4) as labelled or found, else around the projected 3D box."""
+    flat: Boxes2D
+    flat_rows: Int64
+    """(N,) row in `flat`, -1 where there is none."""
+    solid: Boxes3D
+    solid_rows: Int64
+    """(N,) row in `solid`, -1 where there is none."""
+
+    def __len__(self) -> int:
+        return len(self.xyxy_px)
+
+    def column(self, name: str, fill: Any) -> Array:
+        """What boxes say of themselves in a field (N,): the 2D one, else the 3D one, else `fill`."""
+        flat, solid = getattr(self.flat, name), getattr(self.solid, name)
+        kind = np.asarray(fill).dtype if flat is None and solid is None else np.result_type(
+            *(column.dtype for column in (flat, solid) if column is not None)
+        )  # fmt: skip
+        values = np.full(len(self), fill, kind)
+        for column, rows in ((solid, self.solid_rows), (flat, self.flat_rows)):
+            if column is not None:
+                values[rows >= 0] = column[rows[rows >= 0]]
+        return values
+
+    def names(self, namer: Namer) -> list[str]:
+        """Classes (N,), see `classes.namer`."""
+        return namer(self.column("source_label", ""), self.column("label", ""))
+
+    def __getitem__(self, rows: Bool) -> "ImageRows":
+        return ImageRows(self.xyxy_px[rows], self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
+
+
+def camera_of(sequence: BoxSequence, wished: str) -> str:
+    """Return the camera whose image is meant.
+
+    Raises:
+        ConfigError: where there is no such camera, or several and none is named.
+    """
+    owners = sequence.cameras_of_boxes
+    known = sorted({*sequence.rig.sensors("camera"), *owners})
+    if wished and wished not in known:
+        raise ConfigError(f"{sequence.where}: --camera {wished}: isn't in the log{did_you_mean(wished, known)}")
+    preferred = [_KITTI_CAMERA] if CAMERA0 in sequence.metadata and _KITTI_CAMERA in known else []
+    for names in ([wished] if wished else [], preferred, owners, known):
+        if len(names) == 1:
+            return names[0]
+    there = f"name one of {', '.join(known)} with --camera" if known else "the log has none"
+    raise ConfigError(f"{sequence.where}: which camera's image is meant? {there}")
+
+
+def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
+    """Return the objects of a frame in the order of its 2D boxes, then 3D boxes without one, which are projected into
+    the image and clipped to it; those that aren't seen in it are counted.
+
+    Raises:
+        LogError: where boxes can't be projected into the camera.
+    """
+    flat = _of_camera(usable(frame.boxes2d, left), camera, left)
+    solid = usable(frame.boxes3d, left)
+    solid = Boxes3D.empty() if solid is None else solid
+    mates = paired(flat, solid) if len(flat) and len(solid) else np.full(len(flat), -1, np.int64)
+    alone = np.setdiff1d(np.arange(len(solid)), mates)
+    xyxy = np.zeros((0, 4))
+    if len(alone):
+        xyxy, seen = project_boxes(frame.rig, camera, solid[alone])
+        left.add(f"not seen by {camera}", int(np.count_nonzero(~seen)))
+        alone, xyxy = alone[seen], xyxy[seen]
+    return ImageRows(
+        np.concatenate([flat.xyxy_px, xyxy]), flat, np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)]),
+        solid, np.concatenate([mates, alone]),
+    )  # fmt: skip
+
+
+def require_view(sequence: BoxSequence, camera: str) -> None:
+    """Refuse a camera that 3D boxes would have to be projected into, and can't.
+
+    Raises:
+        LogError: saying why.
+    """
+    for rig in {id(frame.rig): frame.rig for frame in sequence.frames if frame.boxes2d is None}.values():
+        require_projection(rig, camera)
+
+
+def _of_camera(boxes: Boxes2D | None, camera: str, left: LeftOut) -> Boxes2D:
+    if boxes is None or not len(boxes):
+        return Boxes2D.empty()
+    own = boxes.camera == camera
+    left.add("of other cameras", int(np.count_nonzero(~own)))
+    return boxes if own.all() else boxes[own]
+
+
+_LIMIT = 2**31
+"""Tools read ids as int32, or as float64 that don't tell larger ones apart."""
+
+
+def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:
+    """Return what gives each id its number: its own where all of a sequence are small, else 0, 1 ... in the order in
+    which they come; -1 stays.
+    """
+    ids = [id_ for boxes in parts if boxes.track_id is not None for id_ in boxes.track_id.tolist() if id_ >= 0]
+    if max(ids, default=0) < _LIMIT:
+        return lambda id_: id_
+    numbers = {id_: number for number, id_ in enumerate(dict.fromkeys(ids))}
+    return lambda id_: numbers.get(id_, -1)

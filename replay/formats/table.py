@@ -1,0 +1,328 @@
+"""Tables of boxes, CSV or Parquet, one row a box; also those of run folders."""
+
+import heapq
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.classes import label
+from fbench.replay.data.messages import Truth
+from fbench.replay.formats.objects import angles
+from fbench.replay.formats.placing import camera_of, default_camera, placed
+from fbench.replay.formats.table_columns import Key, Values, instants, key_of
+from fbench.replay.formats.table_files import SUFFIXES, TableFile, open_table_file
+from fbench.replay.logs.coordinate_frames import CoordinateFrames
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.runs.tables import column_array
+from fbench.replay.truth.labelling import joined
+
+SOLID = ("x", "y", "z", "length", "width", "height")
+FLAT = ("left", "top", "right", "bottom")
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_VELOCITY = ("vx", "vy", "vz")
+_ANGLES = ("yaw", "pitch", "roll")
+_FLOATS = ("score", "visibility", "occlusion", "truncation")
+_FLAT_FLOATS = ("distance_m", "range_rate_mps")
+_WHOLES = ("num_lidar_pts", "num_radar_pts")
+COLUMNS = (
+    "stamp_ns", "stamp_s", "frame", "frame_id", *SOLID, *_ANGLES, "yaw_deg", *_QUATERNION, *_VELOCITY, "camera", *FLAT,
+    "label", *_FLOATS, "track_id", "ignore", "attribute", *_WHOLES, *_FLAT_FLOATS, "arrival_ns",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """Which kinds of boxes a table has columns for."""
+
+    solid: bool
+    flat: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Which of N rows have a box, and these boxes."""
+
+    has_solid: Bool
+    solids: Boxes3D
+    """(sum of `has_solid`), each in its own coordinate frame."""
+    frames: Array
+    """Names of these."""
+    has_flat: Bool
+    flats: Boxes2D
+
+
+def spaces_of(file: TableFile) -> Spaces:
+    """Tell what a table's columns can hold.
+
+    Raises:
+        LogError: naming the column that is missing, or that is probably another one's name.
+    """
+    names = file.names
+    found = Spaces(any(name in names for name in SOLID), any(name in names for name in FLAT))
+    if not (found.solid or found.flat):
+        raise LogError(f"{file.path}: no columns of boxes; expected {' '.join(SOLID)} yaw, or {' '.join(FLAT)}")
+    for is_there, needed in ((found.solid, SOLID), (found.flat, FLAT)):
+        missing = next((name for name in needed if is_there and name not in names), None)
+        if missing is not None:
+            raise LogError(f"{file.path}: column '{missing}' is missing{_near(missing, names)}")
+    if found.solid and not ({"yaw", "yaw_deg"} & set(names) or set(_QUATERNION) <= set(names)):
+        raise LogError(f"{file.path}: column 'yaw' is missing (or yaw_deg, or qx qy qz qw)")
+    for name in names:
+        near = did_you_mean(name, COLUMNS) if name not in COLUMNS and len(name) > 4 else ""
+        meant = near.partition("did you mean '")[2].rstrip("?").rstrip("'")
+        if meant and meant not in names and _is_slip(name, meant):
+            raise LogError(f"{file.path}: column '{name}' isn't known{near}")
+    return found
+
+
+def rows_of(values: Values, spaces: Spaces, camera: str, coordinates: CoordinateFrames) -> Rows:
+    """Read boxes.
+
+    Args:
+        values: Rows of the table.
+        spaces: What its columns hold.
+        camera: Whose image 2D boxes are in, where the table doesn't say.
+        coordinates: What names mean.
+
+    Raises:
+        ConfigError: where a camera isn't known.
+        LogError: naming row and column of what can't be read.
+    """
+    nothing = np.zeros(len(values), bool)
+    has_solid = _there(values, SOLID) if spaces.solid else nothing
+    has_flat = _there(values, FLAT) if spaces.flat else nothing
+    common = _common(values)
+    frames = values.texts("frame_id") if "frame_id" in values else np.full(len(values), "")
+    return Rows(
+        has_solid,
+        _solids(values, has_solid, common) if has_solid.any() else Boxes3D.empty(),
+        frames[has_solid],
+        has_flat,
+        _flats(values, has_flat, common, camera, coordinates) if has_flat.any() else Boxes2D.empty(),
+    )
+
+
+def _there(values: Values, names: Sequence[str]) -> Bool:
+    """Tell which rows have a box; one that has only a part of it is refused, one of NaN alone has none."""
+    read = [values.numbers(name) for name in names]
+    numbers = np.stack([numbers for numbers, _ in read], axis=1)
+    told: Bool = np.stack([there for _, there in read], axis=1) & ~np.isnan(numbers).all(axis=1, keepdims=True)
+    there: Bool = np.all(told, axis=1)
+    partly: Bool = np.any(told, axis=1) & ~there
+    if partly.any():
+        row = int(np.argmax(partly))
+        raise LogError(f"{values.where(row)}: {names[int(np.argmin(told[row]))]} is empty, though the row has a box")
+    return there
+
+
+def _stacked(values: Values, names: Sequence[str], rows: Bool) -> Float64:
+    return np.stack([values.numbers(name)[0][rows] for name in names], axis=1)
+
+
+def _solids(values: Values, rows: Bool, common: dict[str, Array]) -> Boxes3D:
+    box = _stacked(values, SOLID, rows)
+    turn = _turned(values, rows)
+    upright = not np.any(turn[:, 1:])
+    velocity = None
+    if "vx" in values and "vy" in values:
+        velocity = _stacked(values, _VELOCITY if "vz" in values else _VELOCITY[:2], rows)
+        unknown = np.isnan(velocity[:, :2]).any(axis=1)
+        velocity = np.pad(velocity, ((0, 0), (0, 3 - velocity.shape[1])))
+        velocity[:, 2] = np.where(np.isnan(velocity[:, 2]), 0.0, velocity[:, 2])
+        velocity[unknown] = np.nan
+    chosen: dict[str, Any] = {name: column[rows] for name, column in common.items()}
+    return Boxes3D(
+        box[:, :3], box[:, 3:], turn[:, 0], pitch_rad=None if upright else turn[:, 1],
+        roll_rad=None if upright else turn[:, 2], velocity_mps=velocity, **chosen,
+    )  # fmt: skip
+
+
+def _turned(values: Values, rows: Bool) -> Float64:
+    """Yaw, pitch, roll (N, 3)."""
+    if all(name in values for name in _QUATERNION):
+        at = np.flatnonzero(rows)
+        quaternions = _stacked(values, _QUATERNION, rows)
+        return np.array(
+            [angles(x, y, z, w, values.where(int(i))) for (x, y, z, w), i in zip(quaternions.tolist(), at, strict=True)]
+        )
+    turn = np.zeros((int(rows.sum()), 3))
+    for i, name in enumerate(_ANGLES):
+        column = "yaw_deg" if name == "yaw" and "yaw" not in values else name
+        if column in values:
+            numbers, there = values.numbers(column)
+            turn[:, i] = np.where(there, np.deg2rad(numbers) if column == "yaw_deg" else numbers, 0.0)[rows]
+            if name == "yaw" and not there[rows].all():
+                row = int(np.argmax(rows & ~there))
+                raise LogError(f"{values.where(row)}: {column} is empty, though the row has a box")
+    return turn
+
+
+def _flats(values: Values, rows: Bool, common: dict[str, Array], camera: str, coordinates: CoordinateFrames) -> Boxes2D:
+    named = values.texts("camera")[rows] if "camera" in values else np.full(int(rows.sum()), "")
+    at = values.where(int(np.argmax(rows)))
+    known = {name: camera_of(str(name) or camera, coordinates, at) for name in np.unique(named)}
+    chosen: dict[str, Any] = {name: column[rows] for name, column in common.items()}
+    chosen |= {name: values.numbers(name)[0][rows] for name in _FLAT_FLOATS if name in values}
+    cameras = np.array([known[name] for name in named], np.str_)
+    return Boxes2D(cameras, _stacked(values, FLAT, rows), **chosen)
+
+
+def _common(values: Values) -> dict[str, Array]:
+    columns: dict[str, Array] = {name: values.numbers(name)[0] for name in _FLOATS if name in values}
+    columns |= {name: values.wholes(name) for name in _WHOLES if name in values}
+    if "label" in values:
+        names = values.texts("label")
+        known = {name: label(str(name)) for name in np.unique(names)}
+        columns["label"] = np.array([known[name] for name in names], np.str_)
+        columns["source_label"] = names
+    if "track_id" in values:
+        columns["track_id"] = values.ids("track_id")
+    if "ignore" in values:
+        columns["ignore"] = values.flags("ignore")
+    if "attribute" in values:
+        columns["attribute"] = values.texts("attribute")
+    return columns
+
+
+def _near(missing: str, names: dict[str, str]) -> str:
+    hint = did_you_mean(missing, [name for name in names if name not in COLUMNS])
+    return hint if "did you mean" in hint else f"; there are: {', '.join(names)}"
+
+
+def _is_slip(name: str, meant: str) -> bool:
+    """Whether the names differ in dashes, blanks or one letter at most."""
+    plain = [text.replace("_", "").replace("-", "").replace(" ", "") for text in (name, meant)]
+    return plain[0] == plain[1] or (abs(len(name) - len(meant)) <= 1 and sorted(name)[:-1] == sorted(meant)[:-1])
+
+
+_KINDS: Mapping[bytes, type[Boxes2D] | type[Boxes3D]] = {b"Boxes3D": Boxes3D, b"Boxes2D": Boxes2D}
+
+
+def is_run_table(file: TableFile) -> bool:
+    """Tell whether a file is a table of boxes that fbench wrote."""
+    kind = _KINDS.get(file.metadata.get(b"boxes", b""))
+    return kind is not None and set(file.names) == {"frame", *(f.name.lower() for f in fields(kind))}
+
+
+def read_run_table(file: TableFile) -> Iterator[Truth]:
+    """Read boxes by the index of their frame; frames without boxes aren't in the table.
+
+    Raises:
+        LogError: where the file is damaged.
+    """
+    kind = _KINDS[file.metadata[b"boxes"]]
+    for keys, values in instants(file, Key("frame")):
+        columns = {f.name: values.table.column(f.name.lower()) for f in fields(kind)}
+        arrays: dict[str, Any] = {n: column_array(c) for n, c in columns.items() if c.null_count < len(values)}
+        boxes = replace(Boxes3D.empty(), **arrays) if kind is Boxes3D else replace(Boxes2D.empty(), **arrays)
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(keys) > 0]))
+        for start, stop in zip(starts, [*starts[1:], len(keys)], strict=True):
+            part = boxes[start:stop]
+            solid, flat = (part, None) if isinstance(part, Boxes3D) else (None, part)
+            yield Truth(0, 0, solid, flat, frame_index=int(keys[start]))
+
+
+def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read a table, or all tables of a folder as one.
+
+    Raises:
+        ConfigError: where a camera or coordinate frame isn't known, some tables count frames and some have stamps,
+            or it is a run folder.
+        LogError: naming file, row and column of what can't be read.
+    """
+    files = [open_table_file(path) for path in _paths(source.path)]
+    keys = [key_of(file) for file in files]
+    if len({key.is_frame for key in keys}) > 1:
+        raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")
+    readers = [_reader(file, key, source, coordinates) for file, key in zip(files, keys, strict=True)]
+    together = heapq.merge(*readers, key=_instant)
+    return _joined(together, source.path) if len(readers) > 1 else together
+
+
+@dataclass(frozen=True)
+class _Table:
+    """How one table is read."""
+
+    file: TableFile
+    key: Key
+    spaces: Spaces
+    source: BoxSource
+    coordinates: CoordinateFrames
+
+    def truths(self) -> Iterator[Truth]:
+        for keys, values in instants(self.file, self.key):
+            rows = rows_of(values, self.spaces, default_camera(self.source, self.coordinates), self.coordinates)
+            arrivals = values.wholes("arrival_ns") if "arrival_ns" in values else np.full(len(values), -1)
+            yield from self._split(keys, values, rows, arrivals)
+
+    def _split(self, keys: Int64, values: Values, rows: Rows, arrivals: Int64) -> Iterator[Truth]:
+        before3d, before2d = (np.concatenate([[0], np.cumsum(has)]) for has in (rows.has_solid, rows.has_flat))
+        starts = np.flatnonzero(np.concatenate([[True], np.diff(keys) > 0])) if len(keys) else np.zeros(0, int)
+        for start, stop in zip(starts, [*starts[1:], len(keys)], strict=True):
+            has_empty = not (rows.has_solid | rows.has_flat)[start:stop].all()
+            part3d, part2d = slice(before3d[start], before3d[stop]), slice(before2d[start], before2d[stop])
+            boxes3d, in_world = self._solids(rows, part3d, has_empty, values, int(start))
+            boxes2d = rows.flats[part2d] if part2d.stop > part2d.start else None
+            if boxes2d is None and self.spaces.flat and has_empty:
+                boxes2d = Boxes2D.empty()
+            yield self._truth(int(keys[start]), int(arrivals[start:stop].max()), boxes3d, boxes2d, in_world)
+
+    def _solids(
+        self, rows: Rows, part: slice, has_empty: bool, values: Values, start: int
+    ) -> tuple[Boxes3D | None, bool]:
+        if part.stop == part.start:
+            return (Boxes3D.empty() if self.spaces.solid and has_empty else None), False
+        frames = [str(name) or self.source.frame for name in rows.frames[part]]
+        return placed(rows.solids[part], frames, self.coordinates, values.where(start))
+
+    def _truth(
+        self, key: int, arrival_ns: int, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None, in_world: bool
+    ) -> Truth:
+        if self.key.is_frame:
+            return Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
+        return Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
+
+
+def _reader(file: TableFile, key: Key, source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
+    if is_run_table(file):
+        return read_run_table(file)
+    return _Table(file, key, spaces_of(file), source, coordinates).truths()
+
+
+def _paths(path: Path) -> list[Path]:
+    if path.is_file():
+        return [path]
+    if (path / "manifest.json").is_file():
+        raise ConfigError(f"{path}: a run folder; give the table that is meant, such as {path / 'detections.parquet'}")
+    found = sorted(file for file in path.iterdir() if file.is_file() and file.suffix.lower() in SUFFIXES)
+    if not found:
+        raise LogError(f"{path}: no .csv and no .parquet in it")
+    return found
+
+
+def _instant(truth: Truth) -> int:
+    return truth.stamp_ns if truth.frame_index is None else truth.frame_index
+
+
+def _joined(truths: Iterator[Truth], where: Path) -> Iterator[Truth]:
+    """Put the parts of one instant together that come from several tables."""
+    kept: Truth | None = None
+    for truth in truths:
+        if kept is None or _instant(kept) != _instant(truth):
+            if kept is not None:
+                yield kept
+            kept = truth
+            continue
+        both = joined(kept, truth)
+        if both is None:
+            raise LogError(f"{where}: two tables have boxes of one kind at {_instant(truth)}; put them into one table")
+        kept = replace(both, in_world=kept.in_world or truth.in_world, log_ns=max(kept.log_ns, truth.log_ns))
+    if kept is not None:
+        yield kept

@@ -1,0 +1,131 @@
+"""Corners and overlap (intersection over union) of boxes, in images, seen from above and in space."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
+from fbench.replay.geometry.transforms import transform
+
+_SIGNS = np.array([[1 - 2 * (i & 1), 1 - 2 * (i >> 1 & 1), 1 - 2 * (i >> 2 & 1)] for i in range(8)]) / 2.0
+
+
+def corners(boxes: Boxes3D) -> Float64:
+    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4.
+
+    R = Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
+    """
+    local = boxes.size_lwh_m[:, None, :] * _SIGNS[None]
+    x, y, z = local[..., 0], local[..., 1], local[..., 2]
+    for angle, axis in ((boxes.roll_rad, 0), (boxes.pitch_rad, 1), (boxes.yaw_rad, 2)):
+        if angle is None:
+            continue
+        cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+        if axis == 0:
+            y, z = cos * y - sin * z, sin * y + cos * z
+        elif axis == 1:
+            x, z = cos * x + sin * z, cos * z - sin * x
+        else:
+            x, y = cos * x - sin * y, sin * x + cos * y
+    return boxes.center_m[:, None, :] + np.stack([x, y, z], axis=2)
+
+
+def iou_2d(a: Array, b: Array) -> Float64:
+    """Intersection over union (N, M) of rectangles (N, 4) and (M, 4), left, top, right, bottom; 0 if both are empty."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    overlap = _common(a[:, 0], a[:, 2], b[:, 0], b[:, 2])
+    overlap *= _common(a[:, 1], a[:, 3], b[:, 1], b[:, 3])
+    area_a, area_b = (np.maximum(r[:, 2] - r[:, 0], 0) * np.maximum(r[:, 3] - r[:, 1], 0) for r in (a, b))
+    union = area_a[:, None] + area_b[None, :] - overlap
+    iou: Float64 = np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
+    return iou
+
+
+def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) -> Float64:
+    """Length (N, M) that intervals (N,) and (M,) share."""
+    length = np.minimum(high_a[:, None], high_b)
+    length -= np.maximum(low_a[:, None], low_b)
+    return np.maximum(length, 0.0, out=length)
+
+
+def distance_bev(a: Array, b: Array) -> Float64:
+    """Distance (N, M) [m] in the ground plane between centres (N, 2 or 3) and (M, 2 or 3)."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
+    return distance
+
+
+def moved(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
+    """Move boxes from coordinate frame `src` to `dst`: centres, rotations and velocities (4, 4).
+
+    A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.
+    """
+    zeros = np.zeros(len(boxes))
+    angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
+    sane = np.isfinite(angles).all(axis=1)
+    turned = np.full_like(angles, np.nan)
+    if sane.any():
+        src_R_box = Rotation.from_euler("ZYX", angles[sane])
+        dst_R_box = Rotation.from_matrix(dst_T_src[:3, :3]) * src_R_box
+        turned[sane] = dst_R_box.as_euler("ZYX", suppress_warnings=True)
+    rotation = dst_T_src.copy()
+    rotation[:3, 3] = 0
+    velocity = None if boxes.velocity_mps is None else transform(rotation, boxes.velocity_mps)
+    return replace(
+        boxes, center_m=transform(dst_T_src, boxes.center_m), yaw_rad=turned[:, 0], pitch_rad=turned[:, 1],
+        roll_rad=turned[:, 2], velocity_mps=velocity,
+    )  # fmt: skip
+
+
+def iou_bev(a: Boxes3D, b: Boxes3D) -> Float64:
+    """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out.
+
+    0 where a box has no area; -inf where one isn't finite or has a negative size.
+    """
+    return _iou(a, b, solid=False)
+
+
+def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
+    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out.
+
+    0 where a box has no volume; -inf where one isn't finite or has a negative size.
+    """
+    return _iou(a, b, solid=True)
+
+
+def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool) -> Float64:
+    """Intersection over union of the pairs of S steps, flat: step by step, row-major, one row a box of `a`.
+
+    Args:
+        a: (N, 7) upright boxes: centre x, y, z, length, width, height [m], heading [rad].
+        b: (M, 7)
+        start_a: (S + 1,) offsets: step s has rows `start_a[s]:start_a[s + 1]` of `a`.
+        start_b: (S + 1,)
+        solid: In space; else of the footprints.
+    """
+    from fbench.replay.geometry.compiled import iou_blocks  # numba takes a while to import
+
+    return iou_blocks(_rows(a), _rows(b), comparable(a), comparable(b), start_a, start_b, solid)
+
+
+def comparable(boxes: Float64) -> Bool:
+    """Tell which upright boxes (N, 7) are finite and have no negative size."""
+    finite: Bool = np.all(np.abs(np.nan_to_num(boxes, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
+    sound: Bool = finite & np.all(boxes[:, 3:6] >= 0, axis=1)
+    return sound
+
+
+def upright(boxes: Boxes3D) -> Float64:
+    """Centre, size and heading (N, 7) of boxes."""
+    return np.column_stack([boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad])
+
+
+def _iou(a: Boxes3D, b: Boxes3D, solid: bool) -> Float64:
+    start_a, start_b = (np.array([0, len(boxes)], np.int64) for boxes in (a, b))
+    return flat_iou(upright(a), upright(b), start_a, start_b, solid).reshape(len(a), len(b))
+
+
+def _rows(boxes: Float64) -> Float64:
+    return np.ascontiguousarray(boxes, np.float64)

@@ -1,1 +1,0 @@
-"""Turning public datasets into logs: what importers of all formats share."""

@@ -1,1 +1,0 @@
-"""Looking at a log, and writing the `fbench.toml` that says what it most probably holds."""

@@ -1,0 +1,205 @@
+"""Field-by-field reading of ROS messages, and the layouts of those with bulk data."""
+
+import struct
+from typing import NamedTuple
+
+from fbench.replay.contracts.errors import DecodeError
+
+CDR, ROS1 = "cdr", "ros1"
+_ENCAPSULATION = 4
+_SLACK = 3
+"""Writers may fill a CDR payload up to a multiple of 4 bytes."""
+_UINT32 = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
+_INT32 = {"<": struct.Struct("<i"), ">": struct.Struct(">i")}
+
+
+class Header(NamedTuple):
+    """`std_msgs/Header`; stamp 0 means that none was given."""
+
+    stamp_ns: int
+    frame_id: str
+
+
+class Cursor:
+    """Position in a payload. CDR aligns each number to its size, counted from the end of the encapsulation.
+
+    Lengths are checked against the payload before anything is allocated. All methods raise DecodeError where the
+    payload ends early.
+    """
+
+    def __init__(self, data: memoryview, encoding: str) -> None:
+        self._data, self._cdr, self._order, self._at = data, encoding == CDR, "<", 0
+        if self._cdr:
+            kind = bytes(data[:2])
+            if len(data) < _ENCAPSULATION or kind not in (b"\0\0", b"\0\1"):
+                raise DecodeError(f"CDR encapsulation 0x{kind.hex()} isn't supported, only plain CDR (0x0000, 0x0001)")
+            self._data, self._order = data[_ENCAPSULATION:], "<" if kind[1] else ">"
+
+    def uint8(self) -> int:
+        """Read one byte."""
+        return self._take(1)[0]
+
+    def uint32(self) -> int:
+        """Read a uint32."""
+        number: int = self._number(_UINT32[self._order])
+        return number
+
+    def string(self) -> str:
+        """Read a string; in CDR a zero ends it, except that some writers give an empty one the length 0."""
+        length = self.uint32()
+        raw = bytes(self._take(length))
+        if self._cdr and length:
+            if raw[-1]:
+                raise DecodeError("a string doesn't end with a zero")
+            raw = raw[:-1]
+        try:
+            return raw.decode()
+        except UnicodeDecodeError as error:
+            raise DecodeError(f"a string isn't UTF-8 ({error})") from error
+
+    def blob(self) -> memoryview:
+        """Read a sequence of bytes: a view."""
+        return self._take(self.uint32())
+
+    def header(self) -> Header:
+        """Read a `std_msgs/Header`."""
+        if not self._cdr:
+            self.uint32()  # seq
+        sec: int = self._number(_INT32[self._order] if self._cdr else _UINT32[self._order])
+        stamp_ns = nanoseconds(sec, self.uint32())
+        return Header(stamp_ns, plain_frame(self.string()))
+
+    def end(self) -> None:
+        """Check that nothing follows."""
+        rest = len(self._data) - self._at
+        if rest > (_SLACK if self._cdr else 0):
+            raise DecodeError(f"{rest} bytes are left over at its end")
+
+    def _number(self, form: struct.Struct) -> int:
+        if self._cdr:
+            self._at = -(-self._at // form.size) * form.size
+        number: int = form.unpack(self._take(form.size))[0]
+        return number
+
+    def _take(self, size: int) -> memoryview:
+        end = self._at + size
+        if end > len(self._data):
+            raise DecodeError(f"payload ends early: {size} bytes expected at {self._at} of {len(self._data)}")
+        part = self._data[self._at : end]
+        self._at = end
+        return part
+
+
+def nanoseconds(sec: int, nanosec: int) -> int:
+    """Return a ROS time in ns.
+
+    Raises:
+        DecodeError: where it isn't between 1970 and what an int64 holds.
+    """
+    stamp_ns = sec * 1_000_000_000 + nanosec
+    if sec < 0 or not 0 <= stamp_ns < 2**63:
+        raise DecodeError(f"stamp of {sec} s {nanosec} ns is out of range")
+    return stamp_ns
+
+
+def plain_frame(frame_id: str) -> str:
+    """Return the name of a coordinate frame as tf2 has it: tf of ROS 1 began names with a slash."""
+    return frame_id.removeprefix("/")
+
+
+MAX_FIELDS = 256
+
+
+class PointField(NamedTuple):
+    """`sensor_msgs/PointField`."""
+
+    name: str
+    offset: int
+    datatype: int
+    num: int
+    """Values of this field a point has; only the first one is used."""
+
+
+class Cloud(NamedTuple):
+    """`sensor_msgs/PointCloud2`."""
+
+    header: Header
+    height: int
+    width: int
+    fields: tuple[PointField, ...]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: memoryview
+    """View of the payload."""
+    is_dense: bool
+    """Whether all points are valid; else those that aren't have NaN for coordinates."""
+
+
+class RawImage(NamedTuple):
+    """`sensor_msgs/Image`."""
+
+    header: Header
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: bool
+    step: int
+    data: memoryview
+    """View of the payload."""
+
+
+class CompressedImage(NamedTuple):
+    """`sensor_msgs/CompressedImage`."""
+
+    header: Header
+    format: str
+    data: memoryview
+    """View of the payload."""
+
+
+def read_cloud(data: memoryview, encoding: str) -> Cloud:
+    """Read a PointCloud2.
+
+    Raises:
+        DecodeError: where the payload is damaged, or has more than `MAX_FIELDS` fields.
+    """
+    cursor = Cursor(data, encoding)
+    header, height, width, num = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.uint32()
+    if num > MAX_FIELDS:
+        raise DecodeError(f"cloud has {num} fields, at most {MAX_FIELDS} are read")
+    fields = tuple(_field(cursor) for _ in range(num))
+    is_bigendian, point_step, row_step = bool(cursor.uint8()), cursor.uint32(), cursor.uint32()
+    points = cursor.blob()
+    is_dense = bool(cursor.uint8())
+    cursor.end()
+    return Cloud(header, height, width, fields, is_bigendian, point_step, row_step, points, is_dense)
+
+
+def _field(cursor: Cursor) -> PointField:
+    return PointField(cursor.string(), cursor.uint32(), cursor.uint8(), cursor.uint32())
+
+
+def read_raw_image(data: memoryview, encoding: str) -> RawImage:
+    """Read an Image.
+
+    Raises:
+        DecodeError: where the payload is damaged.
+    """
+    cursor = Cursor(data, encoding)
+    header, height, width, layout = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.string()
+    is_bigendian, step, pixels = bool(cursor.uint8()), cursor.uint32(), cursor.blob()
+    cursor.end()
+    return RawImage(header, height, width, layout, is_bigendian, step, pixels)
+
+
+def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
+    """Read a CompressedImage.
+
+    Raises:
+        DecodeError: where the payload is damaged.
+    """
+    cursor = Cursor(data, encoding)
+    header, form, pixels = cursor.header(), cursor.string(), cursor.blob()
+    cursor.end()
+    return CompressedImage(header, form, pixels)

@@ -1,0 +1,213 @@
+"""Message definitions: the one that a log carries, else that of the standard.
+
+rosbags turns definitions into Python code, which it executes. A log is untrusted, so names, types and sizes must pass
+a strict grammar first, and messages must not be able to grow far beyond their payload when they are decoded. Texts in
+IDL aren't parsed: rosbags' parser takes 0.2 s for one pair of brackets, 7 s for two in each other; the types that
+fbench reads have all a .msg text, so that only their names are needed.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.logs.codecs.ros.cursor import CDR
+from fbench.replay.logs.container import Schema
+
+_VISION: Mapping[str, str] = {
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
+    "vision_msgs/msg/Detection2D":
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id",
+    "vision_msgs/msg/Detection3D":
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nstring id",
+    "vision_msgs/msg/ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/BoundingBox2D": "Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
+    "vision_msgs/msg/Pose2D": "Point2D position\nfloat64 theta",
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+}  # fmt: skip
+_RADAR: Mapping[str, str] = {
+    "radar_msgs/msg/RadarScan": "std_msgs/Header header\nRadarReturn[] returns",
+    "radar_msgs/msg/RadarReturn":
+        "float32 range\nfloat32 azimuth\nfloat32 elevation\nfloat32 doppler_velocity\nfloat32 amplitude",
+    "radar_msgs/msg/RadarTracks": "std_msgs/Header header\nRadarTrack[] tracks",
+    "radar_msgs/msg/RadarTrack":
+        "unique_identifier_msgs/UUID uuid\ngeometry_msgs/Point position\ngeometry_msgs/Vector3 velocity\n"
+        "geometry_msgs/Vector3 acceleration\ngeometry_msgs/Vector3 size\nuint16 classification\n"
+        "float32[6] position_covariance\nfloat32[6] velocity_covariance\nfloat32[6] acceleration_covariance\n"
+        "float32[6] size_covariance",
+    "unique_identifier_msgs/msg/UUID": "uint8[16] uuid",
+}  # fmt: skip
+_TRANSFORMS: Mapping[str, str] = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
+}
+
+DEFINITIONS: Mapping[str, str] = {**_VISION, **_RADAR, **_TRANSFORMS}
+"""Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2 and tf2_msgs."""
+
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Nodetype
+
+MAX_BYTES = 64 * 1024
+"""Of the text of a definition; the longest of a standard message has 20 KiB."""
+_TEXTS = ("ros2msg", "ros1msg")
+_TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
+_FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
+_SIZES: Mapping[str, int] = {
+    "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4, "uint32": 4,
+    "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "string": 4,
+}  # fmt: skip
+_MAX_TYPES, _MAX_FIELDS, _MAX_OBJECTS = 32, 256, 256
+_MAX_NUMBERS = 4096
+"""In an array of fixed size."""
+_BYTES_PER_OBJECT = 5
+"""What a repeated message has at least (Autoware has such of 5); a Python object takes some 200 bytes."""
+
+Types = dict[str, tuple[list[Any], list[Any]]]
+"""Constants and fields by full name, as rosbags has them."""
+
+
+def full_name(name: str) -> str:
+    """Return `pkg/msg/Name`, also for `pkg/Name`."""
+    parts = name.split("/")
+    return "/".join((parts[0], "msg", parts[1])) if len(parts) == 2 else name
+
+
+def has_text(schema: Schema | None) -> bool:
+    """Tell whether a log carries the definition in a form that is read."""
+    return schema is not None and schema.encoding in _TEXTS and bool(schema.data.strip())
+
+
+def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
+    """All types that `name` consists of; those that the log defines win.
+
+    Raises:
+        DecodeError: where a definition is damaged, incomplete, or not one of a sensible message.
+    """
+    sources = (_embedded(name, schema), _parsed(DEFINITIONS), _store(encoding))
+    types: Types = {}
+    _collect(name, sources, types)
+    _measure(name, types, {})
+    return types
+
+
+def _embedded(name: str, schema: Schema | None) -> Types:
+    if schema is None or not has_text(schema):
+        return {}
+    if len(schema.data) > MAX_BYTES:
+        raise DecodeError(f"definition of {name} has {len(schema.data)} bytes, more than {MAX_BYTES}")
+    try:
+        text = schema.data.decode()
+    except UnicodeDecodeError as error:
+        raise DecodeError(f"definition of {name} isn't UTF-8 ({error})") from error
+    return _parsed({name: text.replace("\r\n", "\n").rstrip() + "\n"})
+
+
+def _parsed(texts: Mapping[str, str]) -> Types:
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    types: Types = {}
+    for name, text in texts.items():
+        try:
+            types |= get_types_from_msg(text, name)
+        except TypesysError as error:
+            raise DecodeError(f"definition of {name} can't be parsed") from error
+        except (ValueError, TypeError, AssertionError, KeyError, IndexError, OverflowError, RecursionError) as error:
+            raise DecodeError(f"definition of {name} can't be parsed ({error})") from error
+    return types
+
+
+def _store(encoding: str) -> Types:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
+
+
+def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
+    """Add a type and those of its fields; constants are left out, nothing needs them."""
+    if name in types:
+        return
+    if not _TYPE.fullmatch(name):
+        raise DecodeError(f"'{name[:80]}' isn't the name of a message type")
+    fields = next((source[name][1] for source in sources if name in source), None)
+    if fields is None:
+        raise DecodeError(f"definition of {name} is missing")
+    if len(types) >= _MAX_TYPES or len(fields) > _MAX_FIELDS:
+        raise DecodeError(f"definition of {name} has more than {_MAX_TYPES} types or {_MAX_FIELDS} fields")
+    types[name] = ([], list(fields))
+    for field, descriptor in fields:
+        _check_field(name, field)
+        inner = _element(descriptor)[0]
+        if inner not in _SIZES:
+            _collect(inner, sources, types)
+
+
+def _check_field(owner: str, field: str) -> None:
+    if not _FIELD.fullmatch(field):
+        raise DecodeError(f"definition of {owner} has a field '{field[:80]}', which isn't a name")
+
+
+def _element(descriptor: tuple["Nodetype", Any]) -> tuple[str, int | None]:
+    """Type of a field or of its elements, and their number: `None` for a sequence."""
+    from rosbags.interfaces import Nodetype
+
+    node, what = descriptor
+    if node in (Nodetype.BASE, Nodetype.NAME):
+        return _type_name(node, what), 1
+    (inner, name), number = what
+    return _type_name(inner, name), number if node == Nodetype.ARRAY else None
+
+
+def _type_name(node: "Nodetype", what: Any) -> str:
+    from rosbags.interfaces import Nodetype
+
+    return str(what[0] if node == Nodetype.BASE else what)
+
+
+class _Size(NamedTuple):
+    """What a message of a type is decoded to."""
+
+    objects: int
+    texts: int
+    """Not in objects: an empty one costs nothing."""
+    num_bytes: int
+    """Which its payload has at least."""
+
+
+def _measure(name: str, types: Types, done: dict[str, _Size | None]) -> _Size:
+    if name in _SIZES:
+        return _Size(0, 1 if name == "string" else 0, _SIZES[name])
+    if name in done:
+        known = done[name]
+        if known is None:
+            raise DecodeError(f"definition of {name} contains itself")
+        return known
+    done[name] = None
+    objects, texts, num_bytes = 1, 0, 0
+    for field, descriptor in types[name][1]:
+        inner, number = _element(descriptor)
+        each = _measure(inner, types, done)
+        if number is None:
+            if each.num_bytes < _BYTES_PER_OBJECT * each.objects:
+                what = f"{each.objects} parts in {each.num_bytes} bytes"
+                raise DecodeError(f"definition of {name} repeats '{field}' of {what}")
+            num_bytes += 4
+        else:
+            _check_number(name, field, inner, number)
+            objects, texts = objects + each.objects * number, texts + each.texts * number
+            num_bytes += each.num_bytes * number
+    if objects + texts > _MAX_OBJECTS:
+        raise DecodeError(f"definition of {name} has {objects + texts} parts, more than {_MAX_OBJECTS}")
+    found = done[name] = _Size(objects, texts, num_bytes)
+    return found
+
+
+def _check_number(owner: str, field: str, inner: str, number: int) -> None:
+    # Arrays of numbers are read at once, for others rosbags writes code for each element.
+    most = _MAX_NUMBERS if inner in _SIZES and inner != "string" else 64
+    if not 0 < number <= most:
+        raise DecodeError(f"definition of {owner} has an array '{field}' of {number}, 1 to {most} are read")

@@ -1,0 +1,220 @@
+"""MCAP on the level of records: framing, parsing, and chunks unpacked within bounds.
+
+https://mcap.dev/spec: a record is an opcode (1 byte), the length of its content (8 bytes, little endian), the content.
+"""
+
+import struct
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+
+from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.logs.containers.limits import crc32
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")
+MAX_RECORD = 256 * 1024 * 1024
+"""Larger records and chunks, stored or unpacked, are refused before memory is allocated."""
+_CHUNK = struct.Struct("<QQQI")
+_UINT64 = struct.Struct("<Q")
+_UINT32 = struct.Struct("<I")
+MAX_RECORDS = 2**20
+"""A chunk or summary of more records is refused: each takes time, and empty ones compress to almost nothing."""
+COMPRESSIONS = ("", "zstd", "lz4")
+_UNKNOWN_SIZE = -1
+_PIECE = 1024 * 1024
+_SLACK = 16 * _PIECE
+"""A chunk that unpacks to so much more than it declares isn't damaged but made to fill the memory."""
+
+
+class RecordError(LogError):
+    """A record or chunk that is damaged; readers count it and go on."""
+
+
+class Chunk(NamedTuple):
+    """A chunk record."""
+
+    start_ns: int
+    end_ns: int
+    size: int
+    """When unpacked [byte]."""
+    crc: int
+    """CRC-32 of the unpacked content; 0: absent."""
+    compression: str
+    data: memoryview
+
+
+R_co = TypeVar("R_co", covariant=True)
+
+
+class _Readable(Protocol[R_co]):
+    def __call__(self, stream: ReadDataStream) -> R_co: ...
+
+
+class _Lenient(ReadDataStream):
+    """Keeps the bytes of a text that isn't UTF-8 as lone surrogates, so that one bad name doesn't cost a topic."""
+
+    def read_prefixed_string(self) -> str:
+        return self.read(self.read4()).decode(errors="surrogateescape")
+
+
+def parse_record(read: _Readable[R_co], content: bytes) -> R_co:
+    """Parse the content of one record with the `read` of its class in `mcap.records`.
+
+    Raises:
+        RecordError: where the content is damaged.
+    """
+    stream = _Lenient(BytesIO(content))
+    try:
+        record = read(stream)
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError, MemoryError) as error:
+        raise RecordError(f"record can't be read ({error or type(error).__name__})") from error
+    if stream.count != len(content):
+        raise RecordError(f"record of {len(content)} bytes ends after {stream.count}")
+    return record
+
+
+def read_head(file: BinaryIO, offset: int) -> tuple[int, int] | None:
+    """Opcode and content length of the record at `offset`; `None` where the file ends before."""
+    file.seek(offset)
+    head = file.read(HEAD.size)
+    return HEAD.unpack(head) if len(head) == HEAD.size else None
+
+
+def check_size(where: str, size: int) -> None:
+    """Refuse what is larger than `MAX_RECORD`.
+
+    Raises:
+        LimitError: naming the place.
+    """
+    if size > MAX_RECORD:
+        raise LimitError(f"{where}: declares {size} bytes, more than the limit of {MAX_RECORD}", "LIM001")
+
+
+def parse_chunk(content: memoryview) -> Chunk:
+    """Parse the content of a chunk record.
+
+    Raises:
+        RecordError: where its lengths don't fit together.
+    """
+    try:
+        start_ns, end_ns, size, crc = _CHUNK.unpack_from(content)
+        at = _CHUNK.size
+        (length,) = _UINT32.unpack_from(content, at)
+        name = bytes(content[at + 4 : at + 4 + length])
+        at += 4 + length
+        (stored,) = _UINT64.unpack_from(content, at)
+        compression = name.decode()
+    except (struct.error, UnicodeDecodeError) as error:
+        raise RecordError(f"chunk header can't be read ({error})") from error
+    data = content[at + 8 :]
+    if len(data) != stored:
+        raise RecordError(f"chunk declares {stored} bytes and has {len(data)}")
+    return Chunk(start_ns, end_ns, size, crc, compression, data)
+
+
+def unpack(chunk: Chunk, where: str) -> memoryview:
+    """Decompress a chunk and check size and, where there is one, checksum.
+
+    Never allocates more than the declared size, which the caller has checked.
+
+    Raises:
+        RecordError: where the content is damaged or of another size.
+        LimitError: where it is a bomb; names the place, `where`.
+    """
+    data = chunk.data if chunk.compression == "" else memoryview(_decompress(chunk, where))
+    if len(data) != chunk.size:
+        raise RecordError(f"chunk declares {chunk.size} unpacked bytes and has {_at_least(len(data), chunk.size)}")
+    if chunk.crc and crc32(data) != chunk.crc:
+        raise RecordError("checksum doesn't match")
+    return data
+
+
+def _at_least(size: int, limit: int) -> str:
+    return f"{size}" if size < limit else f"more than {limit}"
+
+
+def _decompress(chunk: Chunk, where: str) -> bytes | bytearray:
+    """Decompress what unpacks to the declared size; never takes much more memory than that.
+
+    Raises:
+        RecordError: where the content is damaged, or says itself or shows that it is of another size.
+        LimitError: where it is so much larger that it can't be damage.
+    """
+    try:
+        return _unzstd(chunk, where) if chunk.compression == "zstd" else _unlz4(chunk, where)
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise RecordError(f"{chunk.compression} data are damaged ({error})") from error
+
+
+def _unzstd(chunk: Chunk, where: str) -> bytes | bytearray:
+    """What the frame says of its size is checked before memory of that size is taken."""
+    size = zstandard.frame_content_size(chunk.data)
+    if size == _UNKNOWN_SIZE:
+        with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
+            return _bounded(chunk, reader.read, where)
+    if size > chunk.size + _SLACK:
+        raise _bomb(chunk, where)
+    if size != chunk.size:
+        raise RecordError(f"chunk declares {chunk.size} unpacked bytes and has {size}")
+    return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.size, allow_extra_data=False)
+
+
+def _unlz4(chunk: Chunk, where: str) -> bytearray:
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    rest = iter([chunk.data])
+
+    def read(most: int) -> bytes:
+        piece: bytes = unpacker.decompress(next(rest, b""), max_length=most)
+        return piece
+
+    return _bounded(chunk, read, where)
+
+
+def _bounded(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
+    """Read one byte beyond the declared size: enough to see that there is more, and then how much more. Pieces keep
+    the libraries from holding all of it a second time.
+    """
+    data = bytearray()
+    while len(data) <= chunk.size and (piece := read(min(_PIECE, chunk.size + 1 - len(data)))):
+        data += piece
+    excess = max(0, len(data) - chunk.size)
+    while excess and (piece := read(_PIECE)):
+        excess += len(piece)
+        if excess > _SLACK:
+            raise _bomb(chunk, where)
+    return data
+
+
+def _bomb(chunk: Chunk, where: str) -> LimitError:
+    size, stored = chunk.size, len(chunk.data)
+    what = f"{chunk.compression} chunk of {stored} bytes declares {size} unpacked bytes and has over {size + _SLACK}"
+    return LimitError(f"{where}: {what}; it is a decompression bomb", "LIM002")
+
+
+def records(buffer: memoryview, where: str) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and stop of the content of each record in a buffer.
+
+    Raises:
+        RecordError: where a record reaches beyond the buffer.
+        LimitError: where there are more than `MAX_RECORDS`; names the place, `where`.
+    """
+    at = 0
+    for _ in range(MAX_RECORDS):
+        if at == len(buffer):
+            return
+        if at + HEAD.size > len(buffer):
+            raise RecordError(f"record at byte {at} of the chunk is cut off")
+        opcode, length = HEAD.unpack_from(buffer, at)
+        at += HEAD.size
+        if length > len(buffer) - at:
+            raise RecordError(f"record at byte {at - HEAD.size} of the chunk is longer than the chunk")
+        yield opcode, at, at + length
+        at += length
+    if at < len(buffer):
+        raise LimitError(f"{where}: holds more than {MAX_RECORDS} records", "LIM001")

@@ -1,0 +1,233 @@
+"""Writing of MCAP files: chunked, checksummed and indexed."""
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.writer import CompressionType, Writer
+
+from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.data.messages import Message, Truth
+from fbench.replay.data.rig import LogInfo, Rig
+from fbench.replay.logs import header
+from fbench.replay.logs.codecs.foxglove.proto import MAX_STAMP_NS, descriptor_set
+from fbench.replay.logs.codecs.foxglove.topics import Record, message_records, rig_records
+from fbench.replay.logs.container import Channel, Schema
+from fbench.replay.logs.header import LogHeader, header_of
+
+COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+_MAX_CHANNELS = 2**16 - 1
+
+
+class RawMcapWriter:
+    """Writes one file; nothing appears under its name before it is closed without an error.
+
+    The same messages in the same order give the same bytes. An existing file is replaced.
+
+    Raises:
+        ConfigError: where the file can't be written, or the compression isn't zstd, lz4 or none.
+        LogError: where the metadata aren't Unicode.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        about: LogHeader,
+        compression: str = "zstd",
+        chunk_size: int = 1024 * 1024,
+        is_chunked: bool = True,
+    ) -> None:
+        if compression not in COMPRESSIONS:
+            raise ConfigError(f"compression '{compression}': choose one of {', '.join(COMPRESSIONS)}")
+        self.path = path
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[tuple[object, ...], int] = {}
+        self._partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+        try:
+            self._file = self._partial.open("wb")
+        except OSError as error:
+            raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
+        self._writer = Writer(
+            self._file, chunk_size=chunk_size, compression=COMPRESSIONS[compression], use_chunking=is_chunked,
+            enable_data_crcs=True,
+        )  # fmt: skip
+        self._start(about)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether messages can be added."""
+        return not self._file.closed
+
+    @property
+    def num_bytes(self) -> int:
+        """Bytes written to the file so far, without the chunk that is being filled."""
+        return self._file.tell()
+
+    def add(self, channel: Channel, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
+        """Append one message.
+
+        Raises:
+            ConfigError: where the disk is full.
+            LogError: where the file has too many channels.
+        """
+        try:
+            self._writer.add_message(self._id(channel), log_ns, bytes(data), publish_ns, sequence)
+        except OSError as error:
+            raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
+
+    def close(self) -> None:
+        """Finish the file and give it its name; does nothing the second time."""
+        if not self.is_open:
+            return
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._partial.replace(self.path)
+        except OSError as error:
+            raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error
+        finally:
+            self.discard()
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        with suppress(OSError):  # on a full disk, what is still buffered has no place
+            self._file.close()
+        self._partial.unlink(missing_ok=True)
+
+    def _start(self, about: LogHeader) -> None:
+        try:
+            self._writer.start(profile="", library="fbench")
+            self._writer.add_metadata(header.NAME, header.header_record(about))
+        except ValueError as error:
+            self.discard()
+            raise LogError(f"{self.path}: metadata can't be stored ({error})") from error
+
+    def _id(self, channel: Channel) -> int:
+        schema_id = self._schema_id(channel)
+        metadata = dict(channel.metadata)
+        key = (
+            channel.topic,
+            channel.encoding,
+            schema_id,
+            *(text for item in sorted(metadata.items()) for text in item),
+        )
+        if key not in self._channels:
+            if len(self._channels) == _MAX_CHANNELS:
+                raise LogError(f"{self.path}: more than {_MAX_CHANNELS} channels")
+            id_ = self._writer.register_channel(channel.topic, channel.encoding, schema_id, metadata)
+            self._channels[key] = id_
+        return self._channels[key]
+
+    def _schema_id(self, channel: Channel) -> int:
+        schema = channel.schema
+        if schema is None:
+            return 0
+        key = (schema.name, schema.encoding, schema.data)
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(*key)
+        return self._schemas[key]
+
+
+_MAX_FRAME_NUMBER = 2**32 - 1
+
+
+class McapWriter:
+    """Writes one log; nothing appears under its name before it is closed without an error.
+
+    The same messages in the same order give the same bytes. An existing file is replaced. Truth has one stamp each:
+    3D and 2D boxes of one instant belong into one `Truth`.
+
+    Raises:
+        ConfigError: where the file can't be written, or the compression isn't zstd, lz4 or none.
+        LogError: where the metadata aren't Unicode.
+    """
+
+    def __init__(
+        self, path: Path, info: LogInfo, rig: Rig, compression: str = "zstd", chunk_size: int = 1024 * 1024
+    ) -> None:
+        self.path, self._rig = path, rig
+        self._raw = RawMcapWriter(path, header_of(info, rig), compression, chunk_size)
+        self._schemas: dict[str, Schema] = {}
+        self._topics: dict[str, str] = {}
+        self._rig_written = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self._raw.discard()
+
+    def write(self, message: Message | Truth) -> None:
+        """Append one message, or the truth of one stamp; in any order, though readers like the order of `log_ns`.
+
+        Raises:
+            LogError: where a stamp, frame number, size or text can't be stored.
+        """
+        where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
+        _check(where, "stamp_ns", message.stamp_ns, MAX_STAMP_NS)
+        _check(where, "log_ns", message.log_ns, MAX_STAMP_NS)
+        _check(where, "frame_number", message.frame_number or 0, _MAX_FRAME_NUMBER)
+        try:
+            if not self._rig_written:
+                # Viewers need transforms and calibrations by the time of the first message.
+                self._write_rig(message.stamp_ns, message.log_ns)
+            self._add(message_records(message), message.log_ns, message.stamp_ns, message.frame_number)
+        except ValueError as error:
+            raise LogError(f"{where} can't be stored ({error})") from error
+
+    def write_rig(self, log_ns: int, rig: Rig) -> None:
+        """From `log_ns` on another rig holds; write it before the messages that it holds for.
+
+        Raises:
+            LogError: where the rig can't be stored.
+        """
+        self._rig = rig
+        try:
+            self._write_rig(log_ns, log_ns)
+        except ValueError as error:
+            raise LogError(f"{self.path}: the rig at {log_ns} can't be stored ({error})") from error
+
+    def close(self) -> None:
+        """Finish the file and give it its name; does nothing the second time."""
+        if not self._raw.is_open:
+            return
+        try:
+            if not self._rig_written:
+                self._write_rig(0, 0)
+            self._raw.close()
+        except ValueError as error:
+            raise LogError(f"{self.path}: the rig can't be stored ({error})") from error
+        finally:
+            self._raw.discard()
+
+    def _write_rig(self, stamp_ns: int, log_ns: int) -> None:
+        self._add(rig_records(stamp_ns, self._rig), log_ns, stamp_ns)
+        self._rig_written = True
+
+    def _add(self, records: Iterable[Record], log_ns: int, stamp_ns: int, frame_number: int | None = None) -> None:
+        # All are encoded before the first is written: a message goes in whole or not at all.
+        encoded = [(self._channel(record), record.proto.SerializeToString(deterministic=True)) for record in records]
+        for channel, data in encoded:
+            self._raw.add(channel, log_ns, stamp_ns, frame_number or 0, data)
+
+    def _channel(self, record: Record) -> Channel:
+        name = record.proto.DESCRIPTOR.full_name
+        if self._topics.setdefault(record.topic, name) != name:
+            raise LogError(f"{self.path}: topic '{record.topic}' can't hold {self._topics[record.topic]} and {name}")
+        if name not in self._schemas:
+            self._schemas[name] = Schema(name, "protobuf", descriptor_set(type(record.proto)))
+        return Channel(record.topic, "protobuf", self._schemas[name], record.metadata)
+
+
+def _check(where: str, field: str, value: int, limit: int) -> None:
+    if not 0 <= value <= limit:
+        raise LogError(f"{where}: {field} {value} is outside 0 to {limit}")

@@ -1,1 +1,0 @@
-"""The Foxglove Protobuf schemas, in which fbench writes its own logs."""

@@ -1,1 +1,0 @@
-"""MCAP files: reading with every checksum verified, and writing."""

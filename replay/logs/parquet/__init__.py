@@ -1,1 +1,0 @@
-"""Logs as Parquet: a folder with `log.json` and one file a stream."""

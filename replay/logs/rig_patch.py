@@ -1,0 +1,149 @@
+"""Calibration from elsewhere, fitted to the sensors of one log."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
+from fbench.replay.logs.codecs.codec import SENSORS
+from fbench.replay.logs.coordinate_frames import BODY, Edge, TransformTree, tree_of
+from fbench.replay.logs.roles import Role
+
+
+@dataclass(frozen=True, eq=False)
+class RigPatch:
+    """Transforms and intrinsics by name: that of a sensor, or of a coordinate frame."""
+
+    edges: Mapping[str, Edge] = field(default_factory=dict)
+    """Pose of each named child in its parent; parents are named likewise, `body` being the body."""
+    cameras: Mapping[str, CameraModel] = field(default_factory=dict)
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Topic of the messages of a name, where the file tells it (`rostopic` of Kalibr): another way to find a sensor."""
+    places: Mapping[str, str] = field(default_factory=dict)
+    """For errors: which file each name comes from."""
+    moving: Mapping[str, str] = field(default_factory=dict)
+    """Children whose pose a file can't tell, and why: `joint 'pan' (revolute)`. The log may."""
+
+    def over(self, other: "RigPatch") -> "RigPatch":
+        """Return both, this one going first where they name the same."""
+        return RigPatch(
+            {**other.edges, **self.edges}, {**other.cameras, **self.cameras}, {**other.topics, **self.topics},
+            {**other.places, **self.places}, {**other.moving, **self.moving},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPatch:
+    """A `RigPatch` whose names are those of one log."""
+
+    edges: Mapping[str, Edge] = field(default_factory=dict)
+    """By coordinate frame; the parent `body` is the body, whatever the log calls it."""
+    cameras: Mapping[str, CameraModel] = field(default_factory=dict)
+    """By sensor."""
+    frames: Mapping[str, str] = field(default_factory=dict)
+    """Coordinate frame of each sensor that the patch gives one of its own."""
+
+    def tree(self, logged: TransformTree, body: str) -> TransformTree:
+        """Return the log's transforms, replaced where the patch has others; `body` is what they call the body."""
+        own = {
+            child: replace(edge, parent=body) if edge.parent == BODY else edge
+            for child, edge in self.edges.items()
+            if child != body
+        }
+        return TransformTree({**logged.edges, **own})
+
+    def on(self, rig: Rig, kinds: Mapping[str, Kind]) -> Rig:
+        """Return a rig with the patch's mounts and cameras; what it doesn't change stays bit for bit.
+
+        Args:
+            rig: What the log says.
+            kinds: Of all sensors, by name, those too that the rig lacks.
+        """
+        tree = self.tree(tree_of(rig), BODY)
+        mounts = dict(rig.mounts)
+        for name, kind in kinds.items():
+            pose = tree.pose(self.frames.get(name, name), BODY)
+            if pose is not None:
+                mounts[name] = Mount(kind, *pose)
+        return Rig(mounts, {**rig.cameras, **self.cameras})
+
+
+def fitted(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
+    """Find the sensors that a patch means: by their name, their topic, or their coordinate frame.
+
+    Raises:
+        ConfigError: where a camera of the patch isn't in the log.
+    """
+    sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    by_topic = {role.topic: role.sensor for role in sensors.values()}
+    by_frame: dict[str, list[str]] = {}
+    for name, role in sensors.items():
+        by_frame.setdefault(role.frame_id, []).append(name)
+    by_key = {key: by_topic[topic] for key, topic in patch.topics.items() if topic in by_topic}
+    own = {name: name for name in sensors if name in patch.edges}
+    own |= {sensor: key for key, sensor in by_key.items() if key in patch.edges and sensor not in own}
+    cameras: dict[str, CameraModel] = {}
+    for key, model in patch.cameras.items():
+        named = _meant(key, sensors, by_key, by_frame) or _only_one(patch, sensors)
+        if not named:
+            known = sorted(name for name, role in sensors.items() if role.kind == "camera")
+            hint = did_you_mean(key, known)
+            raise ConfigError(f"{patch.places.get(key, 'rig')}: the log has no camera '{key}'{hint}", "CFG001")
+        cameras |= dict.fromkeys(named, model)
+    return FittedPatch({**_aliases(patch, sensors, by_key, own), **patch.edges}, cameras, own)
+
+
+def _meant(
+    key: str, sensors: Mapping[str, Role], by_key: Mapping[str, str], by_frame: Mapping[str, list[str]]
+) -> list[str]:
+    if key in sensors:
+        return [key]
+    if key in by_key:
+        return [by_key[key]]
+    return [name for name in by_frame.get(key, []) if sensors[name].kind == "camera"]
+
+
+def _only_one(patch: RigPatch, sensors: Mapping[str, Role]) -> list[str]:
+    """A file about one camera means the only one of the log, whatever it calls it."""
+    cameras = [name for name, role in sensors.items() if role.kind == "camera"]
+    return cameras if len(cameras) == len(patch.cameras) == 1 else []
+
+
+def _aliases(
+    patch: RigPatch, sensors: Mapping[str, Role], by_key: Mapping[str, str], own: Mapping[str, str]
+) -> dict[str, Edge]:
+    """Edges that say where a parent of the patch is, when only the log knows: the first camera of a chain."""
+    parents = {edge.parent for edge in patch.edges.values()} - set(patch.edges)
+    found = {key: sensors[by_key[key]].frame_id for key in parents if key in by_key and by_key[key] not in own}
+    found |= {name: sensors[name].frame_id for name in parents if name in sensors}
+    return {key: _same_place(frame) for key, frame in sorted(found.items()) if frame and frame != key}
+
+
+def _same_place(parent: str) -> Edge:
+    return Edge(parent, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+
+
+def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
+    """Refuse transforms that none of a log's sensors stands on: their names must be wrong.
+
+    Raises:
+        ConfigError: naming the file and the log's sensors.
+    """
+    sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
+    used = {step for frame in frames for step in tree.reached(frame)}
+    if not fit.edges or used & {*fit.edges, *patch.moving}:
+        return
+    place = next(iter(patch.places.values()), "rig")
+    there = ", ".join(f"{name} (frame '{role.frame_id}')" for name, role in sensors.items())
+    raise ConfigError(f"{place}: names none of the log's sensors: {there}", "CFG001")
+
+
+def renamed(rig: Rig, names: Mapping[str, str]) -> Rig:
+    """Return a rig of these sensors alone: new names by those that it has."""
+    return Rig(
+        {new: rig.mounts[old] for old, new in names.items() if old in rig.mounts},
+        {new: rig.cameras[old] for old, new in names.items() if old in rig.cameras},
+    )

@@ -1,0 +1,135 @@
+"""Recorded boxes moved to body coordinates, 3D and 2D joined in the order of their stamps."""
+
+import heapq
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from fbench.replay.contracts.errors import DecodeError
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.messages import Truth
+from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.transforms import pose_matrix
+from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.coordinate_frames import WORLDS, TransformTree
+
+
+@dataclass(frozen=True)
+class PosesIn:
+    """The poses of a log: whether there are any, and in which coordinate frame."""
+
+    are_there: bool
+    world: str = ""
+    """Empty: it isn't told."""
+
+    def link(self, frame: str, body: str) -> bool:
+        """Tell whether poses alone link a coordinate frame to the body.
+
+        Raises:
+            DecodeError: where it stands still, but poses are in another one.
+        """
+        if not self.are_there or frame == body or frame not in {*WORLDS, self.world} - {""}:
+            return False
+        if self.world and frame not in (self.world, WORLDS[0]):
+            raise DecodeError(f"boxes in '{frame}', but poses in '{self.world}'; name a topic with poses in '{frame}'")
+        return True
+
+
+NO_POSES = PosesIn(are_there=False)
+
+
+def in_body(
+    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn = NO_POSES
+) -> TruthPart:
+    """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
+
+    Boxes in the coordinate frame of the log's poses are left in it, and say so.
+
+    Raises:
+        DecodeError: where nothing links the boxes' coordinate frame to the body, poses are in another world, or no
+            camera has it.
+    """
+    truth = part.truth
+    if truth.boxes3d is not None and part.frame_ids:
+        truth = replace(truth, boxes3d=_gathered(truth.boxes3d, part.frame_ids, tree, body))
+    elif truth.boxes3d is not None and poses.link(part.frame_id, body):
+        # Whatever the tree holds above the body is where it was when the log began.
+        truth = replace(truth, in_world=True)
+    elif truth.boxes3d is not None and part.frame_id != body:
+        truth = replace(truth, boxes3d=_moved(truth.boxes3d, part.frame_id, tree, body))
+    if truth.boxes2d is not None:
+        if part.frame_id not in cameras:
+            raise DecodeError(f"boxes in '{part.frame_id}', which no camera has")
+        truth = replace(truth, boxes2d=_named(truth.boxes2d, cameras[part.frame_id]))
+    return replace(part, truth=truth, frame_id="", frame_ids=())
+
+
+def _named(boxes: Boxes2D, camera: str) -> Boxes2D:
+    return replace(boxes, camera=np.full(len(boxes), camera))
+
+
+def _gathered(boxes: Boxes3D, frames: tuple[str, ...], tree: TransformTree, body: str) -> Boxes3D:
+    """Move each box from its own coordinate frame."""
+    names = np.array(frames, np.str_)
+    parts, rows = [], []
+    for frame in dict.fromkeys(frames):
+        chosen = np.flatnonzero(names == frame)
+        parts.append(_with_angles(boxes[chosen]) if frame in ("", body) else _moved(boxes[chosen], frame, tree, body))
+        rows.append(chosen)
+    return concatenate(parts)[np.argsort(np.concatenate(rows), kind="stable")]
+
+
+def _with_angles(boxes: Boxes3D) -> Boxes3D:
+    zeros = np.zeros(len(boxes))
+    pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
+    return replace(boxes, pitch_rad=pitch, roll_rad=roll)
+
+
+def _moved(boxes: Boxes3D, frame: str, tree: TransformTree, body: str) -> Boxes3D:
+    pose = tree.pose(frame, body)
+    if pose is None:
+        raise DecodeError(f"boxes in '{frame}', which no fixed transform links to '{body}'")
+    return moved(boxes, pose_matrix(*pose))
+
+
+WINDOW = 256
+"""Truth is put into the order of its stamps within so many, which bounds memory."""
+
+
+def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:
+    """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`).
+
+    What comes more than `WINDOW` messages late, after a clock that jumped back, stays where it is.
+    """
+    heap: list[tuple[int, int, int, Truth]] = []
+    for i, truth in enumerate(paired(parts)):
+        heapq.heappush(heap, (truth.stamp_ns, truth.log_ns, i, truth))
+        if len(heap) > WINDOW:
+            yield heapq.heappop(heap)[3]
+    while heap:
+        yield heapq.heappop(heap)[3]
+
+
+def paired(parts: Iterable[TruthPart]) -> Iterator[Truth]:
+    """Join parts in the order in which they come: both have one `log_ns`, and in canonical order the topic of 3D truth
+    comes first.
+    """
+    for _, group in groupby(parts, key=lambda part: part.truth.log_ns):
+        truths: list[Truth] = []
+        waiting: list[int] = []
+        for part in group:
+            mate = next((i for i in waiting if part.is_2d and _same(truths[i], part.truth)), None)
+            if mate is not None:
+                truths[mate] = replace(truths[mate], boxes2d=part.truth.boxes2d)
+                waiting.remove(mate)
+                continue
+            if part.expects_2d:
+                waiting.append(len(truths))
+            truths.append(part.truth)
+        yield from truths
+
+
+def _same(a: Truth, b: Truth) -> bool:
+    return a.stamp_ns == b.stamp_ns and a.frame_number == b.frame_number

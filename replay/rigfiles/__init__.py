@@ -1,1 +1,0 @@
-"""Calibration from files of other programs: TOML, URDF, Kalibr, ROS camera_info."""

@@ -1,0 +1,355 @@
+"""Run folders: written under a temporary name and renamed when whole; read back as `Run`."""
+
+import json
+import os
+import shutil
+from array import array
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self, TypeVar, get_args
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from fbench.replay.contracts.errors import ConfigError, RunError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.files import swap
+from fbench.replay.data.frames import ClockName
+from fbench.replay.data.messages import Truth
+from fbench.replay.data.scores import Score, load_scores
+from fbench.replay.runs.manifest import Manifest, load_manifest, save_manifest
+from fbench.replay.runs.media import MediaFrame, read_media, write_media
+from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_boxes, read_table, write_table
+
+B = TypeVar("B", Boxes2D, Boxes3D)
+_FRAMES_AT_ONCE = 256
+_CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
+FRAMES, POSE = "frames.parquet", "pose"
+"""The table of frames; its column that is there where the log has poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRecord:
+    """One frame of a run."""
+
+    index: int
+    stamp_ns: int
+    segment: int
+    frame_number: int | None
+    missing: Mapping[str, str]
+    """Why a sensor was missing, by its name."""
+    digest: str
+    chain: str
+    failed: str | None = None
+    """Why the pipeline gave nothing."""
+    truth_stamp_ns: int | None = None
+    """Stamp of the truth that belongs to the frame, or its own where that lies between truths; `None`: not labelled,
+    and so not scored.
+    """
+    truth_spaces: str = ""
+    """What is labelled: `3d`, `2d` or `3d 2d`."""
+
+
+class RunWriter:
+    """Writes one run folder; nothing appears under its name before `finish`."""
+
+    def __init__(self, folder: Path, overwrite: bool = False) -> None:
+        try:
+            if folder.exists():
+                _require_replaceable(folder, overwrite)
+            self.folder = folder.resolve()
+            self.partial = self.folder.with_name(f".{self.folder.name}.partial-{os.getpid()}")
+            self.partial.mkdir(parents=True)
+        except OSError as error:
+            raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
+        self._records: list[FrameRecord] = []
+        self._rows: dict[int, int] = {}
+        self._timings = _Timings()
+        self._writers: dict[str, BoxWriter] = {}
+        self._poses: Float64 | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for writer in self._writers.values():
+            writer.close()
+        shutil.rmtree(self.partial, ignore_errors=True)
+
+    @property
+    def records(self) -> Sequence[FrameRecord]:
+        """The frames added so far."""
+        return self._records
+
+    def add_frame(self, record: FrameRecord, stage_ns: Mapping[str, int], clock: ClockName = "host") -> None:
+        """Append one frame, and how long it took by that clock."""
+        self._rows[record.index] = len(self._records)
+        self._records.append(record)
+        self._timings.add(record.index, stage_ns, clock)
+
+    def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
+        """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
+        if table not in self._writers:
+            self._writers[table] = BoxWriter(self.partial / f"{table}.parquet", type(boxes))
+        self._writers[table].add(frame, boxes)
+
+    def explain_missing(self, explain: Callable[[FrameRecord], FrameRecord]) -> None:
+        """Replace each frame's record, when the whole log is known."""
+        self._records = [explain(record) for record in self._records]
+
+    def label_frame(self, index: int, truth: Truth) -> None:
+        """Attach truth to frame `index`."""
+        row = self._rows[index]
+        self._records[row] = with_truth(self._records[row], truth)
+        if truth.boxes3d is not None:
+            self.add_boxes("truth", index, truth.boxes3d)
+        if truth.boxes2d is not None:
+            self.add_boxes("truth_2d", index, truth.boxes2d)
+
+    def set_poses(self, poses: Float64) -> None:
+        """Say where the body was: position [m] and quaternion x, y, z, w (N, 7) of all frames of the log by index, NaN
+        where unknown.
+        """
+        self._poses = poses
+
+    def write_json(self, name: str, content: object) -> None:
+        """Write a JSON file into the folder."""
+        (self.partial / name).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+    def write_media(self, frames: Sequence[MediaFrame]) -> None:
+        """Keep images and points of chosen frames."""
+        write_media(self.partial / "media.parquet", frames)
+
+    def finish(self, manifest: Manifest, complete: Callable[[Path], None] = lambda folder: None) -> Path:
+        """Write the rest, let `complete` add to the folder, give it its name, and return it."""
+        for writer in self._writers.values():
+            writer.close()
+        self._writers = {}
+        rows = [record.index for record in self._records]
+        write_frames(self.partial / FRAMES, self._records, None if self._poses is None else self._poses[rows])
+        write_table(self.partial / "timings.parquet", self._timings.columns())
+        save_manifest(self.partial / "manifest.json", manifest)
+        complete(self.partial)
+        swap(self.partial, self.folder)
+        return self.folder
+
+
+def _require_replaceable(folder: Path, overwrite: bool) -> None:
+    """Refuse to replace a folder, unless that is wanted and it holds a run."""
+    if not overwrite:
+        raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+    try:
+        load_manifest(folder / "manifest.json")
+    except RunError:
+        raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
+
+
+class _Timings:
+    """Time of each stage in each frame, as compact columns."""
+
+    def __init__(self) -> None:
+        self._frames, self._stages, self._ns, self._clocks = array("q"), array("q"), array("q"), array("q")
+        self._names: dict[str, int] = {}
+
+    def add(self, frame: int, stage_ns: Mapping[str, int], clock: ClockName) -> None:
+        for stage, ns in stage_ns.items():
+            self._frames.append(frame)
+            self._stages.append(self._names.setdefault(stage, len(self._names)))
+            self._ns.append(ns)
+            self._clocks.append(_CLOCKS.index(clock))
+
+    def columns(self) -> dict[str, pa.Array]:
+        return {
+            "frame": _int64(self._frames),
+            "stage": _texts(self._stages, list(self._names)),
+            "ns": _int64(self._ns),
+            "clock": _texts(self._clocks, _CLOCKS),
+        }
+
+
+def _texts(indices: "array[int]", texts: Sequence[str]) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(_int64(indices), pa.array(texts, pa.string())).dictionary_decode()
+
+
+def _int64(values: "array[int]") -> pa.Array:
+    return pa.array(np.frombuffer(values, np.int64), pa.int64())
+
+
+def _record(row: dict[str, Any]) -> FrameRecord:
+    return FrameRecord(**{**row, "missing": json.loads(row["missing"])})
+
+
+def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
+    missing = [json.dumps(dict(sorted(r.missing.items()))) for r in records]
+    return {
+        "index": pa.array([r.index for r in records], pa.int64()),
+        "stamp_ns": pa.array([r.stamp_ns for r in records], pa.int64()),
+        "segment": pa.array([r.segment for r in records], pa.int64()),
+        "frame_number": pa.array([r.frame_number for r in records], pa.int64()),
+        "missing": pa.array(missing, pa.string()),
+        "digest": pa.array([r.digest for r in records], pa.string()),
+        "chain": pa.array([r.chain for r in records], pa.string()),
+        "failed": pa.array([r.failed for r in records], pa.string()),
+        "truth_stamp_ns": pa.array([r.truth_stamp_ns for r in records], pa.int64()),
+        "truth_spaces": pa.array([r.truth_spaces for r in records], pa.string()),
+    }
+
+
+def with_truth(record: FrameRecord, truth: Truth | None) -> FrameRecord:
+    """Return a frame with the stamp and kinds of its truth."""
+    if truth is None:
+        return replace(record, truth_stamp_ns=None, truth_spaces="")
+    named = (("3d", truth.boxes3d), ("2d", truth.boxes2d))
+    spaces = " ".join(name for name, boxes in named if boxes is not None)
+    return replace(record, truth_stamp_ns=truth.stamp_ns, truth_spaces=spaces)
+
+
+def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | None) -> None:
+    """Write the table of frames.
+
+    Args:
+        path: Of the file.
+        records: The frames.
+        poses: (N, 7) where the body was at each: position [m] and quaternion x, y, z, w, NaN where unknown.
+    """
+    write_table(path, {**_frame_columns(records), **({} if poses is None else _pose_column(poses))})
+
+
+def _pose_column(poses: Float64) -> dict[str, pa.Array]:
+    """None where no pose is known."""
+    known = np.isfinite(poses).all(axis=1)
+    if not known.any():
+        return {}
+    rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
+    return {POSE: pa.FixedSizeListArray.from_arrays(rows, poses.shape[1], mask=pa.array(~known))}
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run, read from its folder; tables are read when first used."""
+
+    folder: Path
+
+    @cached_property
+    def manifest(self) -> Manifest:
+        """What ran."""
+        return load_manifest(self.folder / "manifest.json")
+
+    @cached_property
+    def frames(self) -> tuple[FrameRecord, ...]:
+        """All frames, in order."""
+        path = self.folder / FRAMES
+        table = read_table(path)
+        names = [f.name for f in fields(FrameRecord)]
+        if sorted(set(table.column_names) - {POSE}) != sorted(names):
+            raise RunError(f"{path}: can't be read (not a table of frames)")
+        # In small pieces: Python objects of whole columns would take more memory than all else.
+        batches = table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE)
+        return tuple(_record(row) for batch in batches for row in batch.to_pylist())
+
+    @cached_property
+    def poses(self) -> Float64:
+        """(N, 7) where the body was at each of `frames`: position [m] and quaternion x, y, z, w; NaN where unknown."""
+        table = read_table(self.folder / FRAMES)
+        if POSE not in table.column_names:
+            return np.full((table.num_rows, 7), np.nan)
+        return np.asarray(column_array(table.column(POSE)), np.float64)
+
+    @cached_property
+    def _spaces(self) -> dict[int, str]:
+        """What is labelled, by frame index; a run of a part of a log doesn't begin with 0."""
+        return {frame.index: frame.truth_spaces for frame in self.frames}
+
+    @cached_property
+    def detections(self) -> BoxTable:
+        """Detections of all frames."""
+        return read_boxes(self.folder / "detections.parquet")
+
+    @cached_property
+    def tracks(self) -> BoxTable:
+        """Tracks of all frames."""
+        return read_boxes(self.folder / "tracks.parquet")
+
+    @cached_property
+    def _truth3d(self) -> BoxTable | None:
+        path = self.folder / "truth.parquet"
+        return read_boxes(path) if path.is_file() else None
+
+    @cached_property
+    def _truth2d(self) -> BoxTable | None:
+        path = self.folder / "truth_2d.parquet"
+        return read_boxes(path) if path.is_file() else None
+
+    def truth3d(self, index: int) -> Boxes3D | None:
+        """3D truth of frame `index`; `None` where it isn't labelled."""
+        return self._at(index, "3d", Boxes3D)
+
+    def truth2d(self, index: int) -> Boxes2D | None:
+        """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
+        return self._at(index, "2d", Boxes2D)
+
+    def truth_table(self, space: Literal["3d", "2d"]) -> BoxTable:
+        """3D truth, or recorded 2D truth, of all frames that have it; empty where none has.
+
+        Raises:
+            RunError: where frames have such truth, but the file isn't there.
+        """
+        table, kind = (self._truth3d, Boxes3D) if space == "3d" else (self._truth2d, Boxes2D)
+        if table is None:
+            if any(space in spaces.split() for spaces in self._spaces.values()):
+                name = "truth.parquet" if space == "3d" else "truth_2d.parquet"
+                raise RunError(f"{self.folder / name}: can't be read (frames have truth, but it isn't there)")
+            return BoxTable(np.zeros(0, np.int64), kind.empty())
+        return table
+
+    def _at(self, index: int, space: Literal["3d", "2d"], kind: type[B]) -> B | None:
+        if space not in self._spaces.get(index, "").split():
+            return None
+        boxes = self.truth_table(space).at(index)
+        if not isinstance(boxes, kind):
+            raise RunError(f"{self.folder}: can't be read ({space} truth of another kind)")
+        return boxes
+
+    @cached_property
+    def clock(self) -> ClockName:
+        """Whose times `timings` are: those of the log as soon as the pipeline passed on one of them."""
+        return "log" if pc.any(pc.equal(self._timings["clock"], "log")).as_py() else "host"
+
+    @cached_property
+    def _timings(self) -> pa.Table:
+        return read_table(self.folder / "timings.parquet")
+
+    @cached_property
+    def timings(self) -> dict[str, list[int]]:
+        """Time [ns] of each stage over the frames in which it ran, and `total` of the frames that have one."""
+        table = self._timings.filter(pc.equal(self._timings["clock"], self.clock))
+        stages: dict[str, list[int]] = {}
+        for batch in table.select(["stage", "ns"]).to_batches(max_chunksize=_FRAMES_AT_ONCE):
+            for stage, ns in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+                stages.setdefault(str(stage), []).append(int(ns))
+        return stages
+
+    @cached_property
+    def media(self) -> tuple[MediaFrame, ...]:
+        """Images and points of the frames that were kept for reports."""
+        return read_media(self.folder / "media.parquet")
+
+    @cached_property
+    def scores(self) -> list[Score]:
+        """What `fbench score` wrote."""
+        return load_scores(self.folder / "scores.json")
+
+    def json(self, name: str) -> Any:
+        """Content of a JSON file of the folder: `faults.json`, `latency.json`, `host.json`."""
+        path = self.folder / name
+        try:
+            return json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise RunError(f"{path}: can't be read ({error})") from error

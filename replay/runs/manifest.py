@@ -1,0 +1,251 @@
+"""The manifest of a run, and the host that it ran on. Equal inputs give equal bytes; host data live apart."""
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from fbench.replay.contracts.errors import RunError
+from fbench.replay.data.rig import CameraModel, Kind, LogInfo, Mount, Rig
+from fbench.replay.runs.secrets import clean_mapping
+
+FORMAT = 1
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Four = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class LogEntry(_Strict):
+    """Which log was replayed."""
+
+    name: str
+    log_id: str
+    digest: str
+    """blake2b over all messages that were read, in canonical order."""
+    metadata: dict[str, str]
+
+
+class MountEntry(_Strict):
+    """A sensor's pose on the body."""
+
+    kind: Kind
+    translation_m: _Three
+    rotation_xyzw: _Four
+
+
+class CameraEntry(_Strict):
+    """Intrinsics of a camera."""
+
+    K: Annotated[list[_Three], Field(min_length=3, max_length=3)]
+    size_wh: tuple[int, int]
+    distortion_model: str
+    distortion: list[float]
+
+
+class RigEntry(_Strict):
+    """The rig from a segment on."""
+
+    segment: int
+    mounts: dict[str, MountEntry]
+    cameras: dict[str, CameraEntry]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig as data."""
+        mounts = {
+            n: Mount(m.kind, np.array(m.translation_m), np.array(m.rotation_xyzw)) for n, m in self.mounts.items()
+        }
+        cameras = {
+            n: CameraModel(np.array(c.K), c.size_wh, c.distortion_model, np.array(c.distortion, np.float64))
+            for n, c in self.cameras.items()
+        }
+        return Rig(mounts, cameras)
+
+
+class FrameEntry(_Strict):
+    """How messages were put into frames."""
+
+    reference: str
+    timeout_ns: int
+    tolerance_ns: int
+    max_gap_ns: int
+    max_jump_ns: int = 1_000_000_000
+    stamps: str = "header"
+    """Which time counts as the instant of measurement: `header` or `log`."""
+    offsets_ns: dict[str, int] = {}
+    """Added to the stamps of a sensor."""
+    topics: list[str] = []
+    """Patterns of those that were read; empty: all."""
+    sensors: list[str] = []
+    """Patterns of the sensors that the pipeline got; empty: all."""
+    excerpt: str = "all"
+    """Which frames were replayed: `all`, or half-open ranges such as `from +5ns to 90ns frames 30:40`."""
+
+
+class InputEntry(_Strict):
+    """A file beside the log that decided how it was read."""
+
+    role: str
+    """`config`, `rig` or `results`."""
+    name: str
+    """Without the folder."""
+    digest: str
+    """blake2b over the file, or over names and content of the folder's files."""
+
+
+class TruthEntry(_Strict):
+    """A file that ground truth came from, instead of the log."""
+
+    name: str
+    """Without the folder."""
+    format: str
+    """One of `boxfiles.open.FORMATS`."""
+    digest: str
+    """blake2b over the file, or over names and content of the folder's files."""
+
+
+class InterpolationEntry(_Strict):
+    """Frames that have no truth of their own, but got some from the truths around them."""
+
+    max_gap_ns: int = 0
+    """Those truths are at most this far apart; 0: no frame did."""
+    num_frames: int = 0
+
+
+class VariantEntry(_Strict):
+    """The variant of a pipeline that ran."""
+
+    name: str
+    title: str
+    base: str
+    """The pipeline."""
+    sets: list[str]
+    """Names of the parameters that it sets; their values are among `parameters`, where the command line's come last."""
+
+
+class Manifest(_Strict):
+    """What ran, and whether all of it did."""
+
+    format: int = FORMAT
+    complete: bool
+    """False where data was lost beyond the fault budget."""
+    log: LogEntry
+    pipeline: str
+    parameters: dict[str, Any]
+    variant: VariantEntry | None = None
+    """`None`: the pipeline is none."""
+    frames: FrameEntry
+    inputs: list[InputEntry] = []
+    """Files beside the log that decided how it was read."""
+    truth: TruthEntry | None = None
+    """`None`: ground truth is the log's own."""
+    interpolation: InterpolationEntry = InterpolationEntry()
+    mounts: dict[str, MountEntry]
+    cameras: dict[str, CameraEntry]
+    rig_changes: list[RigEntry] = []
+    """Where mounts or cameras changed within the log."""
+    num_frames: int
+    num_segments: int
+    digest: str
+    """The last link of the chain of frame digests."""
+    versions: dict[str, str]
+    redacted: bool = False
+    """Whether names, paths, places and poses were left out."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig of the first segment."""
+        return RigEntry(segment=0, mounts=self.mounts, cameras=self.cameras).rig
+
+    def rig_of(self, segment: int) -> Rig:
+        """The rig of a segment."""
+        held = [entry for entry in self.rig_changes if entry.segment <= segment]
+        return held[-1].rig if held else self.rig
+
+    @property
+    def log_info(self) -> LogInfo:
+        """The log as pipelines see it."""
+        return LogInfo(self.log.name, self.log.log_id, self.log.metadata)
+
+
+def rig_entry(segment: int, rig: Rig) -> RigEntry:
+    """Return a rig in the manifest's form."""
+    mounts = {
+        n: MountEntry(kind=m.kind, translation_m=m.translation_m.tolist(), rotation_xyzw=m.rotation_xyzw.tolist())
+        for n, m in sorted(rig.mounts.items())
+    }
+    cameras = {
+        n: CameraEntry(
+            K=c.K.tolist(),
+            size_wh=c.size_wh,
+            distortion_model=c.distortion_model,
+            distortion=c.distortion.tolist(),
+        )
+        for n, c in sorted(rig.cameras.items())
+    }
+    return RigEntry(segment=segment, mounts=mounts, cameras=cameras)
+
+
+def save_manifest(path: Path, manifest: Manifest) -> None:
+    """Write the manifest as JSON, without credentials; one that is redacted without names of files."""
+    kept = Manifest.model_validate(clean_mapping((_unnamed(manifest) if manifest.redacted else manifest).model_dump()))
+    path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def _unnamed(manifest: Manifest) -> Manifest:
+    inputs = [entry.model_copy(update={"name": ""}) for entry in manifest.inputs]
+    truth = None if manifest.truth is None else manifest.truth.model_copy(update={"name": ""})
+    return manifest.model_copy(update={"inputs": inputs, "truth": truth})
+
+
+def load_manifest(path: Path) -> Manifest:
+    """Read a manifest.
+
+    Raises:
+        RunError: where there is none, or it is of another version.
+    """
+    try:
+        return Manifest.model_validate_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RunError(f"{path.parent}: not a run folder (no {path.name})") from None
+    except (ValidationError, UnicodeDecodeError, OSError) as error:
+        raise RunError(f"{path}: not a manifest of this version of fbench ({str(error).splitlines()[0]})") from error
+
+
+_PACKAGES = (
+    "fbench", "numpy", "scipy", "scikit-learn", "numba", "llvmlite", "opencv-python-headless", "onnxruntime", "embreex",
+    "pyarrow", "mcap", "protobuf", "rosbags",
+)  # fmt: skip
+"""Those that compute, compile what computes, cast the rays of simulated logs, or read values out of logs."""
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide results."""
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "absent"
+    return versions
+
+
+def describe_host() -> dict[str, object]:
+    """The machine, for reading timings."""
+    return {"cpu": _cpu(), "cores": os.cpu_count(), "platform": platform.system(), "python": platform.python_version()}
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

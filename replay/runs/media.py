@@ -1,0 +1,127 @@
+"""Images and points of a few frames, kept in the run folder so that a report needs no log."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from fbench.replay.data.arrays import Float32
+from fbench.replay.data.frames import Frame
+from fbench.replay.data.images import decode, encode_jpeg, resized
+from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.rig import Rig
+from fbench.replay.geometry.transforms import transform
+from fbench.replay.runs.tables import read_table, write_table
+
+MAX_WIDTH_PX = 960
+MAX_POINTS = 6000
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A camera image, scaled down."""
+
+    jpeg: bytes
+    size_wh: tuple[int, int]
+    """Of the picture itself; the camera model's size is that of the original [px]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points of a LiDAR or radar, thinned out."""
+
+    xyz: Float32
+    """(N, 3) in body coordinates [m]."""
+    speed_mps: Float32
+    """(N,) radial velocity, positive receding; NaN where the sensor doesn't measure it."""
+
+
+@dataclass(frozen=True, eq=False)
+class MediaFrame:
+    """What is kept of one frame."""
+
+    index: int
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
+    points: Mapping[str, Points] = field(default_factory=dict)
+
+
+class MediaKeeper:
+    """Keeps between `num` and 2 `num` frames, evenly spread, whatever the length of the log.
+
+    Every `stride`-th frame is kept; when there are too many, the stride doubles and every second one goes.
+    """
+
+    def __init__(self, rig: Rig, num: int = 8) -> None:
+        self._rig, self._num, self._stride, self._num_offered = rig, num, 1, 0
+        self._kept: list[MediaFrame] = []
+
+    def offer(self, frame: Frame) -> None:
+        """Keep the frame if its turn has come."""
+        self._num_offered += 1
+        if self._num == 0 or (self._num_offered - 1) % self._stride:
+            return
+        self._kept.append(keep(self._rig, frame))
+        if len(self._kept) >= 2 * self._num:
+            self._kept, self._stride = self._kept[::2], self._stride * 2
+
+    @property
+    def frames(self) -> Sequence[MediaFrame]:
+        """The frames kept so far."""
+        return self._kept
+
+
+def keep(rig: Rig, frame: Frame) -> MediaFrame:
+    """Scale images down and thin points out; an image that can't be decoded is left out."""
+    messages = sorted(frame.messages.items())
+    pictures = {name: _picture(m) for name, m in messages if isinstance(m, Image)}
+    points = {name: _points(rig, m) for name, m in messages if isinstance(m, PointCloud | RadarScan)}
+    return MediaFrame(frame.index, {n: p for n, p in pictures.items() if p is not None}, points)
+
+
+def _picture(image: Image) -> Picture | None:
+    pixels = decode(image)
+    if pixels is None:
+        return None
+    small = resized(pixels, MAX_WIDTH_PX)
+    return Picture(encode_jpeg(small), (small.shape[1], small.shape[0]))
+
+
+def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:
+    step = max(1, -(-len(message.xyz) // MAX_POINTS))
+    xyz = transform(rig.body_T_sensor(message.sensor), message.xyz[::step]).astype(np.float32)
+    measured = message.radial_velocity_mps if isinstance(message, RadarScan) else None
+    speed = np.full(len(xyz), np.nan, np.float32) if measured is None else measured[::step]
+    return Points(xyz, speed)
+
+
+def write_media(path: Path, frames: Sequence[MediaFrame]) -> None:
+    """Write one row a picture or cloud."""
+    rows: list[tuple[int, str, str, int, int, bytes]] = []
+    for frame in frames:
+        rows += [(frame.index, "picture", name, *p.size_wh, p.jpeg) for name, p in sorted(frame.pictures.items())]
+        for name, points in sorted(frame.points.items()):
+            data = np.concatenate([points.xyz, points.speed_mps[:, None]], axis=1).astype("<f4").tobytes()
+            rows.append((frame.index, "points", name, len(points.xyz), 4, data))
+    names = ("frame", "kind", "sensor", "width", "height", "data")
+    kinds = (pa.int64(), pa.string(), pa.string(), pa.int64(), pa.int64(), pa.binary())
+    write_table(
+        path,
+        {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))},
+    )
+
+
+def read_media(path: Path) -> tuple[MediaFrame, ...]:
+    """Read what `write_media` wrote; nothing where the run kept no media."""
+    if not path.is_file():
+        return ()
+    frames: dict[int, tuple[dict[str, Picture], dict[str, Points]]] = {}
+    for row in read_table(path).to_pylist():
+        pictures, points = frames.setdefault(row["frame"], ({}, {}))
+        if row["kind"] == "picture":
+            pictures[row["sensor"]] = Picture(row["data"], (row["width"], row["height"]))
+        else:
+            values = np.frombuffer(row["data"], "<f4").reshape(-1, 4)
+            points[row["sensor"]] = Points(values[:, :3], values[:, 3])
+    return tuple(MediaFrame(index, *content) for index, content in sorted(frames.items()))

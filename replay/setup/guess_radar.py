@@ -1,0 +1,210 @@
+"""Guesses about radars: the sign of radial velocities, ego motion and ambiguity."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.messages import Pose, RadarScan
+from fbench.replay.data.rig import Rig
+from fbench.replay.geometry.ego_velocity import EgoFit, fit_ego
+from fbench.replay.setup.draft import Line
+from fbench.replay.setup.guess_sensors import Candidate
+from fbench.replay.setup.inspection import Heard
+
+
+def fit_scan(scan: RadarScan, body_R_sensor: Float64) -> EgoFit | None:
+    """Fit the radar's motion over ground, as if its velocities were positive when receding and unambiguous.
+
+    Args:
+        scan: With radial velocities (N,) [m/s].
+        body_R_sensor: Rotation (3, 3).
+
+    Returns:
+        `None` where there are too few points.
+    """
+    if scan.radial_velocity_mps is None:
+        return None
+    xyz = np.asarray(scan.xyz, np.float64)
+    distance = np.sqrt((xyz**2).sum(axis=1))
+    good = (distance > 1.0) & (distance < 1e6)  # neither too near for a direction nor not finite
+    unit = xyz[good] / distance[good, None]
+    directions = np.stack([unit[:, 0] * m[0] + unit[:, 1] * m[1] + unit[:, 2] * m[2] for m in body_R_sensor], axis=1)
+    return fit_ego(directions, np.asarray(scan.radial_velocity_mps, np.float64)[good], None)
+
+
+def forward_speed(poses: Sequence[Pose]) -> float | None:
+    """Median speed along the body's x axis [m/s], of poses in the order of their stamps; `None`: there are too few."""
+    speeds = []
+    for first, second in zip(poses, poses[5:], strict=False):
+        seconds = (second.stamp_ns - first.stamp_ns) / 1e9
+        if 0 < seconds < 2 and np.any(first.rotation_xyzw):
+            step = second.translation_m - first.translation_m
+            speeds.append(float((step * first.world_T_body[:3, 0]).sum()) / seconds)
+    return float(np.median(speeds)) if speeds else None
+
+
+_MIN_SHARE = 0.4
+_STILL_SHARE = 0.6
+_MOVING_MPS = 1.5
+_SURELY_MOVING_MPS = 3.0
+_STILL_MPS = 0.2
+
+
+@dataclass(frozen=True)
+class _Vote:
+    """What one scan says."""
+
+    window: int
+    ahead_mps: float
+    """What the scan says of things straight ahead that stand still, with the sign of its numbers."""
+    is_still: bool
+
+
+def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -> dict[str, tuple[Line, ...]]:
+    """Guess for each radar, by name, from the scans of the sample.
+
+    Most of what a radar sees stands still. Seen from a vehicle that drives forward, things ahead come nearer: so the
+    sign of the numbers ahead is that of approaching, unless the vehicle reverses, which poses tell. Numbers that stay
+    near zero while the vehicle moves, as another radar or poses say, are free of its motion. A radar that gives no
+    velocities at all gets no lines.
+    """
+    radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
+    votes = {s.name: _votes(s, rig) for s in radars}
+    speeds = _speeds(poses)
+    found: dict[str, tuple[Line, ...]] = {}
+    for s in radars:
+        others = {v.window for name, cast in votes.items() if name != s.name for v in cast if _is_fast(v)}
+        moving = others | {window for window, speed in speeds.items() if abs(speed) > _SURELY_MOVING_MPS}
+        num = sum(seen.scan is not None for seen in s.heard.seen)
+        lines = _decide(votes[s.name], num, moving, speeds)
+        found[s.name] = tuple(map(_own, lines)) if s.is_own else lines
+    return found
+
+
+def _measures_velocity(radar: Candidate) -> bool:
+    """Tell whether any scan has a velocity; also where there are no scans to tell."""
+    scans = [seen.scan for seen in radar.heard.seen if seen.scan is not None]
+    columns = [scan.radial_velocity_mps for scan in scans]
+    return not scans or any(column is not None and bool(np.isfinite(column).any()) for column in columns)
+
+
+def _own(line: Line) -> Line:
+    """In fbench's logs the meaning is fixed; data that contradict it are worth a look."""
+    meant = "receding" if line.key == "doppler" else "included"
+    if line.value == meant:
+        return replace(line, why="as in all logs of fbench" if line.is_guess else line.why, is_guess=False)
+    return Line(line.key, meant, f"as in all logs of fbench, but {line.why}: {line.value}", is_guess=True)
+
+
+def _is_fast(vote: _Vote) -> bool:
+    return not vote.is_still and abs(vote.ahead_mps) > _SURELY_MOVING_MPS
+
+
+def _votes(radar: Candidate, rig: Rig) -> list[_Vote]:
+    rotation = rig.body_T_sensor(radar.name)[:3, :3]
+    votes = []
+    for seen in radar.heard.seen:
+        fit = None if seen.scan is None else fit_scan(seen.scan, rotation)
+        if fit is None or fit.share < _MIN_SHARE:
+            continue
+        ahead_mps = -float(fit.velocity_mps[0])
+        if abs(ahead_mps) > _MOVING_MPS:
+            votes.append(_Vote(seen.window, ahead_mps, False))
+        elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
+            votes.append(_Vote(seen.window, 0.0, True))
+    return votes
+
+
+def _speeds(poses: Heard | None) -> dict[int, float]:
+    """Speed along the body's x axis by window [m/s]."""
+    windows: dict[int, list[int]] = {}
+    for i, seen in enumerate(() if poses is None else poses.seen):
+        windows.setdefault(seen.window, []).append(i)
+    found = {}
+    for window, numbers in windows.items():
+        speed = forward_speed([pose for i in numbers if poses is not None and (pose := poses.seen[i].pose) is not None])
+        if speed is not None:
+            found[window] = speed
+    return found
+
+
+def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Mapping[int, float]) -> tuple[Line, ...]:
+    if not votes:
+        return _unknown(f"none of {num_scans} scans shows a motion clearly")
+    included = [v for v in votes if not v.is_still]
+    free = [v for v in votes if v.is_still and v.window in moving]
+    if len(free) > len(included):
+        why = f"{len(free)} of {num_scans} scans stand still while the vehicle moves, as others say"
+        return (
+            Line("doppler", "receding", "the vehicle's own motion doesn't show the sign", is_guess=True),
+            Line("ego_motion", "removed", why, is_guess=len(free) < 3),
+        )
+    if not included:
+        return _unknown("the vehicle hardly moves in the scans that were looked at")
+    signs = Counter(_sign(v, speeds) for v in included)
+    sign, num = min(signs.items(), key=lambda item: (-item[1], item[0] != "receding"))
+    speed = float(np.median([abs(v.ahead_mps) for v in included]))
+    is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
+    backed = "poses say so" if speeds else "taken for driving forward"
+    why = f"{num} of {num_scans} scans fit a vehicle at {speed:.1f} m/s, {backed}"
+    return (
+        Line("doppler", sign, why, is_guess=not is_clear),
+        Line("ego_motion", "included", "what stands still moves as the vehicle does", is_guess=not is_clear),
+    )
+
+
+def _sign(vote: _Vote, speeds: Mapping[int, float]) -> str:
+    reverses = speeds.get(vote.window, 1.0) < -1.0
+    return "receding" if (vote.ahead_mps < 0) != reverses else "approaching"
+
+
+def _unknown(why: str) -> tuple[Line, ...]:
+    return (
+        Line("doppler", "receding", why, is_guess=True),
+        Line("ego_motion", "included", why, is_guess=True),
+    )  # fmt: skip
+
+
+_MIN_ECHOES = 1000
+_EDGE_SHARE, _EDGE_ECHOES = 0.05, 0.02
+_MAX_SKEW = 0.05
+_MAX_BINS = 4096
+
+
+def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
+    """Guess the period of each radar, by name, whose velocities wrap around.
+
+    Velocities thin out towards the fastest that was seen. Where they fill a range around zero up to both of its ends
+    instead, what was faster has come in again at the other end.
+    """
+    found = {s.name: _period_line(_velocities(s)) for s in sensors if s.kind == "radar" and not s.is_own}
+    return {name: line for name, line in found.items() if line is not None}
+
+
+def _velocities(radar: Candidate) -> Float64:
+    scans = [seen.scan.radial_velocity_mps for seen in radar.heard.seen if seen.scan is not None]
+    values = np.concatenate([np.zeros(0), *(scan for scan in scans if scan is not None)])
+    return np.asarray(values[np.isfinite(values)], np.float64)
+
+
+def _period_line(velocity_mps: Float64) -> Line | None:
+    if len(velocity_mps) < _MIN_ECHOES:
+        return None
+    low, high = float(velocity_mps.min()), float(velocity_mps.max())
+    span = high - low
+    edge = _EDGE_SHARE * span
+    shares = np.mean(velocity_mps <= low + edge), np.mean(velocity_mps >= high - edge)
+    if abs(high + low) > _MAX_SKEW * span or span <= 0 or min(shares) < _EDGE_ECHOES:
+        return None
+    period = round(span + _step(velocity_mps), 3)
+    why = f"velocities fill {low:.2f} to {high:.2f} m/s up to both ends, as those that wrap around do"
+    return Line("velocity_period_mps", period, why, is_guess=True)
+
+
+def _step(velocity_mps: Float64) -> float:
+    """Distance [m/s] of the steps in which a radar measures; 0 where it has none."""
+    levels = np.unique(velocity_mps.astype(np.float32))
+    return float(np.median(np.diff(levels))) if 1 < len(levels) <= _MAX_BINS else 0.0

@@ -1,0 +1,166 @@
+"""A log as the command line names it: the file, and everything that is said about it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
+from fbench.replay.formats.objects import digest_of
+from fbench.replay.formats.rig_files import open_rig_file
+from fbench.replay.logs.open import open_log
+from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.setup import BoxSource, Setup, StampParams, make_stamp_params
+from fbench.replay.runs.manifest import InputEntry, TruthEntry
+from fbench.replay.setup.configuration import Config, FramesTable, found_config, load_config, setup_of
+
+NO_CONFIG = "none"
+
+
+@dataclass(frozen=True)
+class LogWish:
+    """A log and what was said about it; travels as JSON."""
+
+    log: Path
+    config: str | None = None
+    """File; `none`: without one, even where the log has one beside it; `None`: that one, if there is one."""
+    rigs: Sequence[Path] = ()
+    """Files with calibration; the first one that names a sensor counts."""
+    truth: BoxSource | None = None
+    results: BoxSource | None = None
+    topics: Sequence[str] = ()
+    """Patterns of those that are read."""
+
+    def absolute(self) -> "LogWish":
+        """Return the same with paths that hold in every folder."""
+        config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
+        return replace(
+            self,
+            log=self.log.resolve(),
+            config=config,
+            rigs=[path.resolve() for path in self.rigs],
+            truth=None if self.truth is None else replace(self.truth, path=self.truth.path.resolve()),
+            results=None if self.results is None else replace(self.results, path=self.results.path.resolve()),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LogSource:
+    """A log that can be opened, repeatedly."""
+
+    path: Path
+    setup: Setup = field(default_factory=Setup)
+    frames: FramesTable = field(default_factory=FramesTable)
+    offsets_ms: Mapping[str, float] = field(default_factory=dict)
+    topics: Sequence[str] = ()
+    inputs: Sequence[InputEntry] = ()
+    """Files beside the log that matter."""
+
+    def open(self, faults: FaultLog) -> LogReader:
+        """Open the log; see `open_log`."""
+        return open_log(self.path, faults, self.topics, self.setup)
+
+    def used(self) -> list[InputEntry]:
+        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself.
+
+        Raises:
+            ConfigError: where the results aren't there.
+        """
+        results = self.setup.results
+        if results is None:
+            return list(self.inputs)
+        if not results.path.exists():
+            raise ConfigError(f"{results.path}: no such file or folder")
+        return [*self.inputs, input_entry("results", results.path)]
+
+    def truth_entry(self) -> TruthEntry | None:
+        """Say where truth comes from, where it isn't the log itself.
+
+        Raises:
+            ConfigError: where the file isn't there.
+            LogError: where its form isn't known.
+        """
+        if self.setup.truth is None:
+            return None
+        from fbench.replay.formats.open import truth_entry  # tables need pyarrow, most logs no table
+
+        return truth_entry(self.setup.truth)
+
+    def at(self, path: Path) -> "LogSource":
+        """Return the same for the log in another form."""
+        return replace(self, path=path)
+
+    def sync(
+        self, reference: str | None, timeout_ms: float | None, tolerance_ms: float | None, max_gap_s: float | None
+    ) -> SyncParams:
+        """How messages become frames: as the command line says, else as the configuration does.
+
+        Raises:
+            ConfigError: where a duration isn't a number, or negative.
+        """
+        own = self.frames
+        return make_sync_params(
+            own.reference if reference is None else reference,
+            own.timeout_ms if timeout_ms is None else timeout_ms,
+            own.tolerance_ms if tolerance_ms is None else tolerance_ms,
+            own.max_gap_s if max_gap_s is None else max_gap_s,
+        )
+
+    def stamps(self, source: str | None, offsets: Sequence[str]) -> StampParams:
+        """Which stamps count: as the command line says, else as the configuration does.
+
+        Raises:
+            ConfigError: where one can't be understood, or a sensor has two offsets.
+        """
+        given = make_stamp_params(source or self.frames.stamps, offsets)
+        own = {name: round(ms * 1e6) for name, ms in self.offsets_ms.items() if ms and name not in given.offsets_ns}
+        both = dict(sorted({**own, **given.offsets_ns}.items()))
+        return replace(given, offsets_ns=both, assumed=tuple(sorted(own)))
+
+
+def log_source(wish: LogWish) -> LogSource:
+    """Read the configuration and calibration that go with a log.
+
+    Raises:
+        ConfigError: where one of the files can't be used.
+    """
+    path = _config_path(wish)
+    config = Config(version=1) if path is None else load_config(path)
+    setup = Setup() if path is None else setup_of(config, path)
+    inputs = [] if path is None else [input_entry("config", path), *_rig_inputs(config, path)]
+    patch = setup.rig
+    for file in reversed(wish.rigs):
+        patch = open_rig_file(file).over(patch)
+        inputs.append(input_entry("rig", file))
+    setup = replace(setup, rig=patch, truth=wish.truth or setup.truth, results=wish.results or setup.results)
+    offsets = {name: table.offset_ms for name, table in config.sensors.items()}
+    return LogSource(wish.log, setup, config.frames, offsets, wish.topics, inputs)
+
+
+def input_entry(role: str, path: Path) -> InputEntry:
+    """Say which file was used, without where it lies.
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    return InputEntry(role=role, name=path.name, digest=digest_of(path))
+
+
+def _rig_inputs(config: Config, path: Path) -> list[InputEntry]:
+    return [input_entry("rig", path.parent / name) for name in config.body.rig]
+
+
+def _config_path(wish: LogWish) -> Path | None:
+    if wish.config == NO_CONFIG:
+        return None
+    return found_config(wish.log) if wish.config is None else Path(wish.config)
+
+
+def classes_of(config: str | None) -> Mapping[str, str]:
+    """Return the classes that a configuration names, none without one.
+
+    Raises:
+        ConfigError: where it can't be used.
+    """
+    return {} if config in (None, NO_CONFIG) else load_config(Path(config)).classes

@@ -1,1 +1,0 @@
-"""Matrices of replays: many cells, few processes, nothing done twice."""

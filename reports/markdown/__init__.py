@@ -1,1 +1,0 @@
-"""Results as Markdown, for pages that people go on writing."""
