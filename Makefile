@@ -1,9 +1,11 @@
-# Two commands on a fresh machine with Python 3.11: `make demo` and `make test`.
+# Two commands on a fresh machine with Python 3.11: `make demo` and `make test`. `make test-all` runs the slow tests, too.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo suite detector test lint bench format clean
+.PHONY: demo suite detector test test-all lint bench docs format clean
 
 demo: $(VENV)/ready
 	$(BIN)/fbench demo
@@ -13,29 +15,40 @@ suite: $(VENV)/ready
 
 # Trains the built-in camera detector anew; see docs/detector.md.
 detector: $(VENV)/ready
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[torch]'
+	$(INSTALL) -e '.[torch]'
 	$(BIN)/fbench log simulate training -o runs/training
 	$(BIN)/fbench weights train runs/training -o runs/city.onnx
 
 test: lint
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(PYTEST) -m "not slow"
 
-lint: $(VENV)/ready
+# What `make test` leaves out: slow tests, and those that need torch, which weighs gigabytes.
+test-all: test $(VENV)/ready-torch
+	$(PYTEST) -m "slow or torch"
+
+lint: $(VENV)/ready-test
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(VENV)/ready
+bench: $(VENV)/ready-test
 	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
 
-format: $(VENV)/ready
+docs: $(VENV)/ready-docs
+	$(BIN)/mkdocs build --quiet --strict
+
+format: $(VENV)/ready-test
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(INSTALL) -e .
+	touch $@
+
+$(VENV)/ready-%: $(VENV)/ready
+	$(INSTALL) -e '.[$*]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info runs
+	rm -rf $(VENV) build dist site *.egg-info runs

@@ -3,7 +3,9 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is an extra")
 
 from fbench.pipelines.models.network import CityDetector, cell_strides, cells  # noqa: E402
-from fbench.pipelines.models.train import Targets, Truths, assign, giou, loss  # noqa: E402  # noqa: E402
+from fbench.pipelines.models.train import Targets, Truths, assign, giou, loss  # noqa: E402
+
+pytestmark = pytest.mark.torch
 
 SIZE = (256, 128)
 POINTS, STRIDES = cells(*SIZE), cell_strides(*SIZE)

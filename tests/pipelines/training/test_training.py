@@ -15,6 +15,8 @@ from fbench.replay.contracts.errors import ConfigError  # noqa: E402
 from fbench.replay.data.images import encode_jpeg  # noqa: E402
 from fbench.replay.data.messages import Image  # noqa: E402
 
+pytestmark = pytest.mark.torch
+
 pytestmark = pytest.mark.slow
 SHORT = TrainingSettings(steps=12, crops=4, wholes=1, warm_up=4, checkpoint_every=5)
 
