@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fbench.pipelines.tracking.tracker3d import Tracker3D
-from fbench.pipelines.variants.track import TrackParams
+from fbench.pipelines.variants.recorded import TrackParams
 from fbench.replay.data.boxes import Boxes3D
 
 PERIOD_NS = 100_000_000

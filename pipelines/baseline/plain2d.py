@@ -5,8 +5,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.baseline.boxes import Cloud, Extents, boxes, image_clusters, no_extents, space_clusters
-from fbench.pipelines.baseline.labels import UNKNOWN, camera_extents, merged, projected
+from fbench.pipelines.baseline.boxes import (
+    UNKNOWN,
+    Cloud,
+    Extents,
+    boxes,
+    camera_extents,
+    image_clusters,
+    merged,
+    no_extents,
+    projected,
+    space_clusters,
+)
 from fbench.pipelines.baseline.observations import KINDS, PlainSensors
 from fbench.pipelines.baseline.params import (
     MORE_POINTS,

@@ -5,8 +5,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.baseline.boxes import Cloud, Extents, boxes, no_extents, one_cloud, space_clusters
-from fbench.pipelines.baseline.labels import UNKNOWN, cluster_labels, merged, named, painted, solid, with_camera
+from fbench.pipelines.baseline.boxes import (
+    UNKNOWN,
+    Cloud,
+    Extents,
+    boxes,
+    cluster_labels,
+    merged,
+    named,
+    no_extents,
+    one_cloud,
+    painted,
+    solid,
+    space_clusters,
+    with_camera,
+)
 from fbench.pipelines.baseline.observations import KINDS, PlainSensors
 from fbench.pipelines.baseline.params import (
     MORE_POINTS,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.fusion.image_reliability import CameraTrust, Evidence, ImageFusionParams, evidence, rate_at
+from fbench.pipelines.fusion.reliability import CameraTrust, Evidence, ImageFusionParams, evidence, rate_at
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, agreed, by_camera, log_odds

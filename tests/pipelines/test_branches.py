@@ -15,7 +15,7 @@ from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.parallel import Branches
-from fbench.pipelines.variants.late3d import Late3D, Late3DParams
+from fbench.pipelines.variants.fused import Late3D, Late3DParams
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import VARIABLE

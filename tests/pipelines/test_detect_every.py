@@ -12,9 +12,9 @@ from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.variants.camera2d import Camera2D, Camera2DParams
-from fbench.pipelines.variants.late3d import Late3D, Late3DParams
-from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.fused import Late3D, Late3DParams
+from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.plugins import default_params, found, load

@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from tests.pipelines.frames import frame, rig
 
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, detect
-from fbench.pipelines.variants.early3d import Early3D
-from fbench.pipelines.variants.late3d import Late3D
-from fbench.pipelines.variants.lidar3d import Lidar3D
-from fbench.pipelines.variants.radar3d import Radar3D
+from fbench.pipelines.variants.fused import Early3D, Late3D
+from fbench.pipelines.variants.lidar import Lidar3D
+from fbench.pipelines.variants.radar import Radar3D
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import PointCloud, RadarScan
 from fbench.replay.data.rig import LogInfo

@@ -12,10 +12,9 @@ import pytest
 from tests.pipelines.frames import cloud, frame, rig, scan
 from tests.pipelines.stereo import pairs
 
-from fbench.pipelines.variants.early3d import Early3D, Early3DParams
-from fbench.pipelines.variants.late3d import Late3D, Late3DParams
-from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
-from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.fused import Early3D, Early3DParams, Late3D, Late3DParams
+from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.settings import apply_settings, parameter_paths

@@ -10,10 +10,9 @@ import pytest
 from tests.pipelines.frames import CAMERA, JPEG, MOUNTS, cloud, frame, image, rig, scan
 
 from fbench.pipelines.sensors.camera.detector import CameraParams
-from fbench.pipelines.variants.early2d import Early2D, Early2DParams
-from fbench.pipelines.variants.late2d import Late2D, Late2DParams
-from fbench.pipelines.variants.lidar2d import Lidar2D, Lidar2DParams
-from fbench.pipelines.variants.radar2d import Radar2D, Radar2DParams
+from fbench.pipelines.variants.fused import Early2D, Early2DParams, Late2D, Late2DParams
+from fbench.pipelines.variants.lidar import Lidar2D, Lidar2DParams
+from fbench.pipelines.variants.radar import Radar2D, Radar2DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.messages import PointCloud, RadarScan

@@ -4,7 +4,7 @@ from tests.pipelines.frames import assert_equal, fields, frame, rig, scan
 
 from fbench.pipelines.sensors.radar.doppler import PERIOD_KEY, DopplerParams
 from fbench.pipelines.sensors.radar.radar import RadarParams
-from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import RadarScan

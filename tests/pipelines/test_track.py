@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.pipelines.frames import assert_equal, rig
 
-from fbench.pipelines.variants.track import Track, TrackParams
+from fbench.pipelines.variants.recorded import Track, TrackParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.plugins import default_params, load
 from fbench.replay.contracts.settings import apply_settings

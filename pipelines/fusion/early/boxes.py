@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import Cloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups
-from fbench.pipelines.fusion.lift import SIZES, Sighting, outline_overlaps
+from fbench.pipelines.fusion.observations import SIZES, Sighting, outline_overlaps
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import (

@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.early.boxes import Placed, Shapes, View, judged, pl
 from fbench.pipelines.fusion.early.cloud import Cloud, EchoParams, Scene
 from fbench.pipelines.fusion.early.density import DensityParams, clusters
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Labels, SemanticsParams, counted, grouped, label_points
-from fbench.pipelines.fusion.lift import AT_MIN_SCORE
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.data.arrays import Array, Bool, Float64, Text

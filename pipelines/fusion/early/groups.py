@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import Cloud
 from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.lift import SIZES, Sighting, sightings
+from fbench.pipelines.fusion.observations import SIZES, Sighting, sightings
 from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane

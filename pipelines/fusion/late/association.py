@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.clusters import Clusters, Overlap, edges_for_points, overlap
-from fbench.pipelines.fusion.late.kernels import agglomerate
+from fbench.pipelines.fusion.kernels import agglomerate
 from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.lift import AT_MIN_SCORE, Sighting
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, Clusters, Overlap, Sighting, edges_for_points, overlap
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.rig import Rig

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.pipelines.fusion.kernels import hidden_shares, nearest_by_bearing
 from fbench.pipelines.fusion.late.association import Group
-from fbench.pipelines.fusion.late.kernels import hidden_shares, nearest_by_bearing
 from fbench.pipelines.fusion.late.params import AgreementParams, FusionParams
 from fbench.pipelines.fusion.late.place import Scene
-from fbench.pipelines.fusion.lift import Sighting, outline_overlaps
+from fbench.pipelines.fusion.observations import Sighting, outline_overlaps
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D

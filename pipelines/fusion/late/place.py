@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.clusters import Clusters, edges_for_points
 from fbench.pipelines.fusion.late.association import FEWEST, Group
 from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.lift import SIZES, Sighting
+from fbench.pipelines.fusion.observations import SIZES, Clusters, Sighting, edges_for_points
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, VehicleSize, complete, fit_rectangles
 from fbench.replay.data.arrays import Float64

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import AHEAD, K, car, lidar_view, radar_view
 
-from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.fuse import Seen, fuse
 from fbench.pipelines.fusion.late.params import FusionParams
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Boxes3D

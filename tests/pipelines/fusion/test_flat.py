@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, lidar_view, outline, radar_view
 
-from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.fuse import Seen, fuse
 from fbench.pipelines.fusion.late.params import AssociationParams, FusionParams
-from fbench.pipelines.fusion.lift import flat_view, sightings
+from fbench.pipelines.fusion.observations import flat_view, sightings
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Rig

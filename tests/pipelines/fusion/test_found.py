@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.fusion.late.late import Found, one_object
+from fbench.pipelines.fusion.late.fuse import Found, one_object
 
 
 def found(x, y, length=4.0, yaw=0.0):

@@ -3,7 +3,7 @@ import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 
 from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.lift import AT_MIN_SCORE, believed, sightings
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, believed, sightings
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.geometry.camera import project_boxes
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 
-from fbench.pipelines.fusion.late.late import less_sure_of_parts
+from fbench.pipelines.fusion.late.fuse import less_sure_of_parts
 from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.lift import sightings
+from fbench.pipelines.fusion.observations import sightings
 
 SIGHTING = sightings(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import AHEAD, PLANE, RIG, K, car, lidar_view, outline, radar_view, standing_view
 
-from fbench.pipelines.fusion.late.late import LateFusion, Seen, fuse
+from fbench.pipelines.fusion.late.fuse import LateFusion, Seen, fuse
 from fbench.pipelines.fusion.late.params import FusionParams
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.pipelines.fusion.late.late import Seen
+from fbench.pipelines.fusion.late.fuse import Seen
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.ground import Plane

@@ -6,7 +6,7 @@ import pytest
 from tests.pipelines.imaging.places import CAMERA, RIG, back, cloud, wall
 
 from fbench.pipelines.fusion.image import ImageView, fuse, merged
-from fbench.pipelines.fusion.image_reliability import CameraTrust, ImageFusionParams
+from fbench.pipelines.fusion.reliability import CameraTrust, ImageFusionParams
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import SpotParams, spots
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera, by_points

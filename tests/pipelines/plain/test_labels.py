@@ -3,10 +3,10 @@
 import numpy as np
 from tests.pipelines.frames import rig
 
-from fbench.pipelines.baseline.boxes import extents
-from fbench.pipelines.baseline.labels import (
+from fbench.pipelines.baseline.boxes import (
     camera_extents,
     cluster_labels,
+    extents,
     named,
     painted,
     projected,

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.baseline.boxes import extents, iou, joined, no_extents
-from fbench.pipelines.baseline.labels import merged
+from fbench.pipelines.baseline.boxes import extents, iou, joined, merged, no_extents
 from fbench.replay.data.boxes import Source
 
 

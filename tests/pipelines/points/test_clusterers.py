@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from fbench.pipelines.sensors.image.params import ImageClusterParams, cluster_in_image
 from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, detect, obstacles
 from fbench.pipelines.sensors.points.clustering import CLUSTERERS, METHODS, Grouping
-from fbench.pipelines.variants.lidar3d import Lidar3DParams
-from fbench.pipelines.variants.radar3d import Radar3DParams
+from fbench.pipelines.variants.lidar import Lidar3DParams
+from fbench.pipelines.variants.radar import Radar3DParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.settings import apply_settings
 

@@ -6,7 +6,7 @@ from tests.pipelines.frames import cloud, fields, frame, rig
 from tests.pipelines.scenes import road
 
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, LidarView, detect, judging, obstacles
-from fbench.pipelines.variants.lidar3d import Lidar3D, Lidar3DParams
+from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo

@@ -7,14 +7,14 @@ import pytest
 from tests.pipelines.frames import UPRIGHT, assert_equal, cloud, frame, rig, scan
 from tests.pipelines.scenes import echoes, radial, surroundings
 
-from fbench.pipelines.fusion.late.late import Seen, fuse
+from fbench.pipelines.fusion.late.fuse import Seen, fuse
 from fbench.pipelines.fusion.late.params import FusionParams
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarView, compensate, detect
-from fbench.pipelines.variants.late3d import Late3D
-from fbench.pipelines.variants.radar3d import Radar3D, Radar3DParams
+from fbench.pipelines.variants.fused import Late3D
+from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import RadarScan

@@ -80,7 +80,7 @@ def test_unused_messages_are_information(path):
 
 
 def test_pipeline_that_cannot_use_the_rig(path):
-    from fbench.pipelines.variants.lidar3d import Lidar3D
+    from fbench.pipelines.variants.lidar import Lidar3D
 
     items = [m for m in clean() if not isinstance(m, PointCloud)]
     mounts = {name: mount for name, mount in RIG.mounts.items() if name != "lidar"}

@@ -7,13 +7,12 @@ from itertools import groupby
 
 import numpy as np
 
-from fbench.pipelines.fusion.clusters import Clusters, clusters
+from fbench.pipelines.fusion.kernels import count_near
 from fbench.pipelines.fusion.late.association import Group, groups
 from fbench.pipelines.fusion.late.existence import Agreement, Evidence, blocking, lidar_weight, probabilities
-from fbench.pipelines.fusion.late.kernels import count_near
 from fbench.pipelines.fusion.late.params import AssociationParams, FusionParams
 from fbench.pipelines.fusion.late.place import Placed, Scene, boxes_of, place
-from fbench.pipelines.fusion.lift import Sighting, sightings
+from fbench.pipelines.fusion.observations import Clusters, Sighting, clusters, sightings
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.radar.radar import RadarView

@@ -1,17 +1,17 @@
-"""radar2d: vehicles in images from the echoes of all radars alone, and a tracker."""
+"""radar2d and radar3d: moving vehicles from the echoes of all radars alone, and a tracker."""
 
 from dataclasses import dataclass, field
 
 from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
-from fbench.pipelines.sensors.points.merged import require
+from fbench.pipelines.sensors.points.merged import reported, require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
-from fbench.pipelines.tracking.params import Tracker2DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked2D
+from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
+from fbench.pipelines.tracking.stage import Detected, Tracked2D, Tracked3D
 from fbench.pipelines.variants.params import RadarAloneParams
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.data.boxes import Boxes2D
+from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 
@@ -61,3 +61,40 @@ class Radar2D:
 
     def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(unlabelled(self._radar.view(frame, clock).seen, self._params.min_score))
+
+
+@dataclass(frozen=True)
+class Radar3DParams(RadarAloneParams):
+    """Parameters of `radar3d`."""
+
+    tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
+    """The tracker."""
+
+
+class Radar3D:
+    """Boxes in 3D from all radars, with the velocity along the line of sight. They have no class."""
+
+    def __init__(self, params: Radar3DParams = Radar3DParams()) -> None:
+        self._params, self._tracked = params, Tracked3D(params.tracking, params.detect_every)
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all radars of the rig.
+
+        Raises:
+            LogError: where it has none.
+        """
+        require("radar3d", ("radar",), rig, log_info)
+        self._tracked.start(rig)
+        self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))
+        self.reset("start")
+
+    def reset(self, reason: str) -> None:
+        """Forget all tracks."""
+        self._tracked.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Detect and track; a frame without radar has no detections."""
+        return self._tracked.step(frame, self._detected)
+
+    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+        return Detected(reported(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))

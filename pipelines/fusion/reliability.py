@@ -1,4 +1,4 @@
-"""Reliability of sensors in images: how likely objects are, how well cameras see, and the evidence of points."""
+"""Reliability of sensors: how well each sees at present, and how sure that makes fusion of an object."""
 
 from dataclasses import dataclass
 
