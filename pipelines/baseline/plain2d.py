@@ -31,10 +31,11 @@ from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker2DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked2D
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes2D, concatenate
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.camera import in_image, project_body, require_projection
 
@@ -63,12 +64,12 @@ class Plain2DParams(PlainParams):
     """The tracker, one per camera."""
 
 
-class Plain2D:
+class Plain2D(TrackingPipeline[Boxes2D]):
     """Boxes in the images of all cameras; labelled where cameras are used."""
 
     def __init__(self, params: Plain2DParams = Plain2DParams()) -> None:
+        super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params, self._sensors = params, PlainSensors(params)
-        self._tracked = Tracked2D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all cameras of the rig, and the other sensors that are used.
@@ -88,21 +89,14 @@ class Plain2D:
                               "fbench weights list")  # fmt: skip
         for name in self._images if with_points else ():
             require_projection(rig, name)
+        self.missing = self._sensors.cameras.missing
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
         return self._sensors.cameras.identity
 
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect, merge and track; what a missing sensor would have given isn't there."""
-        return self._tracked.step(frame, self._detected, self._sensors.cameras.missing)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         seen = self._sensors.view(frame, clock)
         parts = (self._early if self._params.strategy == "early" else self._late)(seen.clouds, clock)
         with clock.stage("fuse"):

@@ -33,10 +33,11 @@ from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked3D
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -63,12 +64,12 @@ class Plain3DParams(PlainParams):
             raise ConfigError("uses: a camera alone places nothing in space; name lidar, radar or stereo too")
 
 
-class Plain3D:
+class Plain3D(TrackingPipeline[Boxes3D]):
     """Boxes along the axes in space, from clusters of points; labelled where cameras are used."""
 
     def __init__(self, params: Plain3DParams = Plain3DParams()) -> None:
+        super().__init__(Tracker3D(params.tracking), params.detect_every)
         self._params, self._sensors = params, PlainSensors(params)
-        self._tracked = Tracked3D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the sensors of the rig that are used.
@@ -80,24 +81,16 @@ class Plain3D:
         if "stereo" not in uses:
             require("plain3d", tuple(kind for kind in KINDS if kind in uses), rig, log_info)
         self._rig = rig
-        self._tracked.start(rig)
         self._sensors.start(rig, log_info)
         self._sensors.cameras.require_projections()
+        self.missing = self._sensors.cameras.missing
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
         return self._sensors.cameras.identity
 
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect, merge and track; what a missing sensor would have given isn't there."""
-        return self._tracked.step(frame, self._detected, self._sensors.cameras.missing)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)
         find = self._early if self._params.strategy == "early" else self._late
         return Detected(self._reported(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)

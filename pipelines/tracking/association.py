@@ -4,9 +4,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fbench.pipelines.tracking.kalman import States
-from fbench.pipelines.tracking.tracks import Columns, rows
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.geometry.iou import flat_iou, iou_2d
 
 
@@ -74,8 +72,8 @@ def mahalanobis_nearness(states: States, measured: Float64, measured_std: Float6
 
 
 def footprint_iou(a: Float64, b: Float64) -> Float64:
-    """Overlap (N, M) seen from above of upright boxes (N, 7) and (M, 7): centre, size, heading."""
-    return flat_iou(a, b, *_starts(a, b), solid=False).reshape(len(a), len(b))
+    """Overlap (N, M) seen from above of upright boxes (N, 7) and (M, 7): center, size, heading."""
+    return _flat_iou(a, b, solid=False)
 
 
 def image_iou(a: Array, b: Array) -> Float64:
@@ -86,59 +84,27 @@ def image_iou(a: Array, b: Array) -> Float64:
 
 
 def giou_2d(a: Array, b: Array) -> Float64:
-    """Generalised IoU (N, M) of rectangles (N, 4) and (M, 4): IoU - (hull - union) / hull (Rezatofighi et al.)."""
+    """Generalized IoU (N, M) of rectangles (N, 4) and (M, 4): IoU - (hull - union) / hull (Rezatofighi et al.)."""
     low = np.minimum(a[:, None, :2], b[None, :, :2])
     high = np.maximum(a[:, None, 2:], b[None, :, 2:])
     iou, hull = iou_2d(a, b), np.prod(high - low, axis=2)
-    union = (_areas(a)[:, None] + _areas(b)[None, :]) / (1.0 + iou)
+    area_a, area_b = (np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0), axis=1) for boxes in (a, b))
+    union = (area_a[:, None] + area_b[None, :]) / (1.0 + iou)
     good = np.isfinite(hull) & (hull > 0)
     filled = np.divide(union, hull, out=np.zeros_like(hull), where=good)
     return np.where(good, np.clip(iou - 1.0 + filled, -1.0, 1.0), -1.0)
 
 
 def giou_3d(a: Float64, b: Float64) -> Float64:
-    """Generalised IoU (N, M) in space of upright boxes (N, 7) and (M, 7): centre, size, heading; see `giou_2d`.
+    """Generalized IoU (N, M) in space of upright boxes (N, 7) and (M, 7): center, size, heading; see `giou_2d`.
 
     The hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
-    from fbench.pipelines.tracking.kernels import generalised  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import generalized  # numba takes a while to import
 
-    iou = flat_iou(a, b, *_starts(a, b), solid=True).reshape(len(a), len(b))
-    return generalised(np.ascontiguousarray(a), np.ascontiguousarray(b), iou)
-
-
-def _starts(a: Float64, b: Float64) -> tuple[Int64, Int64]:
-    """All boxes are of one step."""
-    return np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)
+    return generalized(np.ascontiguousarray(a), np.ascontiguousarray(b), _flat_iou(a, b, solid=True))
 
 
-def _areas(boxes: Array) -> Float64:
-    return np.asarray(np.prod(np.maximum(boxes[:, 2:] - boxes[:, :2], 0.0), axis=1), np.float64)
-
-
-def canonical(detections: Columns, place: str) -> Columns:
-    """Return sound detections by rising `place` (N, ...), equal ones by all that they carry.
-
-    Those whose place, size, heading or score isn't finite are left out: nothing can be tracked by them.
-    """
-    if not len(detections[place]):
-        return detections
-    good = _sound(detections, place)
-    detections = detections if good.all() else rows(detections, good)
-    if len(detections[place]) < 2:
-        return detections
-    order = np.lexsort(detections[place].T[::-1])
-    ordered = detections[place][order]
-    if (ordered[1:] == ordered[:-1]).all(axis=1).any():
-        order = np.lexsort([key for name in sorted(detections) for key in _keys(detections[name])])
-    return rows(detections, order)
-
-
-def _sound(detections: Columns, place: str) -> Bool:
-    named = [detections[name] for name in (place, "size_lwh_m", "yaw_rad", "score") if name in detections]
-    limit = [np.abs(array).reshape(len(array), -1).max(axis=1) < MAX_MAGNITUDE for array in named]
-    return np.asarray(np.logical_and.reduce(limit), np.bool_)
-
-
-def _keys(array: Array) -> list[Array]:
-    return [array] if array.ndim == 1 else list(array.T)
+def _flat_iou(a: Float64, b: Float64, solid: bool) -> Float64:
+    starts = np.array([0, len(a)], np.int64), np.array([0, len(b)], np.int64)  # all boxes are of one step
+    return flat_iou(a, b, *starts, solid=solid).reshape(len(a), len(b))

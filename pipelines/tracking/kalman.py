@@ -49,7 +49,7 @@ class States:
         """Select tracks by index."""
         return States(self.values.take(rows, axis=1))
 
-    def overwritten(self, at: Int64, new: "States") -> "States":
+    def replace_rows(self, at: Int64, new: "States") -> "States":
         """Replace the tracks `at`."""
         values = self.values.copy()
         values[:, at] = new.values
@@ -69,20 +69,19 @@ def predict(states: States, dt_s: float, drift_std: Float64) -> States:
     Rates do a random walk with a standard deviation of `drift_std` (m,) or (T, m) after one second: for each
     component Q = drift_std^2 [[dt^3 / 3, dt^2 / 2], [dt^2 / 2, dt]] (Bar-Shalom et al., Estimation, 2001, 6.2.2).
     """
-    from fbench.pipelines.tracking.kernels import predicted  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import predict_states  # numba takes a while to import
 
-    return States(predicted(_steady(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
+    return States(predict_states(_steady(states.values), dt_s, dt_s**2, dt_s**3, _each(drift_std, states)))
 
 
 def update(states: States, measured: Float64, measured_std: Float64) -> States:
     """Correct each state with one measurement, (T, m)."""
-    from fbench.pipelines.tracking.kernels import corrected  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import correct_states  # numba takes a while to import
 
-    return States(corrected(_steady(states.values), _steady(measured), _each(measured_std, states)))
+    return States(correct_states(_steady(states.values), _steady(measured), _each(measured_std, states)))
 
 
 def _each(std: Float64, states: States) -> Float64:
-    """Give each track its own standard deviations (T, m)."""
     each = np.empty(states.values.shape[1:])
     each[:] = std
     return each

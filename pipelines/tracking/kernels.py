@@ -13,7 +13,7 @@ def hull_areas(a: Float64, b: Float64) -> Float64:
     """Area (N, M) [m^2] of the convex hull of each pair of footprints, by A. M. Andrew's monotone chain (1979).
 
     Args:
-        a: (N, 7) centre x, y, z, length, width, height [m], heading [rad].
+        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
         b: (M, 7)
     """
     areas = np.empty((len(a), len(b)))
@@ -28,11 +28,11 @@ def hull_areas(a: Float64, b: Float64) -> Float64:
 
 
 @kernel
-def generalised(a: Float64, b: Float64, iou: Float64) -> Float64:
-    """Generalised IoU (N, M) of upright boxes in space: IoU - 1 + union / hull; -1 where a hull isn't finite, or empty.
+def generalized(a: Float64, b: Float64, iou: Float64) -> Float64:
+    """Generalized IoU (N, M) of upright boxes in space: IoU - 1 + union / hull; -1 where a hull isn't finite, or empty.
 
     Args:
-        a: (N, 7) centre x, y, z, length, width, height [m], heading [rad].
+        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
         b: (M, 7)
         iou: (N, M) in space, -inf where boxes can't be compared.
     """
@@ -53,7 +53,7 @@ def generalised(a: Float64, b: Float64, iou: Float64) -> Float64:
 
 @kernel
 def _corners(box: Float64, origin: Float64, points: Float64, start: int) -> None:
-    """Write four corners, seen from another box's centre so that far boxes keep their digits."""
+    """Write four corners, seen from another box's center so that far boxes keep their digits."""
     cos, sin = math.cos(box[6]), math.sin(box[6])
     x, y = box[0] - origin[0], box[1] - origin[1]
     for k in range(4):
@@ -104,7 +104,7 @@ def _turn(chain: Float64, num: int, point: Float64) -> float:
 
 
 @kernel
-def predicted(values: Float64, dt_s: float, dt_s2: float, dt_s3: float, drift_std: Float64) -> Float64:
+def predict_states(values: Float64, dt_s: float, dt_s2: float, dt_s3: float, drift_std: Float64) -> Float64:
     """Move states (5, T, m) by `dt_s`, whose powers come along, with the rates' drift (T, m) in one second."""
     result = np.empty_like(values)
     for t in range(values.shape[1]):
@@ -122,7 +122,7 @@ def predicted(values: Float64, dt_s: float, dt_s2: float, dt_s3: float, drift_st
 
 
 @kernel
-def corrected(values: Float64, measured: Float64, measured_std: Float64) -> Float64:
+def correct_states(values: Float64, measured: Float64, measured_std: Float64) -> Float64:
     """Correct states (5, T, m) with one measurement each (T, m), its standard deviation likewise."""
     result = np.empty_like(values)
     for t in range(values.shape[1]):
@@ -158,7 +158,7 @@ def overlaps(a: Float64, b: Float64) -> Float64:
 
 @kernel
 def as_measured(xyxy: Float64, least: float) -> Float64:
-    """Centre x, y, area and aspect ratio (N, 4) of left, top, right, bottom (N, 4); sides are `least` at least."""
+    """Center x, y, area and aspect ratio (N, 4) of left, top, right, bottom (N, 4); sides are `least` at least."""
     result = np.empty((len(xyxy), 4))
     for i in range(len(xyxy)):
         # Not `max`, which may make a side of what isn't a number.
@@ -170,7 +170,7 @@ def as_measured(xyxy: Float64, least: float) -> Float64:
 
 @kernel
 def as_corners(measured: Float64) -> Float64:
-    """Left, top, right, bottom (N, 4) of centre, area and aspect ratio (N, 4)."""
+    """Left, top, right, bottom (N, 4) of center, area and aspect ratio (N, 4)."""
     result = np.empty((len(measured), 4))
     for i in range(len(measured)):
         x, y, area, aspect = measured[i, 0], measured[i, 1], measured[i, 2], measured[i, 3]

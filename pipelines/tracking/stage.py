@@ -1,24 +1,24 @@
 """The course of a frame: detection where it is due, then tracking; prediction in between."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import Generic
 
 from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.points.merged import world_T_body
-from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.tracking.tracker3d import Tracker3D
-from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Fault, Frame, Output
-from fbench.replay.data.rig import Rig
+from fbench.replay.data.rig import LogInfo, Rig
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 """No sensor is missing."""
 
 
-class Rhythm:
+class DetectionInterval:
     """Says in which frames of a segment is detected: the first, and every so many-th after it.
 
     It counts frames, whatever sensors they hold, so that which ones are due is a property of the log's frames alone.
@@ -35,14 +35,13 @@ class Rhythm:
         """Begin a segment, whose first frame is due."""
         self._num = 0
 
-    def due(self) -> bool:
-        """Count a frame, and tell whether detection runs in it; to be asked once a frame."""
-        is_due = self._num % self._every == 0
+    def is_due(self) -> bool:
+        """Count a frame, and say whether detection runs in it; to be asked once a frame."""
         self._num += 1
-        return is_due
+        return (self._num - 1) % self._every == 0
 
 
-def predicted(
+def predict_output(
     predict: Callable[[], Boxes],
     missing: Mapping[str, str] = NOTHING,
     *,
@@ -63,12 +62,9 @@ def predicted(
     return Output(tracks, tracks, clock.stage_ns, faults, missing)
 
 
-B = TypeVar("B", Boxes2D, Boxes3D)
-
-
 @dataclass(frozen=True, eq=False)
 class Detected(Generic[B]):
-    """What was detected in one frame."""
+    """Detections of one frame."""
 
     boxes: B
     faults: tuple[Fault, ...] = ()
@@ -76,64 +72,44 @@ class Detected(Generic[B]):
     """Sensors that couldn't be used in this frame, with the reason."""
 
 
-Detect = Callable[[Frame, StageClock], Detected[B]]
-"""Detects in a frame, and times its stages."""
-
-
-class Tracked2D:
-    """Boxes in images: detected, tracked by camera, and predicted in frames in which nothing is looked for.
+class TrackingPipeline(ABC, Generic[B]):
+    """Detects in the frames that are due, predicts tracks in the others; subclasses know how to detect.
 
     Args:
-        params: Of the tracker.
-        detect_every: See `Rhythm`.
+        tracker: In space it tracks in world coordinates where the log has poses.
+        detect_every: See `DetectionInterval`.
     """
 
-    def __init__(self, params: Tracker2DParams, detect_every: int) -> None:
-        self._tracker, self._rhythm = Tracker2D(params), Rhythm(detect_every)
+    missing: Mapping[str, str] = NOTHING
+    """Sensors that can't be used in any frame, with the reason."""
 
-    def reset(self) -> None:
-        """Forget all tracks; the next frame begins a segment."""
-        self._tracker.reset()
-        self._rhythm.reset()
+    def __init__(self, tracker: Tracker[B], detect_every: int) -> None:
+        self._tracker, self._interval = tracker, DetectionInterval(detect_every)
 
-    def step(self, frame: Frame, detect: Detect[Boxes2D], missing: Mapping[str, str] = NOTHING) -> Output:
-        """Return detections and tracks of a frame; `missing` are sensors that can't be used in any frame."""
-        if not self._rhythm.due():
-            return predicted(lambda: self._tracker.predict(frame.stamp_ns), missing)
-        return _followed(frame, detect, lambda boxes: self._tracker.step(boxes, frame.stamp_ns), missing)
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take the sensors of the rig.
 
-
-class Tracked3D:
-    """Boxes in space, in the same way; tracked in world coordinates where the log has poses.
-
-    Args:
-        params: Of the tracker.
-        detect_every: See `Rhythm`.
-    """
-
-    def __init__(self, params: Tracker3DParams, detect_every: int) -> None:
-        self._tracker, self._rhythm = Tracker3D(params), Rhythm(detect_every)
-
-    def start(self, rig: Rig) -> None:
-        """Take the rig whose poses count."""
+        Raises:
+            ConfigError: where what the parameters ask for isn't there.
+            LogError: where the rig lacks sensors that the pipeline needs, or a camera that can be projected into.
+        """
         self._rig = rig
 
-    def reset(self) -> None:
-        """Forget all tracks; the next frame begins a segment."""
+    def reset(self, reason: str) -> None:
+        """Begin a segment: end all tracks, and forget what sensors and fusion remember of earlier frames."""
         self._tracker.reset()
-        self._rhythm.reset()
+        self._interval.reset()
 
-    def step(self, frame: Frame, detect: Detect[Boxes3D], missing: Mapping[str, str] = NOTHING) -> Output:
-        """Return detections and tracks of a frame; `missing` are sensors that can't be used in any frame."""
-        pose = world_T_body(self._rig, frame)
-        if not self._rhythm.due():
-            return predicted(lambda: self._tracker.predict(frame.stamp_ns, pose), missing)
-        return _followed(frame, detect, lambda boxes: self._tracker.step(boxes, frame.stamp_ns, pose), missing)
+    def step(self, frame: Frame) -> Output:
+        """Detect and track; what a missing sensor would have given isn't there, as with a corrupt image."""
+        pose = world_T_body(self._rig, frame) if isinstance(self._tracker, Tracker3D) else None
+        if not self._interval.is_due():
+            return predict_output(lambda: self._tracker.predict(frame.stamp_ns, pose), self.missing)
+        clock = StageClock()
+        found = self._detect(frame, clock)
+        with clock.stage("track"):
+            tracks = self._tracker.step(found.boxes, frame.stamp_ns, pose)
+        return Output(found.boxes, tracks, clock.stage_ns, found.faults, {**self.missing, **found.missing})
 
-
-def _followed(frame: Frame, detect: Detect[B], track: Callable[[B], B], missing: Mapping[str, str]) -> Output:
-    clock = StageClock()
-    found = detect(frame, clock)
-    with clock.stage("track"):
-        tracks = track(found.boxes)
-    return Output(found.boxes, tracks, clock.stage_ns, found.faults, {**missing, **found.missing})
+    @abstractmethod
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[B]: ...

@@ -10,11 +10,12 @@ from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked2D
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
-from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -36,12 +37,12 @@ class Camera2DParams:
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 
-class Camera2D:
+class Camera2D(TrackingPipeline[Boxes2D]):
     """Boxes in the images of all cameras, from the images alone."""
 
     def __init__(self, params: Camera2DParams) -> None:
+        super().__init__(Tracker2D(params.tracking), params.detect_every)
         self._params, self._cameras = params, CameraStage(params.camera)
-        self._tracked = Tracked2D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all cameras of the rig; those without weights count as missing.
@@ -58,21 +59,14 @@ class Camera2D:
                 "camera2d needs a detector for this log: fbench weights get deimv2-femto, then "
                 "--set camera.weights=deimv2-femto (or the path of an ONNX file)"
             )
+        self.missing = self._cameras.missing
         self.reset("start")
 
     def identity(self) -> Mapping[str, object]:
         """Which weights are used, where no parameter names them."""
         return self._cameras.identity
 
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect in every camera's image and track; a camera without a usable image gives no detections."""
-        return self._tracked.step(frame, self._detected, self._cameras.missing)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         faults = list[Fault]()
         seen = self._cameras.view(frame, clock, faults)
         boxes = concatenate([no_detections(), *(camera_boxes(name, found) for name, found in seen.items())])

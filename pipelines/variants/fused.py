@@ -1,16 +1,18 @@
-"""early2d, late2d, early3d and late3d: all sensors, one way of fusion each, and a tracker."""
+"""early2d, late2d, early3d and late3d: compositions of all sensors, one kind of fusion each, and a tracker."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
-from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, Standing, merged, require_depth, stereo_stage
+from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds, require_depth, stereo_stage
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
 from fbench.pipelines.fusion.image import ImageFusion
-from fbench.pipelines.fusion.late.fuse import LateFusion, Seen
+from fbench.pipelines.fusion.late.fuse import LateFusion, Observations
 from fbench.pipelines.fusion.late.params import FusionParams
 from fbench.pipelines.fusion.reliability import ImageFusionParams
-from fbench.pipelines.params import StageClock
-from fbench.pipelines.sensors.camera.detector import CameraDetections
+from fbench.pipelines.models.weights import resolve_settings
+from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
 from fbench.pipelines.sensors.image.stage import InImages, LidarInImages, RadarInImages, projectable
@@ -18,18 +20,58 @@ from fbench.pipelines.sensors.lidar.lidar import LidarParams
 from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.parallel import SideBySide
 from fbench.pipelines.sensors.points.merged import require
-from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage
+from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
-from fbench.pipelines.tracking.stage import Detected, Tracked2D, Tracked3D
-from fbench.pipelines.variants.params import AllSensorsParams
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.pipelines.tracking.tracks import B, Tracker
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
-SeeInImages = Callable[[Frame, StageClock], InImages]
-"""What sensors of one kind see in the images of one frame."""
+
+@dataclass(frozen=True)
+class AllSensorsParams:
+    """What pipelines of cameras, LiDARs and radars share."""
+
+    camera: CameraParams = field(default_factory=CameraParams)
+    """Detection by camera; without weights those of fbench work on simulated logs; on others it counts as
+    missing.
+    """
+    lidar: LidarParams = field(default_factory=LidarParams)
+    """Detection by LiDAR."""
+    radar: RadarParams = field(default_factory=RadarParams)
+    """Detection by radar."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
+    in everything, LiDARs in min_range_m and max_range_m, radars in max_range_m, min_magnitude_db and doppler.
+    """
+
+    def __post_init__(self) -> None:
+        require_between("detect_every", self.detect_every, 1)
+        object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
+
+
+class FusionPipeline(TrackingPipeline[B]):
+    """Cameras and two other kinds of sensors, whose branches run in parallel."""
+
+    def __init__(self, params: AllSensorsParams, camera_share: float, tracker: Tracker[B]) -> None:
+        super().__init__(tracker, params.detect_every)
+        self._sensors = SideBySide(CameraStage(params.camera, camera_share))
+
+    def identity(self) -> Mapping[str, object]:
+        """Which weights are used, where no parameter names them."""
+        return self._sensors.identity
+
+    def _start_cameras(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
+        self._rig = rig
+        self._sensors.start(rig, log_info, settings)
+        self.missing = self._sensors.missing
 
 
 @dataclass(frozen=True)
@@ -50,43 +92,52 @@ class FusedImagesParams(AllSensorsParams):
     """The tracker, one per camera."""
 
 
-class FusedImages:
-    """Merges in each image what its camera sees and what LiDARs and radars see there; how these see is left open."""
+class FusedImages(FusionPipeline[Boxes2D]):
+    """Labeled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
+    there.
 
-    def __init__(self, cameras: CameraStage, fusion: ImageFusionParams, tracked: Tracked2D) -> None:
-        self._sensors, self._params, self._tracked = SideBySide(cameras), fusion, tracked
+    Objects without a camera's label are called cars, or trucks where they are long.
+    """
 
-    @property
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.identity
+    name: ClassVar[str]
 
-    def start(self, pipeline: str, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> tuple[str, ...]:
-        """Take all cameras of the rig, and return the names of those that can be projected into.
+    def __init__(self, params: FusedImagesParams) -> None:
+        super().__init__(params, params.fusion.camera_share, Tracker2D(params.tracking))
+        self._params = params
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all sensors of the rig.
 
         Raises:
-            LogError: where there is none, or one that has weights isn't among them.
+            LogError: where it has no LiDAR or radar, or no camera that can be projected into, or one that is to be used
+                can't.
         """
-        cameras = projectable(pipeline, rig, log_info)
-        self._sensors.start(rig, log_info, settings)
-        self._fusion = ImageFusion(rig, cameras, self._params)
-        return cameras
+        require(self.name, ("lidar", "radar"), rig, log_info)
+        params, settings = self._params, SensorSettings(self._params, rig)
+        cameras = projectable(self.name, rig, log_info)
+        self._start_cameras(rig, log_info, settings)
+        self._fusion = ImageFusion(rig, cameras, params.fusion)
+        self._points = LidarStage(rig, log_info, params.lidar, settings)
+        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
+        echoes = RadarStage(rig, log_info, params.radar, settings)
+        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self.reset("start")
 
-    def reset(self) -> None:
-        """Forget all tracks, and how well the cameras see."""
-        self._tracked.reset()
+    def reset(self, reason: str) -> None:
+        """Forget all tracks, how the ground lies, and how well the cameras see."""
+        super().reset(reason)
         self._fusion.reset()
+        self._points.reset()
 
-    def step(self, frame: Frame, lidar: SeeInImages, radar: SeeInImages) -> Output:
-        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        faults = list[Fault]()
+        cameras, lidar, radar = self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view)
+        with clock.stage("fuse"):
+            return Detected(self._fusion.merge(cameras, *self._use(lidar, radar)), tuple(faults))
 
-        def merged(frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-            faults = list[Fault]()
-            seen = self._sensors.view(frame, clock, faults, lidar, radar)
-            with clock.stage("fuse"):
-                return Detected(self._fusion.merge(*seen), tuple(faults))
-
-        return self._tracked.step(frame, merged, self._sensors.missing)
+    def _use(self, lidar: InImages, radar: InImages) -> tuple[InImages, InImages]:
+        """What of the other sensors' views takes part in fusion."""
+        return lidar, radar
 
 
 @dataclass(frozen=True)
@@ -94,45 +145,13 @@ class Early2DParams(FusedImagesParams):
     """Parameters of `early2d`."""
 
 
-class Early2D:
-    """Labelled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there.
+class Early2D(FusedImages):
+    """LiDAR and radar points in the images are merged with the cameras' boxes there, and tracked."""
 
-    Objects without a camera's label are called cars, or trucks where they are long.
-    """
+    name = "early2d"
 
     def __init__(self, params: Early2DParams = Early2DParams()) -> None:
-        self._params, tracked = params, Tracked2D(params.tracking, params.detect_every)
-        self._fused = FusedImages(CameraStage(params.camera, params.fusion.camera_share), params.fusion, tracked)
-
-    def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig.
-
-        Raises:
-            LogError: where it has no LiDAR or radar, or no camera that can be projected into, or one that is to be used
-                can't.
-        """
-        require("early2d", ("lidar", "radar"), rig, log_info)
-        params, settings = self._params, SensorSettings(self._params, rig)
-        cameras = self._fused.start("early2d", rig, log_info, settings)
-        self._points = LidarStage(rig, log_info, params.lidar, settings)
-        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
-        echoes = RadarStage(rig, log_info, params.radar, settings)
-        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._fused.identity
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, how the ground lies, and how well the cameras see."""
-        self._fused.reset()
-        self._points.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
-        return self._fused.step(frame, self._lidar.view, self._radar.view)
+        super().__init__(params)
 
 
 @dataclass(frozen=True)
@@ -140,51 +159,18 @@ class Late2DParams(FusedImagesParams):
     """Parameters of `late2d`."""
 
 
-class Late2D:
-    """Labelled boxes in the images of all cameras, with distance and range rate; at least one LiDAR or radar must be
-    there. Each sensor detects as in `camera2d`, `lidar2d` and `radar2d`.
-
-    Objects without a camera's label are called cars, or trucks where they are long.
+class Late2D(FusedImages):
+    """Each sensor detects on its own, as in `camera2d`, `lidar2d` and `radar2d`; their boxes are merged in the images,
+    and tracked.
     """
 
+    name = "late2d"
+
     def __init__(self, params: Late2DParams = Late2DParams()) -> None:
-        self._params, tracked = params, Tracked2D(params.tracking, params.detect_every)
-        self._fused = FusedImages(CameraStage(params.camera, params.fusion.camera_share), params.fusion, tracked)
+        super().__init__(params)
 
-    def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig.
-
-        Raises:
-            LogError: where it has no LiDAR or radar, or no camera that can be projected into, or one that is to be used
-                can't.
-        """
-        require("late2d", ("lidar", "radar"), rig, log_info)
-        params, settings = self._params, SensorSettings(self._params, rig)
-        cameras = self._fused.start("late2d", rig, log_info, settings)
-        self._points = LidarStage(rig, log_info, params.lidar, settings)
-        self._lidar = LidarInImages(rig, cameras, self._points, params.lidar_image)
-        echoes = RadarStage(rig, log_info, params.radar, settings)
-        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
-
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._fused.identity
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks, how the ground lies, and how well the cameras see."""
-        self._fused.reset()
-        self._points.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
-        return self._fused.step(frame, self._boxes_of_lidar, self._boxes_of_radar)
-
-    def _boxes_of_lidar(self, frame: Frame, clock: StageClock) -> InImages:
-        return replace(self._lidar.view(frame, clock), points={})
-
-    def _boxes_of_radar(self, frame: Frame, clock: StageClock) -> InImages:
-        return replace(self._radar.view(frame, clock), points={})
+    def _use(self, lidar: InImages, radar: InImages) -> tuple[InImages, InImages]:
+        return replace(lidar, points={}), replace(radar, points={})
 
 
 @dataclass(frozen=True)
@@ -206,15 +192,15 @@ class Early3DParams(AllSensorsParams):
     """The tracker."""
 
 
-class Early3D:
-    """Labelled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there.
+class Early3D(FusionPipeline[Boxes3D]):
+    """Labeled boxes in 3D around the points of LiDARs, radars and a stereo pair; one of these must be there.
 
-    Cameras label points; what none of them sees is labelled by its shape.
+    All points become one cloud, which is clustered. Cameras label points; what none of them sees is labeled by shape.
     """
 
     def __init__(self, params: Early3DParams = Early3DParams()) -> None:
-        self._params, self._sensors = params, SideBySide(CameraStage(params.camera, params.fusion.camera_share))
-        self._tracked = Tracked3D(params.tracking, params.detect_every)
+        super().__init__(params, params.fusion.camera_share, Tracker3D(params.tracking))
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig.
@@ -227,31 +213,19 @@ class Early3D:
         params, settings = self._params, SensorSettings(self._params, rig)
         stereo = stereo_stage(rig, log_info.name, params.stereo_pair, params.stereo)
         require_depth(rig, log_info.name, stereo)
-        self._sensors.start(rig, log_info, settings)
-        self._tracked.start(rig)
-        self._rig = rig
+        self._start_cameras(rig, log_info, settings)
         self._depth = DepthStage(rig, log_info, params.lidar, settings, stereo)
         self._radar = RadarStage(rig, log_info, params.radar, settings)
         self.reset("start")
 
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.identity
-
     def reset(self, reason: str) -> None:
         """Forget all tracks, and how the ground lies."""
-        self._tracked.reset()
+        super().reset(reason)
         self._depth.reset()
 
-    def step(self, frame: Frame) -> Output:
-        """Merge the points of all sensors that delivered, label, cluster and track; a corrupt image counts as
-        missing.
-        """
-        return self._tracked.step(frame, self._detected, self._sensors.missing)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         of_images, of_pairs = list[Fault](), list[Fault]()
-        cameras, standing, echoes = self._sensors.view(
+        cameras, depth, echoes = self._sensors.view(
             frame,
             clock,
             of_images,
@@ -259,19 +233,12 @@ class Early3D:
             self._radar.echoes,
         )
         with clock.stage("fuse"):
-            detections = self._fused(cameras, standing, echoes)
+            params, stage = self._params, self._depth
+            cloud = merge_clouds(depth, echoes, params.radar.min_speed_mps, params.fusion.echoes)
+            scene = Scene(self._rig, cameras, cloud, depth.plane, depth.lidar.tall, stage.eye_m, stage.shapes)
+            boxes = fuse(scene, params.fusion)
         faults = tuple(dict.fromkeys((*of_images, *of_pairs)))  # both may meet one corrupt image
-        return Detected(detections, faults, dict.fromkeys(standing.noisy, NOISE))
-
-    def _fused(
-        self, cameras: Mapping[str, CameraDetections], standing: Standing, echoes: Compensated | None
-    ) -> Boxes3D:
-        fusion, speed = self._params.fusion, self._params.radar.min_speed_mps
-        cloud = merged(standing.lidar, standing.stereo, echoes, standing.plane, speed, fusion.echoes)
-        scene = Scene(
-            self._rig, cameras, cloud, standing.plane, standing.lidar.tall, self._depth.eye_m, self._depth.judged
-        )
-        return fuse(scene, fusion)
+        return Detected(boxes, faults, dict.fromkeys(depth.noisy, NOISE))
 
 
 @dataclass(frozen=True)
@@ -284,16 +251,16 @@ class Late3DParams(AllSensorsParams):
     """The tracker."""
 
 
-class Late3D:
-    """Labelled boxes in 3D from any of cameras, LiDARs and radars; at least one LiDAR or radar must be there.
+class Late3D(FusionPipeline[Boxes3D]):
+    """Labeled boxes in 3D from any of cameras, LiDARs and radars; at least one LiDAR or radar must be there.
 
-    Objects without a camera's label are called cars, or trucks where they are long.
+    Each sensor detects on its own; their boxes are merged in space, and tracked. Objects without a camera's label are
+    called cars, or trucks where they are long.
     """
 
     def __init__(self, params: Late3DParams = Late3DParams()) -> None:
+        super().__init__(params, params.fusion.camera_share, Tracker3D(params.tracking))
         self._params, self._fusion = params, LateFusion(params.fusion)
-        self._sensors = SideBySide(CameraStage(params.camera, params.fusion.camera_share))
-        self._tracked = Tracked3D(params.tracking, params.detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all sensors of the rig.
@@ -303,29 +270,19 @@ class Late3D:
         """
         require("late3d", ("lidar", "radar"), rig, log_info)
         settings = SensorSettings(self._params, rig)
-        self._sensors.start(rig, log_info, settings)
-        self._tracked.start(rig)
-        self._rig = rig
+        self._start_cameras(rig, log_info, settings)
         self._lidar = LidarStage(rig, log_info, self._params.lidar, settings)
         self._radar = RadarStage(rig, log_info, self._params.radar, settings)
         self.reset("start")
 
-    def identity(self) -> Mapping[str, object]:
-        """Which weights are used, where no parameter names them."""
-        return self._sensors.identity
-
     def reset(self, reason: str) -> None:
         """Forget all tracks, how the ground lies, and how well the sensors work."""
-        self._tracked.reset()
+        super().reset(reason)
         self._fusion.reset()
         self._lidar.reset()
 
-    def step(self, frame: Frame) -> Output:
-        """Detect with each sensor that delivered, merge and track; a corrupt image counts as missing."""
-        return self._tracked.step(frame, self._detected, self._sensors.missing)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults = list[Fault]()
-        seen = Seen(self._rig, *self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view))
+        seen = self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view)
         with clock.stage("fuse"):
-            return Detected(self._fusion.step(seen), tuple(faults))
+            return Detected(self._fusion.step(Observations(self._rig, *seen)), tuple(faults))

@@ -2,19 +2,40 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock
+from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, projectable, unlabelled
 from fbench.pipelines.sensors.lidar.lidar import LidarParams
 from fbench.pipelines.sensors.lidar.stage import LidarStage
 from fbench.pipelines.sensors.points.merged import reported, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
-from fbench.pipelines.tracking.stage import Detected, Tracked2D, Tracked3D
-from fbench.pipelines.variants.params import LidarAloneParams
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class LidarAloneParams:
+    """What pipelines of LiDARs alone share."""
+
+    lidar: LidarParams = field(default_factory=LidarParams)
+    """Detection."""
+    min_score: float = 0.5
+    """Clusters with a lower score are dropped."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one LiDAR, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; so does max_range_m. What
+    acts on the points of all LiDARs together can't differ.
+    """
+
+    def __post_init__(self) -> None:
+        require_between("min_score", self.min_score, 0.0, 1.0)
+        require_between("detect_every", self.detect_every, 1)
 
 
 @dataclass(frozen=True)
@@ -31,11 +52,20 @@ class Lidar2DParams(LidarAloneParams):
     """The tracker, one per camera."""
 
 
-class Lidar2D:
-    """Boxes in the images of all cameras from all LiDARs; images aren't looked at. They have no class."""
+@dataclass(frozen=True)
+class Lidar3DParams(LidarAloneParams):
+    """Parameters of `lidar3d`."""
+
+    tracking: Tracker3DParams = field(default_factory=steady_tracking)
+    """The tracker."""
+
+
+class Lidar2D(TrackingPipeline[Boxes2D]):
+    """Boxes in the images of all cameras from all LiDARs; images aren't decoded. They have no class."""
 
     def __init__(self, params: Lidar2DParams = Lidar2DParams()) -> None:
-        self._params, self._tracked = params, Tracked2D(params.tracking, params.detect_every)
+        super().__init__(Tracker2D(params.tracking), params.detect_every)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig, and the cameras that can be projected into.
@@ -51,30 +81,19 @@ class Lidar2D:
 
     def reset(self, reason: str) -> None:
         """Forget all tracks, and how the ground lies."""
-        self._tracked.reset()
+        super().reset(reason)
         self._points.reset()
 
-    def step(self, frame: Frame) -> Output:
-        """Detect and track; a frame without LiDAR has no detections."""
-        return self._tracked.step(frame, self._detected)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
         return Detected(unlabelled(self._lidar.view(frame, clock).seen, self._params.min_score))
 
 
-@dataclass(frozen=True)
-class Lidar3DParams(LidarAloneParams):
-    """Parameters of `lidar3d`."""
-
-    tracking: Tracker3DParams = field(default_factory=steady_tracking)
-    """The tracker."""
-
-
-class Lidar3D:
+class Lidar3D(TrackingPipeline[Boxes3D]):
     """Boxes in 3D from all LiDARs, merged in body coordinates, without velocity; with labels where the model judges."""
 
     def __init__(self, params: Lidar3DParams = Lidar3DParams()) -> None:
-        self._params, self._tracked = params, Tracked3D(params.tracking, params.detect_every)
+        super().__init__(Tracker3D(params.tracking), params.detect_every)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all LiDARs of the rig.
@@ -83,19 +102,15 @@ class Lidar3D:
             LogError: where it has none.
         """
         require("lidar3d", ("lidar",), rig, log_info)
-        self._tracked.start(rig)
+        self._rig = rig
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))
         self.reset("start")
 
     def reset(self, reason: str) -> None:
         """Forget all tracks, and how the ground lies."""
-        self._tracked.reset()
+        super().reset(reason)
         self._lidar.reset()
 
-    def step(self, frame: Frame) -> Output:
-        """Detect and track; a frame without LiDAR has no detections."""
-        return self._tracked.step(frame, self._detected)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes
         return Detected(reported(boxes, self._params.min_score, Source.L, self._lidar.labelled))

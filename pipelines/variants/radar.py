@@ -2,18 +2,39 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock
+from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
 from fbench.pipelines.sensors.points.merged import reported, require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked2D, Tracked3D
-from fbench.pipelines.variants.params import RadarAloneParams
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker2d import Tracker2D
+from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
-from fbench.replay.data.frames import Frame, Output
+from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
+
+
+@dataclass(frozen=True)
+class RadarAloneParams:
+    """What pipelines of radars alone share."""
+
+    radar: RadarParams = field(default_factory=RadarParams)
+    """Detection."""
+    min_score: float = 0.65
+    """Clusters with a lower score are dropped."""
+    detect_every: int = 1
+    """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    by_sensor: tuple[str, ...] = ()
+    """Of one radar, by its name: `--set rear.max_range_m=40` goes before `radar.max_range_m`; so do min_magnitude_db
+    and doppler. What acts on the echoes of all radars together can't differ.
+    """
+
+    def __post_init__(self) -> None:
+        require_between("min_score", self.min_score, 0.0, 1.0)
+        require_between("detect_every", self.detect_every, 1)
 
 
 @dataclass(frozen=True)
@@ -30,39 +51,6 @@ class Radar2DParams(RadarAloneParams):
     """The tracker, one per camera."""
 
 
-class Radar2D:
-    """Boxes in the images of all cameras from all radars, with their range rate; images aren't looked at. They have no
-    class.
-    """
-
-    def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
-        self._params, self._tracked = params, Tracked2D(params.tracking, params.detect_every)
-
-    def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all radars of the rig, and the cameras that can be projected into.
-
-        Raises:
-            LogError: where it has no radar, or no such camera.
-        """
-        require("radar2d", ("radar",), rig, log_info)
-        cameras = projectable("radar2d", rig, log_info)
-        params = self._params
-        echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
-        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
-        self.reset("start")
-
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect and track; a frame without radar has no detections."""
-        return self._tracked.step(frame, self._detected)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-        return Detected(unlabelled(self._radar.view(frame, clock).seen, self._params.min_score))
-
-
 @dataclass(frozen=True)
 class Radar3DParams(RadarAloneParams):
     """Parameters of `radar3d`."""
@@ -71,11 +59,37 @@ class Radar3DParams(RadarAloneParams):
     """The tracker."""
 
 
-class Radar3D:
+class Radar2D(TrackingPipeline[Boxes2D]):
+    """Boxes in the images of all cameras from all radars, with their range rate; images aren't decoded. They have no
+    class.
+    """
+
+    def __init__(self, params: Radar2DParams = Radar2DParams()) -> None:
+        super().__init__(Tracker2D(params.tracking), params.detect_every)
+        self._params = params
+
+    def start(self, rig: Rig, log_info: LogInfo) -> None:
+        """Take all radars of the rig, and the cameras that can be projected into.
+
+        Raises:
+            LogError: where it has no radar, or no such camera.
+        """
+        require("radar2d", ("radar",), rig, log_info)
+        cameras, params = projectable("radar2d", rig, log_info), self._params
+        echoes = RadarStage(rig, log_info, params.radar, SensorSettings(params, rig))
+        self._radar = RadarInImages(rig, cameras, echoes, params.radar, params.radar_image)
+        self.reset("start")
+
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
+        return Detected(unlabelled(self._radar.view(frame, clock).seen, self._params.min_score))
+
+
+class Radar3D(TrackingPipeline[Boxes3D]):
     """Boxes in 3D from all radars, with the velocity along the line of sight. They have no class."""
 
     def __init__(self, params: Radar3DParams = Radar3DParams()) -> None:
-        self._params, self._tracked = params, Tracked3D(params.tracking, params.detect_every)
+        super().__init__(Tracker3D(params.tracking), params.detect_every)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take all radars of the rig.
@@ -84,17 +98,9 @@ class Radar3D:
             LogError: where it has none.
         """
         require("radar3d", ("radar",), rig, log_info)
-        self._tracked.start(rig)
+        self._rig = rig
         self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))
         self.reset("start")
 
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect and track; a frame without radar has no detections."""
-        return self._tracked.step(frame, self._detected)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         return Detected(reported(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))

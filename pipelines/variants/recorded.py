@@ -4,90 +4,15 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from fbench.pipelines.params import StageClock, require_between
-from fbench.pipelines.sensors.recorded import Found, RecordedBoxes, Which
+from fbench.pipelines.sensors.recorded import RecordedBoxes, Which
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
-from fbench.pipelines.tracking.stage import Rhythm, predicted
+from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
-
-
-@dataclass(frozen=True)
-class TrackParams(Which):
-    """Parameters of `track`."""
-
-    detect_every: int = 1
-    """Detections count on every so many-th frame of a segment, from its first; between them tracks are predicted."""
-    tracking: Tracker3DParams = field(
-        default_factory=lambda: Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
-    )
-    """The tracker where detections are in 3D."""
-    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)
-    """The tracker where they are in images."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_between("detect_every", self.detect_every, 1)
-
-
-class Track:
-    """Tracks recorded detections, in 3D where there are any, else in images. Ids that they had are left aside."""
-
-    argument: ClassVar[str] = "topic"
-
-    def __init__(self, params: TrackParams = TrackParams()) -> None:
-        self._params = params
-        self._recorded = RecordedBoxes("track", params)
-        self._tracker3d, self._tracker2d = (
-            Tracker3D(params.tracking, any_order=True),
-            Tracker2D(params.tracking2d, any_order=True),
-        )
-        self._rhythm = Rhythm(params.detect_every)
-
-    def use_log(self, log: BoxReader) -> None:
-        """Take the log whose detections are meant."""
-        self._recorded.use_log(log)
-
-    def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Find out whether boxes are in 3D or in images.
-
-        Raises:
-            LogError: where there are no results, or nothing can move them to the body.
-        """
-        self._recorded.start(rig, log_info)
-
-    def reset(self, reason: str) -> None:
-        """End all tracks."""
-        self._recorded.enter()
-        self._tracker3d.reset()
-        self._tracker2d.reset()
-        self._rhythm.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Track what was detected; a frame between detections has its predicted tracks for detections."""
-        clock = StageClock()
-        with clock.stage("read"):
-            found = self._recorded.take(frame)
-        if not self._rhythm.due():
-            return predicted(lambda: self._predicted(found, frame.stamp_ns), clock=clock, faults=found.faults)
-        detections = self._recorded.kind.empty() if found.boxes is None else found.boxes
-        with clock.stage("track"):
-            tracks = self._tracked(detections, found, frame.stamp_ns)
-        return Output(detections, tracks, clock.stage_ns, found.faults, found.missing)
-
-    def _predicted(self, found: Found, stamp_ns: int) -> Boxes:
-        if self._recorded.kind is Boxes2D:
-            return self._tracker2d.predict(stamp_ns)
-        return self._tracker3d.predict(stamp_ns, found.world_T_body)
-
-    def _tracked(self, detections: Boxes, found: Found, stamp_ns: int) -> Boxes:
-        if isinstance(detections, Boxes2D):
-            return self._tracker2d.step(detections, stamp_ns)
-        return self._tracker3d.step(detections, stamp_ns, found.world_T_body)
-
 
 STAGE = "recorded"
 """Stands for all that the other system did."""
@@ -128,3 +53,57 @@ class Recorded:
         boxes = self._recorded.kind.empty() if found.boxes is None else found.boxes
         stage_ns = {} if found.latency_ns is None else {STAGE: found.latency_ns}
         return Output(boxes, boxes, stage_ns, found.faults, found.missing, clock="log")
+
+
+@dataclass(frozen=True)
+class TrackParams(Which):
+    """Parameters of `track`."""
+
+    detect_every: int = 1
+    """Detections count on every so many-th frame of a segment, from its first; between them tracks are predicted."""
+    tracking: Tracker3DParams = field(
+        default_factory=lambda: Tracker3DParams(association="giou", max_missed=3, predicted_share=0.0)
+    )
+    """The tracker where detections are in 3D."""
+    tracking2d: Tracker2DParams = field(default_factory=Tracker2DParams)
+    """The tracker where they are in images."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_between("detect_every", self.detect_every, 1)
+
+
+class Track(Recorded):
+    """Tracks recorded detections, in 3D where there are any, else in images. Ids that they had are left aside."""
+
+    def __init__(self, params: TrackParams = TrackParams()) -> None:
+        self._recorded = RecordedBoxes("track", params)
+        self._tracker3d = Tracker3D(params.tracking, any_order=True)
+        self._tracker2d = Tracker2D(params.tracking2d, any_order=True)
+        self._interval = DetectionInterval(params.detect_every)
+
+    def reset(self, reason: str) -> None:
+        """End all tracks."""
+        self._recorded.enter()
+        self._tracker3d.reset()
+        self._tracker2d.reset()
+        self._interval.reset()
+
+    def step(self, frame: Frame) -> Output:
+        """Track what was detected; a frame between detections has its predicted tracks for detections."""
+        clock, stamp_ns = StageClock(), frame.stamp_ns
+        with clock.stage("read"):
+            found = self._recorded.take(frame)
+        if not self._interval.is_due():
+            tracker = self._tracker2d if self._recorded.kind is Boxes2D else self._tracker3d
+            return predict_output(
+                lambda: tracker.predict(stamp_ns, found.world_T_body), clock=clock, faults=found.faults
+            )
+        boxes = self._recorded.kind.empty() if found.boxes is None else found.boxes
+        with clock.stage("track"):
+            tracks: Boxes
+            if isinstance(boxes, Boxes2D):
+                tracks = self._tracker2d.step(boxes, stamp_ns)
+            else:
+                tracks = self._tracker3d.step(boxes, stamp_ns, found.world_T_body)
+        return Output(boxes, tracks, clock.stage_ns, found.faults, found.missing)

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock
+from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.points.merged import reported
 from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
 from fbench.pipelines.tracking.params import Tracker3DParams
-from fbench.pipelines.tracking.stage import Detected, Tracked3D
-from fbench.pipelines.variants.params import require_alone
+from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
+from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.data.boxes import Boxes3D, Source
-from fbench.replay.data.frames import Fault, Frame, Output
+from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 
@@ -29,33 +29,27 @@ class Stereo3DParams:
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
 
     def __post_init__(self) -> None:
-        require_alone(self.min_score, self.detect_every)
+        require_between("min_score", self.min_score, 0.0, 1.0)
+        require_between("detect_every", self.detect_every, 1)
 
 
-class Stereo3D:
+class Stereo3D(TrackingPipeline[Boxes3D]):
     """Boxes in 3D from one stereo pair. They have no class and no velocity.
 
     A frame whose depth is noise has no detections, and both cameras count as missing from it.
     """
 
     def __init__(self, params: Stereo3DParams = Stereo3DParams()) -> None:
-        self._params, self._tracked = params, Tracked3D(params.tracking, params.detect_every)
+        super().__init__(Tracker3D(params.tracking), params.detect_every)
+        self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
         """Take the pair that is named, or the one with the longest baseline."""
-        self._tracked.start(rig)
+        self._rig = rig
         self._stereo = StereoStage(rig, log_info.name, self._params.stereo)
         self.reset("start")
 
-    def reset(self, reason: str) -> None:
-        """Forget all tracks."""
-        self._tracked.reset()
-
-    def step(self, frame: Frame) -> Output:
-        """Detect and track; a frame without both images has no detections."""
-        return self._tracked.step(frame, self._detected)
-
-    def _detected(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
+    def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         faults, pair = list[Fault](), self._stereo.pair
         view = self._stereo.view(frame, clock, faults)
         with clock.stage("detect.stereo"):

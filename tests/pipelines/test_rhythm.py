@@ -1,7 +1,7 @@
 import pytest
 
 from fbench.pipelines.params import StageClock
-from fbench.pipelines.tracking.stage import Rhythm, predicted
+from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault
@@ -11,16 +11,16 @@ from fbench.replay.data.frames import Fault
     ("every", "due"), [(1, [True] * 5), (2, [True, False] * 2 + [True]), (3, [True, False, False, True, False])]
 )
 def test_the_first_frame_of_a_segment_is_due_and_every_so_many_th_after_it(every: int, due: list[bool]):
-    rhythm = Rhythm(every)
-    assert [rhythm.due() for _ in range(5)] == due
-    rhythm.reset()
-    assert rhythm.due()
+    interval = DetectionInterval(every)
+    assert [interval.is_due() for _ in range(5)] == due
+    interval.reset()
+    assert interval.is_due()
 
 
 @pytest.mark.parametrize("every", [0, -3])
 def test_less_than_every_frame_is_refused(every: int):
     with pytest.raises(ConfigError, match=f"detect_every: expected at least 1, got {every}"):
-        Rhythm(every)
+        DetectionInterval(every)
 
 
 def test_predicted_tracks_stand_for_detections():
@@ -28,7 +28,7 @@ def test_predicted_tracks_stand_for_detections():
     with clock.stage("read"):
         pass
     boxes = Boxes3D.empty()
-    output = predicted(lambda: boxes, {"cam": "no weights"}, clock=clock, faults=(fault,))
+    output = predict_output(lambda: boxes, {"cam": "no weights"}, clock=clock, faults=(fault,))
     assert output.detections is boxes
     assert output.tracks is boxes
     assert (list(output.stage_ns), output.missing, output.faults) == (
@@ -36,4 +36,4 @@ def test_predicted_tracks_stand_for_detections():
         {"cam": "no weights"},
         (fault,),
     )
-    assert list(predicted(lambda: boxes).stage_ns) == ["track"]
+    assert list(predict_output(lambda: boxes).stage_ns) == ["track"]

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fbench.pipelines.fusion.early.cloud import Cloud, Scene
+from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups
 from fbench.pipelines.fusion.observations import SIZES, Sighting, outline_overlaps
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
@@ -37,7 +37,7 @@ class View:
     """What boxes are fitted to."""
 
     rig: Rig
-    cloud: Cloud
+    cloud: FusedCloud
     plane: Plane | None
     sightings: tuple[Sighting, ...]
     eye_m: Float64
@@ -58,7 +58,7 @@ class Shapes:
     """(M,) height of the lowest [m]."""
 
 
-def shapes(cloud: Cloud, groups: Groups, counts: Counts, least: float) -> Shapes:
+def shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> Shapes:
     """Fit rectangles: around points of LiDAR and stereo where a group has `least` of them, else around all."""
     dense = cloud.source[groups.rows] != int(Source.R)
     by_shape = counts.dense >= least

@@ -24,7 +24,7 @@ from fbench.replay.geometry.stereo_pairs import pairs
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class FusedCloud:
     """Points of all sensors in body coordinates: LiDAR, then stereo, then radar, each in its own canonical order."""
 
     xyz: Float64
@@ -57,32 +57,30 @@ class EchoParams:
         require_ranges("fusion.echoes", self, dict.fromkeys(("least_height_m", "most_height_m"), (-1000.0, 1000.0)))
 
 
-def merged(
-    lidar: Obstacles,
-    stereo: Obstacles,
-    echoes: Compensated | None,
-    plane: Plane | None,
-    min_speed_mps: float,
-    params: EchoParams,
-) -> Cloud:
+def merge_clouds(
+    depth: "DepthView", echoes: Compensated | None, min_speed_mps: float, params: EchoParams
+) -> FusedCloud:
     """Merge what LiDAR and stereo see stand on the ground with radar echoes, in body coordinates.
 
     Echoes slower than `min_speed_mps` over ground stand, and so do those whose velocity isn't known; of the latter only
-    the strongest of a scan are used.
+    the strongest of a scan are used. Radar is poor at heights, but standing echoes must be about as high as objects.
     """
+    lidar, stereo, plane = depth.lidar, depth.stereo, depth.plane
     dense = np.concatenate([lidar.xyz, stereo.xyz])
     source = np.repeat(np.array([int(Source.L), int(Source.S)], np.uint8), [len(lidar.xyz), len(stereo.xyz)])
     height = np.concatenate([lidar.height_m, stereo.height_m])
     unknown, zero = np.full(len(dense), np.nan), np.zeros(len(dense))
     if echoes is None:
-        return Cloud(dense, source, unknown, zero, np.zeros(len(dense), np.bool_), height)
-    above = np.zeros(len(echoes.xyz)) if plane is None else echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
+        return FusedCloud(dense, source, unknown, zero, np.zeros(len(dense), np.bool_), height)
     moving = np.abs(echoes.range_rate_mps) >= min_speed_mps
-    rows = moving | _may_stand(echoes, above, plane is not None, params)
-    num = int(np.count_nonzero(rows))
-    return Cloud(
+    standing, above = np.isfinite(echoes.range_rate_mps) | echoes.is_strong, np.zeros(len(echoes.xyz))
+    if plane is not None:
+        above = echoes.xyz[:, 2] - plane.z_m(echoes.xyz)
+        standing &= (above > params.least_height_m) & (above < params.most_height_m)
+    rows = moving | standing
+    return FusedCloud(
         np.concatenate([dense, echoes.xyz[rows]]),
-        np.concatenate([source, np.full(num, int(Source.R), np.uint8)]),
+        np.concatenate([source, np.full(int(np.count_nonzero(rows)), int(Source.R), np.uint8)]),
         np.concatenate([unknown, echoes.range_rate_mps[rows]]),
         np.concatenate([zero, echoes.period_mps[rows]]),
         np.concatenate([np.zeros(len(dense), np.bool_), moving[rows]]),
@@ -90,19 +88,11 @@ def merged(
     )
 
 
-def _may_stand(echoes: Compensated, above_m: Float64, is_known: bool, params: EchoParams) -> Bool:
-    """Tell which standing echoes (N,) may be of objects; radar is poor at heights."""
-    kept = np.isfinite(echoes.range_rate_mps) | echoes.is_strong
-    if not is_known:
-        return kept
-    return np.asarray(kept & (above_m > params.least_height_m) & (above_m < params.most_height_m), np.bool_)
-
-
 Choice = Literal["auto", "on", "off"]
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class DepthView:
     """What stands on the ground in one frame."""
 
     lidar: Obstacles
@@ -113,8 +103,8 @@ class Standing:
     """Cameras whose depth is taken for noise."""
 
 
-def nothing() -> Obstacles:
-    """Return what a sensor sees that delivers nothing."""
+def no_obstacles() -> Obstacles:
+    """Return the obstacles of a sensor that delivers nothing."""
     return Obstacles(None, np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
 
 
@@ -125,8 +115,8 @@ def stereo_stage(rig: Rig, log_name: str, choice: Choice, params: StereoParams) 
         ConfigError: where a camera that is named isn't there.
         LogError: where a pair is to be used and the rig has none, or what it has can't be rectified.
     """
-    is_wanted = choice == "on" or (choice == "auto" and not rig.sensors("lidar") and bool(pairs(rig)))
-    return StereoStage(rig, log_name, params) if is_wanted else None
+    is_used = choice == "on" or (choice == "auto" and not rig.sensors("lidar") and bool(pairs(rig)))
+    return StereoStage(rig, log_name, params) if is_used else None
 
 
 def require_depth(rig: Rig, log_name: str, stereo: StereoStage | None) -> None:
@@ -146,21 +136,16 @@ class DepthStage:
     """Remembers how the ground lies, for frames in which nothing tells."""
 
     def __init__(
-        self,
-        rig: Rig,
-        log_info: LogInfo,
-        params: LidarParams,
-        settings: SensorSettings,
-        stereo: StereoStage | None,
+        self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings, stereo: StereoStage | None
     ) -> None:
         self._lidar = LidarStage(rig, log_info, params, settings)
         self._stereo, self._params = stereo, ObjectParams()
         self.eye_m = _eye(rig, stereo)
         """(2,) from where the cloud is seen [m]."""
-        self.judged = replace(params, judge=params.judge or "model")
-        """How shapes are judged: those of stereo by rules."""
+        self.shapes = replace(params, judge=params.judge or "model")
+        """How shapes are classified: those of stereo by rules."""
         if not rig.sensors("lidar"):
-            self.judged = replace(params, judge="rules", shape=self._params.shape)
+            self.shapes = replace(params, judge="rules", shape=self._params.shape)
         self.reset()
 
     def reset(self) -> None:
@@ -168,21 +153,18 @@ class DepthStage:
         self._plane: Plane | None = None
         self._lidar.reset()
 
-    def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> Standing:
+    def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> DepthView:
         """Take the ground away from the points of one frame; a corrupt image is a fault and counts as missing."""
         points = self._lidar.points(frame, clock)
-        lidar = nothing() if points is None else self._lidar.obstacles(points, clock)
-        stereo, noisy = self._by_stereo(frame, clock, faults)
+        lidar = no_obstacles() if points is None else self._lidar.obstacles(points, clock)
+        stereo, noisy = no_obstacles(), tuple[str, ...]()
+        if self._stereo is not None:
+            view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
+            noisy = (pair.left, pair.right) if view.is_off else ()
+            with clock.stage("preprocess"):
+                stereo = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else stereo
         self._plane = lidar.plane or stereo.plane or self._plane
-        return Standing(lidar, stereo, self._plane, noisy)
-
-    def _by_stereo(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> tuple[Obstacles, tuple[str, ...]]:
-        if self._stereo is None:
-            return nothing(), ()
-        view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
-        with clock.stage("preprocess"):
-            found = obstacles(view.xyz, self._params.as_lidar) if len(view.xyz) else nothing()
-        return found, (pair.left, pair.right) if view.is_off else ()
+        return DepthView(lidar, stereo, self._plane, noisy)
 
 
 def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
@@ -195,12 +177,12 @@ def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One frame."""
+    """Observations of one frame."""
 
     rig: Rig
     cameras: Mapping[str, CameraDetections]
     """By camera name; a camera that failed isn't in it."""
-    cloud: Cloud
+    cloud: FusedCloud
     plane: Plane | None
     """The ground, where it is known."""
     tall: Float64
@@ -208,4 +190,4 @@ class Scene:
     eye_m: Float64
     """(2,) from where the cloud is seen [m]."""
     lidar: LidarParams
-    """How shapes are judged, and what partly seen cars are completed to."""
+    """How shapes are classified, and what partly seen cars are completed to."""

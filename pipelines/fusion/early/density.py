@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.spatial import KDTree
 
-from fbench.pipelines.fusion.early.cloud import Cloud
+from fbench.pipelines.fusion.early.cloud import FusedCloud
 from fbench.pipelines.params import require_ranges
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
@@ -169,7 +169,7 @@ class DensityParams:
         }  # fmt: skip
         require_ranges("fusion.density", self, ranges)
 
-    def weights(self, cloud: Cloud, is_seen: Bool) -> Float64:
+    def weights(self, cloud: FusedCloud, is_seen: Bool) -> Float64:
         """What each point (N,) is worth; `is_seen` (N,): a camera's box holds it."""
         echo = np.where(cloud.is_moving, 1 / self.moving_echoes, 1 / self.standing_echoes)
         dense = np.where(cloud.source == int(Source.L), 1 / self.lidar_points, 1 / self.stereo_points)
@@ -184,7 +184,7 @@ _PACE_MPS, _MOST_PACE = 1.0, 1000
 """Moving echoes in one cell are taken together where their velocities are in one step of this."""
 
 
-def clusters(cloud: Cloud, is_seen: Bool, params: DensityParams) -> Int64:
+def clusters(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
     """Cluster a cloud; returns cluster numbers (N,), -1 for noise. `is_seen` (N,): a camera's box holds the point.
 
     Clusters are numbered by their first core cell, by x, then y. Points beyond 1000 km are noise.
@@ -215,7 +215,7 @@ def clusters(cloud: Cloud, is_seen: Bool, params: DensityParams) -> Int64:
     return result
 
 
-def _unbroken_rates(cloud: Cloud) -> Float64:
+def _unbroken_rates(cloud: FusedCloud) -> Float64:
     """Radial velocities (N,) [m/s]; ambiguous ones in [0, period), so that the seam lies at standstill."""
     rate = cloud.range_rate_mps.copy()
     rows = np.flatnonzero((cloud.period_mps > 0) & np.isfinite(rate))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.fusion.early.boxes import Placed, Shapes, View, judged, placed, shapes
-from fbench.pipelines.fusion.early.cloud import Cloud, EchoParams, Scene
+from fbench.pipelines.fusion.early.cloud import EchoParams, FusedCloud, Scene
 from fbench.pipelines.fusion.early.density import DensityParams, clusters
 from fbench.pipelines.fusion.early.groups import Counts, Groups, Labels, SemanticsParams, counted, grouped, label_points
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE
@@ -191,7 +191,7 @@ def candidates(scene: Scene, params: EarlyParams) -> Candidates:
     return Candidates(groups, counts, shape, label, where, witnesses, _rates(cloud, groups, counts))
 
 
-def _extent(cloud: Cloud, groups: Groups) -> Float64:
+def _extent(cloud: FusedCloud, groups: Groups) -> Float64:
     """Larger of the extents along x and y (M,) [m]."""
     if not len(groups):
         return np.zeros(0)
@@ -210,7 +210,7 @@ def _camera_scores(groups: Groups, labels: Labels) -> Float64:
     return np.where(groups.sighting >= 0, scores[groups.sighting], np.nan)
 
 
-def _rates(cloud: Cloud, groups: Groups, counts: Counts) -> Float64:
+def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
     """Median radial velocity (M,) [m/s] of moving echoes, NaN where fewer than two move."""
     result = np.full(len(groups), np.nan)
     for row in np.flatnonzero(counts.moving >= 2):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.fusion.early.cloud import Cloud
+from fbench.pipelines.fusion.early.cloud import FusedCloud
 from fbench.pipelines.fusion.late.params import AssociationParams
 from fbench.pipelines.fusion.observations import SIZES, Sighting, sightings
 from fbench.pipelines.params import require_ranges
@@ -58,7 +58,7 @@ class Labels:
 
 
 def label_points(
-    rig: Rig, cameras: Mapping[str, CameraDetections], cloud: Cloud, plane: Plane | None, params: SemanticsParams
+    rig: Rig, cameras: Mapping[str, CameraDetections], cloud: FusedCloud, plane: Plane | None, params: SemanticsParams
 ) -> Labels:
     """Give points the camera boxes that they project into, where their depth fits.
 
@@ -82,7 +82,7 @@ def label_points(
     return Labels(tuple(known), instance, height)
 
 
-def _car_heights(rig: Rig, camera: str, cloud: Cloud, uv: Float64) -> Float64:
+def _car_heights(rig: Rig, camera: str, cloud: FusedCloud, uv: Float64) -> Float64:
     """Height (N,) [px] of cars at points with pixels (N, 2), 0 out of view."""
     model = rig.cameras[camera]
     ray = cloud.xyz - rig.body_T_sensor(camera)[:3, 3]
@@ -93,7 +93,7 @@ def _car_heights(rig: Rig, camera: str, cloud: Cloud, uv: Float64) -> Float64:
 class _View:
     """The points before one camera, of which objects take theirs one after the other."""
 
-    def __init__(self, cloud: Cloud, uv: Float64, rig: Rig, camera: str) -> None:
+    def __init__(self, cloud: FusedCloud, uv: Float64, rig: Rig, camera: str) -> None:
         eye = rig.body_T_sensor(camera)[:3, 3]
         self._rows: Int64 = np.flatnonzero(np.isfinite(uv).all(axis=1))
         self._uv = uv[self._rows]
@@ -179,7 +179,7 @@ class Groups:
         return Groups(self.rows[keep[self.number]], np.concatenate([[0], np.cumsum(sizes)]), self.sighting[keep])
 
 
-def grouped(cloud: Cloud, labels: Labels, cluster: Int64, weight: Float64) -> Groups:
+def grouped(cloud: FusedCloud, labels: Labels, cluster: Int64, weight: Float64) -> Groups:
     """Put points (N,) into groups: those of each sighting first, then those of each cluster that is left.
 
     A sighting's points are those in the cluster in which most of them lie, by `weight` (N,), the lowest number on ties;
@@ -217,7 +217,7 @@ def _own_points(labels: Labels, cluster: Int64, weight: Float64) -> dict[int, In
     return result
 
 
-def _diagonals(cloud: Cloud, cluster: Int64) -> Float64:
+def _diagonals(cloud: FusedCloud, cluster: Int64) -> Float64:
     """Diagonals of clusters' outlines along x and y (K,) [m]."""
     rows = np.flatnonzero(cluster >= 0)
     if not len(rows):
@@ -242,7 +242,7 @@ class Counts:
     """uint8 bits of `Source`: of points, and of cameras."""
 
 
-def counted(groups: Groups, cloud: Cloud) -> Counts:
+def counted(groups: Groups, cloud: FusedCloud) -> Counts:
     """Count the points of groups by sensor."""
     source, moving = cloud.source[groups.rows], cloud.is_moving[groups.rows]
     has = {bit: groups.sums(source == int(bit)) for bit in (Source.L, Source.R, Source.S)}

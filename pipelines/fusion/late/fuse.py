@@ -185,7 +185,7 @@ _TWICE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Observations:
     """What the sensors that worked saw in one frame."""
 
     rig: Rig
@@ -208,7 +208,7 @@ class LateFusion:
         """Forget how well the sensors work."""
         self._agreement.reset()
 
-    def step(self, seen: Seen) -> Boxes3D:
+    def step(self, seen: Observations) -> Boxes3D:
         """Merge all that was seen into labelled boxes with score, sources and, where radar measured it, velocity.
 
         Measurements of all sensors are grouped at once, each group is placed, and its probability to exist follows
@@ -234,12 +234,12 @@ class LateFusion:
         return to_boxes(_apart(kept))
 
 
-def fuse(seen: Seen, params: FusionParams) -> Boxes3D:
+def fuse(seen: Observations, params: FusionParams) -> Boxes3D:
     """Merge what was seen in a single frame; see `LateFusion.step`."""
     return LateFusion(params).step(seen)
 
 
-def _scene(seen: Seen, params: FusionParams) -> Scene:
+def _scene(seen: Observations, params: FusionParams) -> Scene:
     found = [
         sighting
         for name in sorted(seen.cameras)

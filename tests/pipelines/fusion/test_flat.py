@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, lidar_view, outline, radar_view
 
-from fbench.pipelines.fusion.late.fuse import Seen, fuse
+from fbench.pipelines.fusion.late.fuse import Observations, fuse
 from fbench.pipelines.fusion.late.params import AssociationParams, FusionParams
 from fbench.pipelines.fusion.observations import flat_view, sightings
 from fbench.pipelines.sensors.camera.detector import CameraDetections
@@ -81,8 +81,8 @@ def test_a_box_that_no_ray_leads_to_is_left_out():
 @pytest.mark.parametrize(("model", "coefficients"), BENT)
 def test_fusion_with_a_bent_camera(model, coefficients):
     rig, box = bent_rig(model, coefficients), car(20.0, 4.0)
-    seen = Seen(rig, {"cam": near_side(rig, box)}, lidar_view(box), radar_view(box))
-    straight = Seen(RIG, {"cam": outline(box)}, lidar_view(box), radar_view(box))
+    seen = Observations(rig, {"cam": near_side(rig, box)}, lidar_view(box), radar_view(box))
+    straight = Observations(RIG, {"cam": outline(box)}, lidar_view(box), radar_view(box))
     (center,), (expected,) = fuse(seen, FusionParams()).center_m, fuse(straight, FusionParams()).center_m
     assert center == pytest.approx(expected, abs=0.05)
     assert fuse(seen, FusionParams()).sources.tolist() == [7]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.pipelines.fusion.late.fuse import Seen
+from fbench.pipelines.fusion.late.fuse import Observations
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
@@ -59,10 +59,12 @@ def standing_view(*cars: Boxes3D) -> RadarView:
     return RadarView(xyz, np.full(len(xyz), -1), Boxes3D.empty())
 
 
-def seen(camera: CameraDetections | None, lidar: LidarView | None = None, radar: RadarView | None = None) -> Seen:
+def seen(
+    camera: CameraDetections | None, lidar: LidarView | None = None, radar: RadarView | None = None
+) -> Observations:
     """One frame; `None`: the sensor is missing."""
     cameras = {} if camera is None else {"cam": camera}
-    return Seen(RIG, cameras, lidar or lidar_view(), radar or radar_view())
+    return Observations(RIG, cameras, lidar or lidar_view(), radar or radar_view())
 
 
 def _points(cars, num):
