@@ -56,21 +56,17 @@ def _locked(lock: Path, waits: Callable[[], None]) -> int:
     while True:
         number = os.open(lock, os.O_RDWR | os.O_CREAT)
         try:
-            _lock(number, waits)
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                waits()
+                fcntl.flock(number, fcntl.LOCK_EX)
             if _is_file(number, lock):
                 return number
         except BaseException:
             os.close(number)
             raise
         os.close(number)
-
-
-def _lock(number: int, waits: Callable[[], None]) -> None:
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        waits()
-        fcntl.flock(number, fcntl.LOCK_EX)
 
 
 def _is_file(number: int, lock: Path) -> bool:

@@ -41,7 +41,9 @@ def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) ->
         missing += [keys[0] for keys in (_RECTIFICATION, _LIDAR) if not any(key in found for key in keys)]
     if missing:
         raise LogError(f"{path}: no {missing[0]}")
-    rectification, velo, imu = (_any(found, keys) for keys in (_RECTIFICATION, _LIDAR, _IMU))
+    rectification, velo, imu = (
+        next((found[key] for key in keys if key in found), None) for keys in (_RECTIFICATION, _LIDAR, _IMU)
+    )
     return Calibration(
         {i: found[f"P{i}"] for i in range(4) if f"P{i}" in found},
         None if rectification is None or velo is None else _square(rectification) @ _square(velo),
@@ -74,10 +76,6 @@ def _matrix(line: Line, key: str) -> Float64:
     if not is_projection and not is_rotation(square):
         raise LogError(f"{line.where}: {key} isn't a rotation, its columns must be orthonormal within 1e-3")
     return values
-
-
-def _any(found: Mapping[str, Float64], keys: tuple[str, str]) -> Float64 | None:
-    return next((found[key] for key in keys if key in found), None)
 
 
 def _square(matrix: Float64) -> Float64:

@@ -82,7 +82,11 @@ def _read_table(path: Path) -> Array:
     data = read_bytes(path)
     header, begin = _header(path, data)
     try:
-        dtype = _dtype(header)
+        names, counts = header["FIELDS"], header.get("COUNT", [])
+        if any(count != "1" for count in counts):
+            raise ValueError("COUNT other than 1")
+        kinds = zip(names, header["TYPE"], header["SIZE"], strict=True)
+        dtype = np.dtype([(name, _TYPES[kind, size]) for name, kind, size in kinds])
         num = int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
         if not (0 <= num <= _MAX_ECHOES and [num] == [int(text) for text in header.get("POINTS", [str(num)])]):
             raise ValueError(f"WIDTH x HEIGHT is {num}, POINTS {' '.join(header.get('POINTS', []))}")
@@ -108,14 +112,6 @@ def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
         lines[name] = values
         at = end + 1
     return lines, at
-
-
-def _dtype(header: dict[str, list[str]]) -> np.dtype[np.void]:
-    names, counts = header["FIELDS"], header.get("COUNT", [])
-    if any(count != "1" for count in counts):
-        raise ValueError("COUNT other than 1")
-    kinds = zip(names, header["TYPE"], header["SIZE"], strict=True)
-    return np.dtype([(name, _TYPES[kind, size]) for name, kind, size in kinds])
 
 
 def _said(error: Exception) -> str:

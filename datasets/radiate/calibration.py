@@ -12,7 +12,7 @@ from fbench.datasets.importing.summary import BODY_T_OPTICAL, is_rotation, mount
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.rig import CameraModel, Kind, Rig
+from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.formats.documents import YamlFileError, read_yaml
 from fbench.replay.geometry.transforms import inverse
 
@@ -103,13 +103,12 @@ def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Lit
         body_T[RIGHT] = body_T[LEFT] @ inverse(_right_T_left(calibration.stereo_calib))
     models = {LEFT: calibration.left_cam_calib, RIGHT: calibration.right_cam_calib}
     return Rig(
-        {name: mount_of(_kind(name), body_T[name]) for name in sensors},
+        {
+            name: mount_of("radar" if name == RADAR else "lidar" if name == LIDAR else "camera", body_T[name])
+            for name in sensors
+        },
         {name: _model(camera) for name, camera in models.items() if name in sensors},
     )
-
-
-def _kind(name: str) -> Kind:
-    return "radar" if name == RADAR else "lidar" if name == LIDAR else "camera"
 
 
 def _optical_T_sensor(sensor: Extrinsics, optical: Extrinsics) -> Float64:

@@ -87,7 +87,9 @@ def joined(
     own, num_strange = _on_frames(estimates, frames)
     true = _on_frames(truth, frames)[0]
     true, num_invalid = _real(true, where, faults, space)
-    _count_invalid(own.objects, where, faults, space)
+    num = int(unreal(own.objects, space).sum())
+    if num:
+        faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
     true, own = _same_pixels(true, own)
     steps = _steps(frames, truth)
     steps, in_truth, in_estimates = by_camera(steps, true, own, (where.truth, where.estimates))
@@ -101,7 +103,9 @@ def joined(
         in_estimates,
         num_unlabelled=num_strange,
         num_invalid_truth=num_invalid,
-        ego_m=None if ego is None else ego[np.searchsorted(frames, _keys(frames, steps, truth))],
+        ego_m=None
+        if ego is None
+        else ego[np.searchsorted(frames, steps.stamp_ns if truth.has_stamps else steps.frame)],
     )
 
 
@@ -172,12 +176,6 @@ def _real(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Si
     return replace(truth, objects=truth.objects[~bad], camera=camera), int(bad.sum())
 
 
-def _count_invalid(estimates: Objects, where: Where, faults: FaultLog, space: Space) -> None:
-    num = int(unreal(estimates, space).sum())
-    if num:
-        faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
-
-
 def _same_pixels(truth: Side, estimates: Side) -> tuple[Side, Side]:
     """Where both count pixels alike, positions stay as the files have them, bit for bit."""
     if truth.first_pixel == estimates.first_pixel:
@@ -196,10 +194,6 @@ def _steps(frames: Int64, truth: Side) -> Steps:
     if truth.has_stamps:
         return Steps(np.arange(len(frames)), frames, zeros)
     return Steps(frames, zeros, zeros)
-
-
-def _keys(frames: Int64, steps: Steps, truth: Side) -> Int64:
-    return steps.stamp_ns if truth.has_stamps else steps.frame
 
 
 def _require_unique(steps: Steps, objects: Objects, where: Where, side: str) -> None:

@@ -116,7 +116,8 @@ def _at_body(sequence: BoxSequence) -> Side:
     order = np.argsort(keys, kind="stable")
     rows = _rows(sequence, order)
     objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
-    camera = _cameras(rows)
+    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
+    camera = names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
     return Side(
         objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera,
         space="camera" if is_kitti else "body",
@@ -139,12 +140,6 @@ def _rows(sequence: BoxSequence, order: Int64) -> Rows:
 
 def _frames(parts: list[tuple[int, Boxes2D]] | list[tuple[int, Boxes3D]]) -> Int64:
     return np.repeat(np.array([place for place, _ in parts], np.int64), [len(boxes) for _, boxes in parts])
-
-
-def _cameras(rows: Rows) -> Text:
-    """Whose image each rectangle is in, where there are several."""
-    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
-    return names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
 
 
 def _in_world(sequence: BoxSequence) -> Side:

@@ -108,12 +108,15 @@ def _framed(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Ma
             faults.add("GT006", stray(truth))
         else:
             instant, segment = frames[index]
-            rows.append(_Labelled(index, instant.frame_number, truth, _rig(stream, segment)))
+            rows.append(
+                _Labelled(
+                    index,
+                    instant.frame_number,
+                    truth,
+                    stream.rigs[max(first for first in stream.rigs if first <= segment)],
+                )
+            )
     return _Matched(sorted(rows, key=lambda row: row.index), stream.poses, len(frames))
-
-
-def _rig(stream: FrameStream, segment: int) -> Rig:
-    return stream.rigs[max(first for first in stream.rigs if first <= segment)]
 
 
 def _frame(row: _Labelled, poses: FramePoses, left: LeftOut) -> BoxFrame:

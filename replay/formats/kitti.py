@@ -17,7 +17,6 @@ import numpy as np
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64
-from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import Rig
@@ -102,7 +101,9 @@ def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None
     return Labelled(
         name,
         None if dont_care or not _has_solid(v) else _solid(v),
-        Flat(camera, (v["left"], v["top"], v["right"], v["bottom"])) if _has_flat(v) else None,
+        Flat(camera, (v["left"], v["top"], v["right"], v["bottom"]))
+        if any(v[name] != -1 for name in ("left", "top", "right", "bottom"))
+        else None,
         label="other" if dont_care else None,
         score=v.get("score"),
         track_id=track_id,
@@ -127,10 +128,6 @@ def _has_solid(v: Mapping[str, float]) -> bool:
     """Results in 2D alone have -1 as sizes, or -1000 as location, or 0 as both: nothing is inside the camera."""
     size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
     return v["x"] > -1000 and any(value != -1 for value in size) and any(size + place)
-
-
-def _has_flat(v: Mapping[str, float]) -> bool:
-    return any(v[name] != -1 for name in ("left", "top", "right", "bottom"))
 
 
 def _known(value: float) -> float | None:
@@ -388,7 +385,9 @@ class _Writer:
         body_T = body_T_level(self._owner, rig)
         if body_T is not None and len(boxes):
             boxes = moved(boxes, inverse(body_T))
-        numbers[has] = _label_numbers(boxes)
+        length, width, height = boxes.size_lwh_m.T
+        x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
+        numbers[has] = np.stack([height, width, length, x, y, z, _wrapped(-boxes.yaw_rad - np.pi / 2)], axis=1)
         return numbers
 
     def _shapes(self, solids: Float64) -> Sequence[str]:
@@ -415,13 +414,6 @@ def _style(sequence: BoxSequence, wish: ExportWish) -> _Style:
         return _TRACKING
     is_own = sequence.is_truth and sequence.metadata.get("benchmark") == "object"
     return _OBJECT if is_own else replace(_OBJECT, digits=6)
-
-
-def _label_numbers(boxes: Boxes3D) -> Float64:
-    """Return (N, 7) from boxes at the camera with x forward, y left, z up (`boxfiles.kitti_rows.labelled`)."""
-    length, width, height = boxes.size_lwh_m.T
-    x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
-    return np.stack([height, width, length, x, y, z, _wrapped(-boxes.yaw_rad - np.pi / 2)], axis=1)
 
 
 def _alphas(solids: Float64) -> Float64:

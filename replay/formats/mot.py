@@ -133,11 +133,6 @@ def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
     return int(told) if told in CLASSES else 1
 
 
-def _is_off(flag: float | None) -> bool:
-    """Whether truth doesn't count: flags are 0 and 1, and other numbers are rounded towards 0, as TrackEval does."""
-    return flag is not None and abs(flag) < 1
-
-
 def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool | None) -> Labelled:
     """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
     confidence. In ten columns of results the eighth is a class all the same where it is the number of one, as
@@ -152,7 +147,7 @@ def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool | None) 
         name, None, flat, label,
         score=None if is_flag else confidence,
         track_id=max(whole(fields[1], where, "id"), -1),
-        ignore=_is_off(confidence) if is_flag else None,
+        ignore=(confidence is not None and abs(confidence) < 1) if is_flag else None,
         visibility=parse_number(fields[8], where, "visibility") if len(fields) == 9 else None,
     )  # fmt: skip
 
@@ -204,7 +199,8 @@ class _Writer:
             self._left.add("of classes that MOTChallenge doesn't have", int(np.count_nonzero(~has)))
             rows, ends = rows[has], _truths(rows[has], names[has].tolist(), ignored[has])
         else:
-            ends = _scores(rows)
+            scores = rows.column("score", np.nan).tolist()
+            ends = [f"{_SURE if np.isnan(score) else score:.6f},-1,-1,-1" for score in scores]
         ids = [self._id(id_) for id_ in rows.column("track_id", -1).tolist()]
         corner, size = rows.xyxy_px[:, :2] + SHIFT_PX, rows.xyxy_px[:, 2:] - rows.xyxy_px[:, :2]
         return [
@@ -232,11 +228,6 @@ def _truths(rows: ImageRows, names: Sequence[str], ignored: Bool) -> list[str]:
         f"{0 if skip else 1},{MOT_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}"
         for skip, name, share in zip(ignored, names, visible, strict=True)
     ]
-
-
-def _scores(rows: ImageRows) -> list[str]:
-    scores = rows.column("score", np.nan).tolist()
-    return [f"{_SURE if np.isnan(score) else score:.6f},-1,-1,-1" for score in scores]
 
 
 def seqinfo(name: str, sequence: BoxSequence, camera: CameraModel | None) -> str:

@@ -122,7 +122,13 @@ class BoxFile:
         """
         try:
             for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
-                _require_unique(truth, self.source)
+                for boxes in (truth.boxes3d, truth.boxes2d):
+                    twice = None if boxes is None else _repeated(boxes)
+                    if twice is not None:
+                        at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
+                        raise LogError(
+                            f"{self.source.path}: id {twice} twice at {at}; an id names one object of a frame", "GT003"
+                        )
                 yield truth
         except DataError as error:
             raise LogError(f"{self.source.path}: {error}") from error
@@ -162,14 +168,6 @@ def form_of(source: BoxSource) -> str:
     if form not in FORMATS:
         raise ConfigError(f"'{form}' is no form of boxes{did_you_mean(form, FORMATS)}")
     return form
-
-
-def _require_unique(truth: Truth, source: BoxSource) -> None:
-    for boxes in (truth.boxes3d, truth.boxes2d):
-        twice = None if boxes is None else _repeated(boxes)
-        if twice is not None:
-            at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
-            raise LogError(f"{source.path}: id {twice} twice at {at}; an id names one object of a frame", "GT003")
 
 
 def _repeated(boxes: Boxes2D | Boxes3D) -> int | None:

@@ -60,7 +60,11 @@ class TableFile:
         if self.separator is not None:
             yield from _csv(self.path, self.separator, names)
             return
-        texts = [self.names[name] for name, kind in self.types.items() if _is_text(kind) and self.names[name] in names]
+        texts = [
+            self.names[name]
+            for name, kind in self.types.items()
+            if bool(pa.types.is_string(kind) or pa.types.is_large_string(kind)) and self.names[name] in names
+        ]
         with pq.ParquetFile(
             self.path, page_checksum_verification=True, pre_buffer=False,
             read_dictionary=texts,  # a text that is repeated takes room once
@@ -131,10 +135,6 @@ def _largest(path: Path, file: BinaryIO, chunk: Any) -> int:
         largest = max(largest, page.unpacked)
         at += page.header + page.stored
     return dictionary + largest
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
 
 
 def _separator(path: Path) -> str:
