@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import ScoreOptions
-from fbench.replay.formats.objects import digest_of
+from fbench.replay.formats.text import digest_of
 from fbench.replay.setup.source import LogWish
 
 State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]

@@ -26,7 +26,7 @@ from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
 from fbench.replay.contracts.variants import sensors_of
 from fbench.replay.data.scores import ScoreOptions
-from fbench.replay.formats.objects import digest_of
+from fbench.replay.formats.text import digest_of
 from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.manifest import describe_host, package_versions
 from fbench.replay.setup.source import log_source

@@ -91,9 +91,9 @@ def run_export(job: Export, as_json: bool) -> int:
     rows = faults.rows()
     if as_json:
         path = str(job.place.path)
-        print_json({"format": job.wish.format, "path": path, "sequences": _export_job_content(done), "faults": rows})
+        print_json({"format": job.request.format, "path": path, "sequences": _export_job_content(done), "faults": rows})
     else:
-        for line in [*fault_lines(rows), f"{job.wish.format}: {job.place.path}"]:
+        for line in [*fault_lines(rows), f"{job.request.format}: {job.place.path}"]:
             printer.print(line, markup=False, soft_wrap=True)
     return EXIT_LOSSY if faults.lost else EXIT_OK
 

@@ -120,10 +120,10 @@ def export(
     """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""
     from fbench.cli.convert_jobs import run_export
     from fbench.replay.formats.export import Export, Place
-    from fbench.replay.formats.export_request import make_wish
+    from fbench.replay.formats.export_request import make_export_request
 
-    wish = make_wish(form, boxes, camera, frame, class_name)
-    job = Export(sources, wish, Place(out, wish.is_nuscenes, overwrite), name)
+    request = make_export_request(form, boxes, camera, frame, class_name)
+    job = Export(sources, request, Place(out, request.is_nuscenes, overwrite), name)
     raise typer.Exit(run_export(job, json))
 
 

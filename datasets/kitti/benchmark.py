@@ -10,7 +10,7 @@ import numpy as np
 
 from fbench.datasets.importing.files import log_id, read_floats, read_image
 from fbench.datasets.importing.summary import counted, listed, listed_runs, runs
-from fbench.datasets.kitti.labels import CLASSES, boxes_2d, boxes_3d
+from fbench.datasets.kitti.labels import CLASSES, boxes_3d
 from fbench.datasets.kitti.results import Results
 from fbench.datasets.kitti.rig import LIDAR
 from fbench.replay.contracts.errors import LogError
@@ -20,7 +20,7 @@ from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.formats.kitti import DONT_CARE
-from fbench.replay.formats.objects import Labelled
+from fbench.replay.formats.objects import Labelled, flats
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20
@@ -223,7 +223,7 @@ class BenchmarkRecording:
             objects = None
         self._findings.add_labels(objects)
         if objects is not None:
-            yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), boxes_2d(objects), number)
+            yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), flats(objects), number)
         yield from self._results(number, stamp_ns)
 
     def _results(self, number: int, stamp_ns: int) -> Iterator[OtherResult]:

@@ -10,7 +10,7 @@ from fbench.datasets.kitti.files import bounded_lines
 from fbench.datasets.kitti.rig import Calibration
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.formats.objects import Line, parse_number
+from fbench.replay.formats.text import Line, parse_number
 
 _RECTIFICATION = ("R0_rect", "R_rect")
 _LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")

@@ -7,7 +7,7 @@ from pathlib import Path
 from fbench.datasets.importing.files import entries, is_number, require_file
 from fbench.datasets.kitti.rig import LIDAR, camera_name
 from fbench.replay.contracts.errors import LimitError
-from fbench.replay.formats.objects import Line, lines
+from fbench.replay.formats.text import Line, lines
 
 SPLITS = ("training", "testing")
 IMAGES = (".png", ".jpg")

@@ -8,9 +8,10 @@ from fbench.datasets.kitti.files import bounded_lines
 from fbench.datasets.kitti.rig import camera_name
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
-from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
-from fbench.replay.formats.kitti import DONT_CARE, labelled, tracked
-from fbench.replay.formats.objects import Labelled, Line, flats, frame_number, solids
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
+from fbench.replay.formats.kitti import DONT_CARE, parse_object_row, parse_tracking_row
+from fbench.replay.formats.objects import Labelled, solids
+from fbench.replay.formats.text import Line, frame_number
 
 CAMERA = camera_name(2)
 """Whose image labels and results belong to."""
@@ -41,7 +42,7 @@ def tracking_label(line: Line) -> Labelled:
     Raises:
         LogError: naming the column.
     """
-    return _with_alpha(tracked(line, CAMERA), line.fields[2:])
+    return _keep_alpha(parse_tracking_row(line, CAMERA), line.fields[2:])
 
 
 def object_label(line: Line) -> Labelled:
@@ -50,11 +51,11 @@ def object_label(line: Line) -> Labelled:
     Raises:
         LogError: naming the column.
     """
-    return _with_alpha(labelled(line, line.fields, CAMERA, None), line.fields)
+    return _keep_alpha(parse_object_row(line, line.fields, CAMERA, None), line.fields)
 
 
-def _with_alpha(row: Labelled, fields: Sequence[str]) -> Labelled:
-    """Keep alpha, the observation angle, as it is written: it can't be told from the box, as it was labelled apart."""
+def _keep_alpha(row: Labelled, fields: Sequence[str]) -> Labelled:
+    """Keep the observation angle as it is written: it doesn't follow from the box, as it was labeled separately."""
     return row if row.source_label == DONT_CARE else replace(row, attribute=f"alpha={fields[_ALPHA]}")
 
 
@@ -69,10 +70,12 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
     num_frames = 0
     for line in bounded_lines(path, comma):
         try:
-            frame = _frame(line)
+            frame = frame_number(line.fields[0], line.where)
+            if frame >= MAX_FRAMES:
+                raise LimitError(f"{line.where}: frame is {frame}, expected less than {MAX_FRAMES}")
             num_frames = max(num_frames, frame + 1)
             if frame in frames:
-                found.setdefault(frame, []).append(_checked(parse(line), line, frame, ids))
+                found.setdefault(frame, []).append(_check(parse(line), line, frame, ids))
         except LogError as error:
             bad.met(error)
     return SequenceRows(found, num_frames)
@@ -87,15 +90,10 @@ def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[Labelled]:
     objects: list[Labelled] = []
     for line in bounded_lines(path):
         try:
-            objects.append(_checked(parse(line), line, 0, set()))
+            objects.append(_check(parse(line), line, 0, set()))
         except LogError as error:
             bad.met(error)
     return objects
-
-
-def boxes_2d(objects: Sequence[Labelled]) -> Boxes2D:
-    """Return the boxes in the image, DontCare among them, in the order of the rows."""
-    return flats(objects)
 
 
 def boxes_3d(objects: Sequence[Labelled]) -> Boxes3D:
@@ -103,14 +101,7 @@ def boxes_3d(objects: Sequence[Labelled]) -> Boxes3D:
     return solids([replace(row, attribute=None) for row in objects])
 
 
-def _frame(line: Line) -> int:
-    frame = frame_number(line.fields[0], line.where)
-    if frame >= MAX_FRAMES:
-        raise LimitError(f"{line.where}: frame is {frame}, expected less than {MAX_FRAMES}")
-    return frame
-
-
-def _checked(row: Labelled, line: Line, frame: int, ids: set[tuple[int, int]]) -> Labelled:
+def _check(row: Labelled, line: Line, frame: int, ids: set[tuple[int, int]]) -> Labelled:
     """Refuse what no box can be, and ids that were met before in the frame."""
     if not all(abs(value) < MAX_MAGNITUDE for value in _numbers(row)):  # also refuses NaN
         raise LogError(f"{line.where}: a number isn't finite, or is beyond all reason")

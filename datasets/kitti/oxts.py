@@ -16,7 +16,7 @@ from fbench.datasets.kitti.rig import Calibration, world_T_body
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
-from fbench.replay.formats.objects import parse_number
+from fbench.replay.formats.text import parse_number
 from fbench.replay.geometry.transforms import quaternion
 
 SENSOR = "oxts"

@@ -11,7 +11,6 @@ from fbench.datasets.kitti.labels import (
     CAMERA,
     Parse,
     SequenceRows,
-    boxes_2d,
     boxes_3d,
     frame_rows,
     object_label,
@@ -22,20 +21,17 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import ab3dmot
-from fbench.replay.formats.objects import Labelled, Line, digest_of
+from fbench.replay.formats.kitti import parse_ab3dmot_row
+from fbench.replay.formats.objects import Labelled, flats
 from fbench.replay.formats.open import recognised
+from fbench.replay.formats.text import digest_of
 
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
 
 
-def _ab3dmot(line: Line) -> Labelled:
-    return ab3dmot(line, CAMERA)
-
-
 _SEQUENCE_FORMS: Mapping[str, tuple[Parse, bool]] = {
     "kitti-tracking": (tracking_label, False),
-    "ab3dmot": (_ab3dmot, True),
+    "ab3dmot": (lambda line: parse_ab3dmot_row(line, CAMERA), True),
 }
 """How a row is read, and whether commas part its columns."""
 
@@ -61,7 +57,7 @@ class _Kinds:
     has_2d: bool
 
     def boxes(self, rows: Sequence[Labelled]) -> tuple[Boxes3D | None, Boxes2D | None]:
-        return boxes_3d(rows) if self.has_3d else None, boxes_2d(rows) if self.has_2d else None
+        return boxes_3d(rows) if self.has_3d else None, flats(rows) if self.has_2d else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +93,9 @@ class FrameResults:
 
     def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
         """See `Results`."""
-        return (
-            self.kinds.boxes(frame_rows(self.paths[number], object_label, self.bad)) if number in self.paths else None
-        )
+        if number not in self.paths:
+            return None
+        return self.kinds.boxes(frame_rows(self.paths[number], object_label, self.bad))
 
 
 def results_folder(folder: Path) -> Path:

@@ -22,7 +22,8 @@ from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Rig
-from fbench.replay.formats.objects import Labelled, frame_number, lines
+from fbench.replay.formats.objects import Labelled
+from fbench.replay.formats.text import frame_number, lines
 
 
 class SequencePoses:

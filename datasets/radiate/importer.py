@@ -42,7 +42,7 @@ from fbench.replay.contracts.importing import ImportWish
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.formats.objects import parse_number
+from fbench.replay.formats.text import parse_number
 
 COLUMNS = ("x", "y", "z", "intensity", "ring")
 _BLOCK = 2**18

@@ -16,7 +16,7 @@ from fbench.replay.data.arrays import Int64, Text
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo
-from fbench.replay.formats.export_request import ExportWish, LeftOut
+from fbench.replay.formats.export_request import ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import log_sequence
 from fbench.replay.formats.nuscenes import TOKENS
 from fbench.replay.formats.sequence import BoxSequence
@@ -78,7 +78,7 @@ class LogTruth:
             LogError: where it can't be read.
         """
         is_nuscenes = self._is_nuscenes(name)
-        wish = ExportWish("nuscenes" if is_nuscenes else "kitti-tracking", "truth")
+        wish = ExportRequest("nuscenes" if is_nuscenes else "kitti-tracking", "truth")
         sequence = log_sequence(log_source(LogWish(self.logs[name])), wish, LeftOut(), self.faults)
         return _in_world(sequence) if is_nuscenes else _at_body(sequence)
 

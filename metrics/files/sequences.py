@@ -12,9 +12,9 @@ from fbench.metrics.files.side import Doubt, Doubts, Side, nothing
 from fbench.metrics.files.sources import Source, SubmissionSource, images, submission, tables, texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.formats.objects import MAX_FRAMES, frame_number, lines
 from fbench.replay.formats.open import recognised
 from fbench.replay.formats.table_files import SUFFIXES
+from fbench.replay.formats.text import MAX_FRAMES, frame_number, lines
 
 FORMS = ("table", "kitti", "kitti-tracking", "ab3dmot", "mot", "nuscenes", "log")
 _NUSCENES_TABLES = "nuscenes-tables"

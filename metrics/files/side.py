@@ -79,6 +79,8 @@ def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
     Args:
         columns: Fields of `Objects` by name; unsorted; `None` and absent ones are unknown.
     """
+    if not len(columns["step"]):
+        return nothing(), np.zeros(0, np.int64)
     order = np.argsort(columns["step"], kind="stable")
     found: dict[str, Any] = columns
     if (np.diff(columns["step"]) < 0).any():

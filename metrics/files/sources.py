@@ -7,15 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
-from fbench.metrics.files.kitti import read_ab3dmot, read_images, read_mot, read_tracking
 from fbench.metrics.files.logs import LogTruth
 from fbench.metrics.files.nuscenes import Submission, open_submission
-from fbench.metrics.files.side import Side
+from fbench.metrics.files.side import Side, objects_of
 from fbench.metrics.files.table import Table, open_table
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.formats.mot import sequence_length
-from fbench.replay.formats.objects import frame_number
+from fbench.replay.formats.kitti import read_ab3dmot_columns, read_object_columns, read_tracking_columns
+from fbench.replay.formats.mot import read_mot_columns, sequence_length
+from fbench.replay.formats.objects import Columns
+from fbench.replay.formats.text import frame_number
 
 
 class Source(Protocol):
@@ -58,9 +58,8 @@ class TextSource:
     form: str
     files: Mapping[str, Path]
     """By sequence."""
-    reader: Callable[[Path], Objects]
+    reader: Callable[[Path], Columns]
     is_single: bool
-    first_pixel: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,10 +69,13 @@ class TextSource:
     def read(self, name: str) -> Side:
         """Read its file; `seqinfo.ini` near it tells the length."""
         file = self.files[name]
-        near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
-        info = next((ini for ini in near if ini.is_file()), None) if self.form == "mot" else None
-        length = None if info is None else sequence_length(info)
-        return Side(self.reader(file), num_frames=length, space=_space(self.form), first_pixel=self.first_pixel)
+        is_mot = self.form == "mot"
+        return Side(
+            objects_of(self.reader(file))[0],
+            num_frames=sequence_length(file) if is_mot else None,
+            space="" if is_mot else "camera",
+            first_pixel=1 if is_mot else 0,
+        )
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,7 @@ class ImageSource:
     def read(self, name: str) -> Side:
         """Read all files."""
         keys = np.array(sorted(self.files), np.int64)
-        return Side(read_images(self.files), keys, space=_space(self.form), lists_frames=True)
+        return Side(objects_of(read_object_columns(self.files))[0], keys, space="camera", lists_frames=True)
 
 
 @dataclass(frozen=True)
@@ -146,14 +148,12 @@ class SubmissionSource:
 
 def texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool, is_single: bool) -> TextSource:
     """Return texts of KITTI tracking, AB3DMOT or MOTChallenge."""
-
-    def mot(file: Path) -> Objects:
-        return read_mot(file, is_truth)
-
-    readers: dict[str, Callable[[Path], Objects]] = {
-        "kitti-tracking": read_tracking, "ab3dmot": read_ab3dmot, "mot": mot
-    }  # fmt: skip
-    return TextSource(path, form, files, readers[form], is_single, 1 if form == "mot" else 0)
+    readers: dict[str, Callable[[Path], Columns]] = {
+        "kitti-tracking": read_tracking_columns,
+        "ab3dmot": read_ab3dmot_columns,
+        "mot": lambda file: read_mot_columns(file, is_truth),
+    }
+    return TextSource(path, form, files, readers[form], is_single)
 
 
 def images(path: Path, files: Mapping[str, Path]) -> ImageSource:
@@ -186,7 +186,3 @@ def submission(path: Path, like: Source | None) -> SubmissionSource:
     """Return a submission whose samples those of the truth, `like`, may tell."""
     known = like.submission if isinstance(like, SubmissionSource | LogTruth) else None
     return SubmissionSource(open_submission(path, known))
-
-
-def _space(form: str) -> str:
-    return "" if form == "mot" else "camera"

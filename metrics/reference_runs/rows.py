@@ -13,7 +13,7 @@ import numpy as np
 from fbench.metrics.core.sequence import Objects
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.formats.class_names import TABLES, ClassTable
+from fbench.replay.formats.export_request import TABLES, ClassTable
 from fbench.replay.formats.sequence import ImageRows
 
 Family = Literal["kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]

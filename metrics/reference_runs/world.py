@@ -11,7 +11,7 @@ from fbench.metrics.runs.columns import Labelled, objects_of
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.formats.nuscenes import MAX_BOXES, NAMES, TOKENS, attributes
+from fbench.replay.formats.nuscenes import ATTRIBUTES, MAX_BOXES, TOKENS, attributes
 from fbench.replay.geometry.transforms import pose_matrices
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
@@ -124,7 +124,7 @@ def _attributes(boxes: Boxes3D, names: Text, velocity_mps: Float64, is_truth: bo
     if not is_truth:
         return text_array(attributes(boxes, names.tolist(), velocity_mps))
     told = np.full(len(boxes), "") if boxes.attribute is None else boxes.attribute
-    return np.where(np.isin(told, NAMES), told, "")
+    return np.where(np.isin(told, ATTRIBUTES), told, "")
 
 
 def _best(results: Objects) -> Objects:

@@ -4,7 +4,8 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import nullcontext
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -13,13 +14,12 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.files import file_name, swap
 from fbench.replay.data.rig import Kind
-from fbench.replay.formats.class_names import require_class
-from fbench.replay.formats.export_request import ExportWish, LeftOut
+from fbench.replay.formats.export_request import ExportRequest, LeftOut, require_class
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
 from fbench.replay.formats.kitti import coordinate_frame, kitti_rows
 from fbench.replay.formats.mot import mot_rows, seqinfo
 from fbench.replay.formats.nuscenes import meta, nuscenes_samples
-from fbench.replay.formats.sequence import BoxSequence, camera_of
+from fbench.replay.formats.sequence import BoxSequence, choose_camera
 from fbench.replay.setup.source import LogWish, log_source
 
 _SUFFIXES = (".txt", ".ini")
@@ -53,21 +53,17 @@ class Place:
             raise ConfigError(f"{self.path}: this format is one file; expected a name that ends in .json")
         if not out.parent.is_dir():
             raise ConfigError(f"{self.path}: can't be written (no folder {out.parent})")
-        if not (self.path.exists() or self.path.is_symlink()) or self._is_empty():
+        is_empty = not self.is_file and _is_folder(self.path) and not any(self.path.iterdir())
+        if not (self.path.exists() or self.path.is_symlink()) or is_empty:
             return
         if not self.overwrite:
             raise ConfigError(f"{self.path}: exists already; choose another with --out, or --overwrite it")
-        if not self._is_alike():
+        if not self._is_export():
             raise ConfigError(f"{self.path}: exists and holds more than an export, so --overwrite doesn't touch it")
 
-    def _is_empty(self) -> bool:
-        return not self.is_file and _is_folder(self.path) and not any(self.path.iterdir())
-
-    def _is_alike(self) -> bool:
-        if self.is_file:
-            return self.path.is_file()
-        if not _is_folder(self.path):
-            return False
+    def _is_export(self) -> bool:
+        if self.is_file or not _is_folder(self.path):
+            return self.is_file and self.path.is_file()
         return all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.path.rglob("*"))
 
 
@@ -116,64 +112,52 @@ class Draft:
             swap(self._partial, self.place.path.absolute())
 
 
-def view_of(sequence: BoxSequence, wish: ExportWish) -> str:
+def describe_view(sequence: BoxSequence, request: ExportRequest) -> str:
     """Say which image and coordinates the exported boxes of a sequence are in."""
-    if wish.is_nuscenes:
+    if request.is_nuscenes:
         return "3D boxes in the world"
-    camera = camera_of(sequence, wish.camera)
-    has_solids = wish.format != "mot" and any(frame.boxes3d is not None for frame in sequence.frames)
-    solids = f", 3D boxes in {coordinate_frame(sequence, wish.frame, camera)}" if has_solids else ""
+    camera = choose_camera(sequence, request.camera)
+    has_solids = request.format != "mot" and any(frame.boxes3d is not None for frame in sequence.frames)
+    solids = f", 3D boxes in {coordinate_frame(sequence, request.frame, camera)}" if has_solids else ""
     return f"2D boxes in {camera}{solids}"
 
 
 class TextFiles:
     """Files of rows: of KITTI `NAME.txt`, or one for each frame; of MOTChallenge `NAME.txt`, or of truth
     `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
+
+    Args:
+        draft: Where they are written.
+        is_only: Whether there is one sequence; its files, where there is one for each frame, need no folder.
     """
 
     def __init__(self, draft: Draft, is_only: bool) -> None:
-        """Begin; the files of a single sequence that has one for each frame lie in no folder of their own."""
         self._draft, self._is_only = draft, is_only
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        pass
-
-    def add(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
+    def add(self, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
         """Write a sequence, and yield the number of rows of each frame."""
-        if wish.format == "mot":
-            return self._mot(name, sequence, wish, left)
-        frames = kitti_rows(sequence, wish, left)
-        if wish.format == "kitti":
-            return self._frames(frames, "" if self._is_only else f"{name}/")
-        return self._one((rows for _, rows in frames), f"{name}.txt")
-
-    def _mot(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
-        rows = mot_rows(sequence, wish, left)
-        if not sequence.is_truth:
-            return self._one(rows, f"{name}.txt")
-        with self._draft.open(f"{name}/seqinfo.ini") as file:
-            file.write(seqinfo(name, sequence, sequence.rig.cameras.get(camera_of(sequence, wish.camera))))
-        return self._one(rows, f"{name}/gt/gt.txt")
-
-    def _frames(self, frames: Iterator[tuple[int, list[str]]], folder: str) -> Iterator[int]:
-        for number, rows in frames:
-            with self._draft.open(f"{folder}{number:06d}.txt") as file:
-                file.writelines(f"{row}\n" for row in rows)
-            yield len(rows)
-
-    def _one(self, frames: Iterator[list[str]], name: str) -> Iterator[int]:
-        with self._draft.open(name) as file:
+        if request.format == "kitti":
+            for number, rows in kitti_rows(sequence, request, left):
+                with self._draft.open(f"{'' if self._is_only else f'{name}/'}{number:06d}.txt") as file:
+                    file.writelines(f"{row}\n" for row in rows)
+                yield len(rows)
+            return
+        frames = (rows for _, rows in kitti_rows(sequence, request, left))
+        path = f"{name}.txt"
+        if request.format == "mot":
+            frames = mot_rows(sequence, request, left)
+            if sequence.is_truth:
+                path = f"{name}/gt/gt.txt"
+                camera = sequence.rig.cameras.get(choose_camera(sequence, request.camera))
+                with self._draft.open(f"{name}/seqinfo.ini") as file:
+                    file.write(seqinfo(name, sequence, camera))
+        with self._draft.open(path) as file:
             for rows in frames:
                 file.writelines(f"{row}\n" for row in rows)
                 yield len(rows)
 
 
-class Submission:
+class SubmissionFile:
     """The one file of nuScenes, written sample by sample."""
 
     def __init__(self, draft: Draft) -> None:
@@ -192,14 +176,14 @@ class Submission:
             self._file.write(f'\n}}, "meta": {json.dumps(meta(self._kinds))}}}\n')
         self._file.close()
 
-    def add(self, name: str, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[int]:
+    def add(self, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
         """Write the samples of a sequence, and yield the number of boxes of each.
 
         Raises:
             LogError: where a sample is another sequence's too.
         """
         self._kinds.update(sequence.kinds)
-        for token, results in nuscenes_samples(sequence, wish, left):
+        for token, results in nuscenes_samples(sequence, request, left):
             if token in self._owners:
                 raise LogError(f"{sequence.where}: sample {token} is of {self._owners[token]} too")
             separator = "," if self._owners else ""
@@ -209,7 +193,7 @@ class Submission:
 
 
 Progress = Callable[[str, int, int], None]
-"""Is told the name of a sequence, how many of its frames are done, and how many there are."""
+"""Gets the name of a sequence, how many of its frames are done, and how many there are."""
 
 
 @dataclass(frozen=True)
@@ -235,13 +219,13 @@ class Export:
 
     sources: Sequence[Path]
     """Run folders and logs."""
-    wish: ExportWish
+    request: ExportRequest
     place: Place
     name: str = ""
     """Of the only source, in place of its own."""
 
     def __post_init__(self) -> None:
-        require_class(self.wish)
+        require_class(self.request)
         if self.name and len(self.sources) != 1:
             raise ConfigError(f"--name {self.name}: is for one source, there are {len(self.sources)}")
 
@@ -256,43 +240,38 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
     """
     job.place.check(job.sources)
     with Draft(job.place) as draft:
-        yield from _written(job, draft, faults, progress)
+        yield from _write(job, draft, faults, progress)
         draft.finish()
 
 
-def _written(job: Export, draft: Draft, faults: FaultLog, progress: Progress) -> Iterator[Exported]:
+def _write(job: Export, draft: Draft, faults: FaultLog, progress: Progress) -> Iterator[Exported]:
     names: dict[str, Path] = {}
     is_only = len(job.sources) == 1
-    with Submission(draft) if job.wish.is_nuscenes else TextFiles(draft, is_only) as files:
+    with SubmissionFile(draft) if job.request.is_nuscenes else nullcontext(TextFiles(draft, is_only)) as files:
         for source in job.sources:
             left = LeftOut()
-            sequence = _sequence(source, job.wish, left, faults)
-            sequence.require_boxes(job.wish.is_tracking)
+            sequence = _sequence(source, job.request, left, faults)
+            sequence.require_boxes(job.request.is_tracking)
             name = file_name(job.name or sequence.name)
             if name in names:
                 raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
             names[name] = source
-            exported = _counted(name, sequence, files.add(name, sequence, job.wish, left), left, progress)
-            yield replace(exported, view=view_of(sequence, job.wish))
+            num_rows, num_frames = 0, 0
+            for num in files.add(name, sequence, job.request, left):
+                num_rows, num_frames = num_rows + num, num_frames + 1
+                progress(name, num_frames, len(sequence.frames))
+            counts = dict(sorted(left.counts.items()))
+            yield Exported(name, num_frames, num_rows, counts, describe_view(sequence, job.request))
 
 
-def _sequence(source: Path, wish: ExportWish, left: LeftOut, faults: FaultLog) -> BoxSequence:
+def _sequence(source: Path, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
     if not source.exists():
         raise ConfigError(f"{source}: no such run folder or log")
     if (source / MANIFEST).is_file():
-        return run_sequence(source, wish)
+        return run_sequence(source, request)
     try:
-        return log_sequence(log_source(LogWish(source)), wish, left, faults)
+        return log_sequence(log_source(LogWish(source)), request, left, faults)
     except LogError as error:
         if error.code == "LOG001":
             raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error
         raise
-
-
-def _counted(name: str, sequence: BoxSequence, rows: Iterator[int], left: LeftOut, progress: Progress) -> Exported:
-    """Write what is to be written, which `rows` does as it goes: the number of rows of each frame or sample."""
-    num_rows, num_frames = 0, 0
-    for num in rows:
-        num_rows, num_frames = num_rows + num, num_frames + 1
-        progress(name, num_frames, len(sequence.frames))
-    return Exported(name, num_frames, num_rows, dict(sorted(left.counts.items())))

@@ -1,10 +1,12 @@
-"""The request of an export: what is to be exported, in which format."""
+"""The request of an export, and classes as its formats call them."""
 
 from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.data.arrays import Text
 
 Format = Literal["kitti", "kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
 Which = Literal["tracks", "detections", "truth"]
@@ -14,7 +16,7 @@ _WHICH: tuple[Which, ...] = get_args(Which)
 
 
 @dataclass(frozen=True)
-class ExportWish:
+class ExportRequest:
     """What is asked for."""
 
     format: Format
@@ -50,7 +52,7 @@ class LeftOut:
             self.counts[reason] += num
 
 
-def make_wish(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportWish:
+def make_export_request(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportRequest:
     """Read `--format`, `--boxes`, `--camera`, `--frame` and `--class`.
 
     Raises:
@@ -62,4 +64,117 @@ def make_wish(form: str, boxes: str | None, camera: str, frame: str, class_name:
     which = next((known for known in _WHICH if known == boxes), None)
     if which is None and boxes is not None:
         raise ConfigError(f"--boxes {boxes}: isn't known{did_you_mean(boxes, _WHICH)}")
-    return ExportWish(chosen, which, camera, frame, class_name)
+    return ExportRequest(chosen, which, camera, frame, class_name)
+
+
+Namer = Callable[[Text, Text], list[str]]
+
+
+@dataclass(frozen=True)
+class ClassTable:
+    """One benchmark's classes."""
+
+    own: Mapping[str, str]
+    """Names by what datasets call a class (`source_label`), where the benchmark tells more classes apart than fbench;
+    empty: has no place in it."""
+    labels: Mapping[str, str]
+    """Names by the labels of fbench; without one: has no place."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All classes."""
+        return tuple(sorted({*self.own.values(), *self.labels.values()} - {""}))
+
+    def name(self, source_label: str, label: str) -> str | None:
+        """Name of a class; empty: has no place, `None`: the box has no class."""
+        if source_label in self.own:
+            return self.own[source_label]
+        return self.labels.get(label, "") if label else None
+
+
+_KITTI = ClassTable(
+    {
+        name: name
+        for name in ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Person", "Cyclist", "Tram", "Misc")
+    },
+    {
+        "car": "Car", "van": "Van", "truck": "Truck", "pedestrian": "Pedestrian", "bicycle": "Cyclist", "bus": "Misc",
+        "trailer": "Misc", "motorcycle": "Misc", "other": "Misc",
+    },
+)  # fmt: skip
+MOT_CLASSES = {
+    1: ("pedestrian", "pedestrian"), 2: ("person on vehicle", "pedestrian"), 3: ("car", "car"),
+    4: ("bicycle", "bicycle"), 5: ("motorbike", "motorcycle"), 6: ("non motorized vehicle", "other"),
+    7: ("static person", "pedestrian"), 8: ("distractor", "other"), 9: ("occluder", "other"),
+    10: ("occluder on the ground", "other"), 11: ("occluder full", "other"), 12: ("reflection", "other"),
+    13: ("crowd", "other"),
+}  # fmt: skip
+"""Name and label by the number of MOT16 and later (A. Milan et al., "MOT16: A Benchmark for Multi-Object Tracking",
+table 3)."""
+_MOT = ClassTable(
+    {name: name for name, _ in MOT_CLASSES.values()},
+    {
+        "car": "car", "van": "car", "truck": "car", "bus": "car", "trailer": "car", "motorcycle": "motorbike",
+        "bicycle": "bicycle", "pedestrian": "pedestrian", "other": "distractor",
+    },
+)  # fmt: skip
+_NUSCENES_LABELS = {
+    "car": "car", "van": "car", "truck": "truck", "bus": "bus", "trailer": "trailer", "motorcycle": "motorcycle",
+    "bicycle": "bicycle", "pedestrian": "pedestrian",
+}  # fmt: skip
+_PEOPLE = ("adult", "child", "construction_worker", "police_officer")
+_NUSCENES_OWN = {
+    **{f"human.pedestrian.{kind}": "pedestrian" for kind in _PEOPLE},
+    **{f"human.pedestrian.{kind}": "" for kind in ("personal_mobility", "stroller", "wheelchair")},
+    **dict.fromkeys(("vehicle.emergency.ambulance", "vehicle.emergency.police"), ""),
+    "vehicle.bus.bendy": "bus", "vehicle.bus.rigid": "bus", "vehicle.construction": "construction_vehicle",
+    "movable_object.barrier": "barrier", "movable_object.trafficcone": "traffic_cone", "barrier": "barrier",
+    "traffic_cone": "traffic_cone", "construction_vehicle": "construction_vehicle",
+}  # fmt: skip
+"""`eval/detection/README.md` of the devkit, section Classes; other names follow from labels."""
+_UNTRACKED = ("barrier", "traffic_cone", "construction_vehicle")
+TABLES: Mapping[Format, ClassTable] = {
+    "kitti": _KITTI,
+    "kitti-tracking": _KITTI,
+    "mot": _MOT,
+    "nuscenes": ClassTable(_NUSCENES_OWN, _NUSCENES_LABELS),
+    "nuscenes-tracking": ClassTable(
+        {name: "" if known in _UNTRACKED else known for name, known in _NUSCENES_OWN.items()}, _NUSCENES_LABELS
+    ),
+}
+
+
+def require_class(request: ExportRequest) -> None:
+    """Refuse a class that the format doesn't have.
+
+    Raises:
+        ConfigError: naming the nearest one.
+    """
+    names = TABLES[request.format].names
+    near = did_you_mean(request.class_name, names)
+    if request.class_name and request.class_name not in names:
+        raise ConfigError(f"--class {request.class_name}: no class of {request.format}{near}")
+
+
+def namer(request: ExportRequest, where: str) -> Namer:
+    """Return what tells the class of each box as the format calls it, from `source_label` and `label`; empty: has no
+    place in it.
+    """
+    table = TABLES[request.format]
+    known: dict[tuple[str, str], str] = {}
+
+    def name(source_label: str, label: str) -> str:
+        found = table.name(source_label, label)
+        if found is None and not request.class_name:
+            example = next(iter(table.labels.values()))
+            raise LogError(f"{where}: boxes without a class; say which they are of with --class, such as {example}")
+        return request.class_name if found is None else found
+
+    def names(source_labels: Text, labels: Text) -> list[str]:
+        pairs = list(zip(source_labels.tolist(), labels.tolist(), strict=True))
+        for pair in dict.fromkeys(pairs):
+            if pair not in known:
+                known[pair] = name(*pair)
+        return [known[pair] for pair in pairs]
+
+    return names

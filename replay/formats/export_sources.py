@@ -16,13 +16,13 @@ from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.engine.poses import FramePoses, pose_of
-from fbench.replay.formats.export_request import ExportWish, LeftOut, Which
+from fbench.replay.formats.export_request import ExportRequest, LeftOut, Which
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence
 from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import StampParams
-from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
 from fbench.replay.setup.source import LogSource
 from fbench.replay.truth.labelling import Instant, Labelling, stray
@@ -31,7 +31,7 @@ NO_POSE = "in the world, without a pose of the body"
 
 
 @dataclass(frozen=True, eq=False)
-class _Labelled:
+class _FrameTruth:
     """The boxes of one instant, and which frame they belong to."""
 
     index: int
@@ -44,12 +44,12 @@ class _Labelled:
 class _Matched:
     """All of them, with where the body was."""
 
-    rows: Sequence[_Labelled]
+    rows: Sequence[_FrameTruth]
     poses: FramePoses
     num_frames: int
 
 
-def log_sequence(source: LogSource, wish: ExportWish, left: LeftOut, faults: FaultLog) -> BoxSequence:
+def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
     """Read the boxes of a log that are asked for.
 
     Where each has a number of its own (as logs of KITTI have), only they and the poses are read; else the whole log,
@@ -59,19 +59,20 @@ def log_sequence(source: LogSource, wish: ExportWish, left: LeftOut, faults: Fau
         ConfigError: where tracks are asked for.
         LogError: where the log can't be read, or has no results.
     """
-    if wish.boxes == "tracks":
+    if request.boxes == "tracks":
         raise ConfigError(f"{source.path}: is a log, which has no tracks; take --boxes truth, or detections, or a run")
     reader = source.open(faults)
-    is_truth = wish.boxes != "detections"
+    is_truth = request.boxes != "detections"
     truths = list(reader.truths() if is_truth else reader.detections(""))
-    matched = _numbered(truths, reader) if _are_numbered(truths, wish) else _framed(truths, source, faults)
+    matched = (
+        _match_by_number(truths, reader) if _are_numbered(truths, request) else _match_by_time(truths, source, faults)
+    )
     frames = [_frame(row, matched.poses, left) for row in matched.rows]
-    return BoxSequence(
-        str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, matched.num_frames
-    )  # fmt: skip
+    info = reader.info
+    return BoxSequence(str(source.path), info.name, info.metadata, is_truth, frames, matched.num_frames)
 
 
-def _are_numbered(truths: Sequence[Truth], wish: ExportWish) -> bool:
+def _are_numbered(truths: Sequence[Truth], request: ExportRequest) -> bool:
     """Tell whether the truths say themselves which frames they belong to.
 
     MOTChallenge counts frames, so there numbers must be counts too.
@@ -79,10 +80,10 @@ def _are_numbered(truths: Sequence[Truth], wish: ExportWish) -> bool:
     numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
     if not numbers or len(set(numbers)) != len(truths):
         return False
-    return wish.format != "mot" or sorted(numbers) == list(range(len(numbers)))
+    return request.format != "mot" or sorted(numbers) == list(range(len(numbers)))
 
 
-def _numbered(truths: Iterable[Truth], reader: LogReader) -> _Matched:
+def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
     ordered = sorted(truths, key=lambda truth: truth.stamp_ns)
     poses = FramePoses(min(reader.poses, default=None))
     for index, truth in enumerate(ordered):
@@ -91,11 +92,11 @@ def _numbered(truths: Iterable[Truth], reader: LogReader) -> _Matched:
         poses.add(pose)
     poses.finish()
     rig = reader.rig
-    rows = [_Labelled(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
+    rows = [_FrameTruth(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
     return _Matched(rows, poses, len(ordered))
 
 
-def _framed(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
+def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
     """Match boxes with frames as a replay would; what belongs to none is counted as GT006."""
     reader = source.open(faults)
     sync = source.sync(None, None, None, None)
@@ -108,18 +109,12 @@ def _framed(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Ma
             faults.add("GT006", stray(truth))
         else:
             instant, segment = frames[index]
-            rows.append(
-                _Labelled(
-                    index,
-                    instant.frame_number,
-                    truth,
-                    stream.rigs[max(first for first in stream.rigs if first <= segment)],
-                )
-            )
+            rig = stream.rigs[max(first for first in stream.rigs if first <= segment)]
+            rows.append(_FrameTruth(index, instant.frame_number, truth, rig))
     return _Matched(sorted(rows, key=lambda row: row.index), stream.poses, len(frames))
 
 
-def _frame(row: _Labelled, poses: FramePoses, left: LeftOut) -> BoxFrame:
+def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
     truth, pose = row.truth, poses.world_T_body(row.index)
     boxes = truth.boxes3d
     if boxes is not None and truth.in_world:
@@ -133,49 +128,48 @@ MANIFEST = "manifest.json"
 _KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
 
 
-def run_sequence(folder: Path, wish: ExportWish) -> BoxSequence:
+def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
     """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections.
 
     Raises:
         RunError: where it can't be read.
     """
     run = Run(folder)
-    which: Which = wish.boxes or ("tracks" if wish.is_tracking else "detections")
-    rigs = _rigs(run)
-    frames = [
-        BoxFrame(
-            record.index, record.frame_number, record.stamp_ns, rigs[record.segment],
-            *_boxes(run, which, record), pose_of(pose),
+    which: Which = request.boxes or ("tracks" if request.is_tracking else "detections")
+    table = run.tracks if which == "tracks" else run.detections
+    rigs = {segment: run.manifest.rig_of(segment) for segment in sorted({record.segment for record in run.frames})}
+    frames = []
+    for record, pose in zip(run.frames, run.poses, strict=True):
+        boxes3d: Boxes3D | None
+        boxes2d: Boxes2D | None
+        if which != "truth":
+            boxes: Boxes = table.at(record.index)
+            boxes3d, boxes2d = (boxes, None) if isinstance(boxes, Boxes3D) else (None, boxes)
+        elif record.truth_spaces:
+            boxes3d, boxes2d = run.truth3d(record.index), run.truth2d(record.index)
+        else:
+            continue
+        frames.append(
+            BoxFrame(
+                record.index,
+                record.frame_number,
+                record.stamp_ns,
+                rigs[record.segment],
+                boxes3d,
+                boxes2d,
+                pose_of(pose),
+            )
         )
-        for record, pose in zip(run.frames, run.poses, strict=True)
-        if which != "truth" or record.truth_spaces
-    ]  # fmt: skip
     num = max((record.index + 1 for record in run.frames), default=0)
     log = run.manifest.log
-    kinds = () if which == "truth" else _kinds(run, which)
+    kinds = () if which == "truth" else _kinds(run, table)
     return BoxSequence(str(folder), log.name, log.metadata, which == "truth", frames, num, kinds)
 
 
-def _rigs(run: Run) -> dict[int, Rig]:
-    """Rig of each segment."""
-    return {segment: run.manifest.rig_of(segment) for segment in sorted({record.segment for record in run.frames})}
-
-
-def _boxes(run: Run, which: Which, record: FrameRecord) -> tuple[Boxes3D | None, Boxes2D | None]:
-    if which == "truth":
-        return run.truth3d(record.index), run.truth2d(record.index)
-    boxes: Boxes = _table(run, which).at(record.index)
-    return (boxes, None) if isinstance(boxes, Boxes3D) else (None, boxes)
-
-
-def _table(run: Run, which: Which) -> BoxTable:
-    return run.tracks if which == "tracks" else run.detections
-
-
-def _kinds(run: Run, which: Which) -> list[Kind]:
+def _kinds(run: Run, table: BoxTable) -> list[Kind]:
     """Kinds of the sensors that boxes come from, as they say themselves, else of those that the pipeline got."""
-    boxes = _table(run, which).boxes
-    bits = 0 if boxes.sources is None else int(np.bitwise_or.reduce(boxes.sources, initial=0))
+    sources = table.boxes.sources
+    bits = 0 if sources is None else int(np.bitwise_or.reduce(sources, initial=0))
     if bits:
         return sorted({kind for source, kind in _KIND.items() if bits & source})
     rig = run.manifest.rig

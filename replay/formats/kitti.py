@@ -1,42 +1,42 @@
-"""KITTI labels and results: read and write the object and tracking benchmarks' rows.
+"""KITTI labels and results, the object benchmark's and the tracking benchmark's: read and write.
 
-And the same numbers in another order, comma-separated: detections as AB3DMOT takes them,
-https://github.com/xinshuoweng/AB3DMOT.
+A row is `class truncated occluded alpha left top right bottom height width length x y z rotation_y [score]`; in the
+tracking benchmark frame and id come first. Location is the middle of the bottom in the camera's coordinates (x right,
+y down, z forward); `rotation_y` turns about y, 0 where the object faces x.
 
-The inverse of `boxfiles.kitti_rows`.
+Detections as AB3DMOT takes them (https://github.com/xinshuoweng/AB3DMOT) are the same numbers in another order,
+comma-separated.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.contracts.errors import ConfigError, LimitError, LogError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import Rig
-from fbench.replay.formats.class_names import namer
-from fbench.replay.formats.export_request import ExportWish, LeftOut
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes, read_plain
+from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
+    Columns,
     Flat,
+    Frames,
     Labelled,
-    Line,
     Solid,
+    fill_frames,
     flats,
-    frame_number,
-    lines,
-    parse_number,
+    group_by_frame,
     solids,
-    whole,
+    to_columns,
 )
-from fbench.replay.formats.placing import body_T, camera_of
-from fbench.replay.formats.sequence import BoxSequence, ImageRows, image_rows, require_view, small_ids
-from fbench.replay.formats.sequence import camera_of as camera_of_of_sequence
+from fbench.replay.formats.placing import body_T, find_camera
+from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
+from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
@@ -46,6 +46,8 @@ DONT_CARE = "DontCare"
 CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
 """(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
 own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
+BODY = "body"
+"""The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs."""
 _NAMES = (
     "truncated", "occluded", "alpha", "left", "top", "right", "bottom", "height", "width", "length", "x", "y", "z",
     "rotation_y", "score",
@@ -55,16 +57,15 @@ _AB3DMOT_NAMES = (
 )  # fmt: skip
 AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)
 """Frame, number of the class, then these."""
-UNKNOWN_ALPHA = -10
-"""What stands for an angle of observation that nobody knows."""
-AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
+_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
+_NUM_TRACKING, _NUM_OBJECT = 17, 15
+"""Columns without a score."""
+_UNKNOWN_ALPHA = -10
+_COLUMNS_CAMERA = "image"
 
 
-def labelled(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
+def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
     """Return the object of a row, its 3D box at the camera with x forward, y left, z up.
-
-    Location is the middle of the bottom in the camera's coordinates (x right, y down, z forward); `rotation_y` turns
-    about y, 0 where the object faces x.
 
     Args:
         line: For errors.
@@ -82,8 +83,20 @@ def labelled(line: Line, fields: Sequence[str], camera: str, track_id: int | Non
     return _object(fields[0], v, camera, track_id)
 
 
-def ab3dmot(line: Line, camera: str) -> Labelled:
-    """Return the detection of a row of AB3DMOT's, its 3D box as in `labelled`; it has no id.
+def parse_tracking_row(line: Line, camera: str) -> Labelled:
+    """Return the object of a row of the tracking benchmark, as `parse_object_row`; its id is -1 where it has none.
+
+    Raises:
+        LogError: where a column is missing or isn't a number.
+    """
+    if len(line.fields) < _NUM_TRACKING:
+        raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
+    # Some trackers write more behind the score, which the benchmark's own evaluation doesn't read.
+    return parse_object_row(line, line.fields[2:18], camera, max(whole(line.fields[1], line.where, "track id"), -1))
+
+
+def parse_ab3dmot_row(line: Line, camera: str) -> Labelled:
+    """Return the detection of a row of AB3DMOT's, its 3D box as in `parse_object_row`; it has no id.
 
     Raises:
         LogError: where a column is missing or isn't a number.
@@ -93,50 +106,148 @@ def ab3dmot(line: Line, camera: str) -> Labelled:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
     kind = whole(line.fields[1], line.where, "class")
     v = {n: parse_number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
-    return _object(AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
+    return _object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
 
 
 def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
+    """The object of one row; `_columns` does the same with all rows of a file."""
     dont_care = name == DONT_CARE
+    size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
+    flat = (v["left"], v["top"], v["right"], v["bottom"])
+    solid = None
+    # Results in 2D alone have -1 as sizes, or -1000 as location, or 0 as both: nothing is inside the camera.
+    if not dont_care and v["x"] > -1000 and any(value != -1 for value in size) and any(size + place):
+        center = (v["z"], -v["x"], v["height"] / 2 - v["y"])
+        solid = Solid(center, (v["length"], v["width"], v["height"]), (-v["rotation_y"] - np.pi / 2, 0.0, 0.0))
+    occluded, truncated = v.get("occluded", -1), v.get("truncated", -1)
     return Labelled(
         name,
-        None if dont_care or not _has_solid(v) else _solid(v),
-        Flat(camera, (v["left"], v["top"], v["right"], v["bottom"]))
-        if any(v[name] != -1 for name in ("left", "top", "right", "bottom"))
-        else None,
+        solid,
+        Flat(camera, flat) if any(value != -1 for value in flat) else None,
         label="other" if dont_care else None,
         score=v.get("score"),
         track_id=track_id,
         ignore=True if dont_care else None,
-        occlusion=_known(v.get("occluded", -1)),
-        truncation=_known(v.get("truncated", -1)),
-        alpha_rad=None if v["alpha"] == UNKNOWN_ALPHA else v["alpha"],
+        occlusion=None if occluded == -1 else occluded,
+        truncation=None if truncated == -1 else truncated,
+        alpha_rad=None if v["alpha"] == _UNKNOWN_ALPHA else v["alpha"],
     )
 
 
-def track_id(text: str, where: str) -> int:
-    """Return the id of a row of the tracking benchmark, -1 where it has none."""
-    return max(whole(text, where, "track id"), -1)
+def read_tracking_columns(path: Path) -> Columns:
+    """Read the file of one sequence; steps are frames, solids as in `parse_object_row`.
+
+    Raises:
+        LogError: naming file, row and column of what can't be read.
+    """
+    try:
+        plain = read_plain(path, " ", words=2)
+        if plain is None:
+            return to_columns([], [])
+        if plain.width < _NUM_TRACKING:
+            raise IrregularError
+        score = plain.number(17) if plain.width > _NUM_TRACKING else None
+        return _columns(
+            _frames(plain), np.maximum(plain.wholes(1), -1), *plain.texts(2), plain.numbers(range(3, 17)), score
+        )
+    except IrregularError:
+        return _columns_by_row(path, None, parse_tracking_row)
 
 
-def _solid(v: Mapping[str, float]) -> Solid:
-    center = (v["z"], -v["x"], v["height"] / 2 - v["y"])
-    return Solid(center, (v["length"], v["width"], v["height"]), (-v["rotation_y"] - np.pi / 2, 0.0, 0.0))
+def read_ab3dmot_columns(path: Path) -> Columns:
+    """Read detections of one sequence as AB3DMOT takes them; steps are frames.
+
+    Raises:
+        LogError: naming file, row and column of what can't be read.
+    """
+    try:
+        plain = read_plain(path, ",")
+        if plain is None:
+            return to_columns([], [])
+        if plain.width != AB3DMOT_COLUMNS:
+            raise IrregularError
+        kinds, which = np.unique(plain.wholes(1), return_inverse=True)
+        words = np.array([_AB3DMOT_CLASSES.get(int(kind), str(kind)) for kind in kinds], np.str_)
+        unknown = np.full(len(which), -1.0)
+        numbers = np.column_stack([unknown, unknown, plain.number(14), plain.numbers((2, 3, 4, 5, *range(7, 14)))])
+        return _columns(_frames(plain), unknown.astype(np.int64), words, which, numbers, plain.number(6))
+    except IrregularError:
+        return _columns_by_row(path, ",", parse_ab3dmot_row)
 
 
-def _has_solid(v: Mapping[str, float]) -> bool:
-    """Results in 2D alone have -1 as sizes, or -1000 as location, or 0 as both: nothing is inside the camera."""
-    size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
-    return v["x"] > -1000 and any(value != -1 for value in size) and any(size + place)
+def read_object_columns(files: Mapping[int, Path]) -> Columns:
+    """Read the object benchmark's files, one a frame; steps are frames, and there are no ids.
+
+    Raises:
+        LogError: naming file, row and column of what can't be read.
+    """
+    numbers = sorted(files)
+    try:
+        # All files as one text, because each by itself is small.
+        contents = [read_bytes(files[number]).rstrip() for number in numbers]
+        plain = parse_plain(b"\n".join(contents), " ", words=0)
+        if plain is None:
+            return to_columns([], [])
+        num_rows = [content.count(b"\n") + 1 if content else 0 for content in contents]
+        frames = np.repeat(np.array(numbers, np.int64), num_rows)
+        if not _NUM_OBJECT <= plain.width <= _NUM_OBJECT + 1 or len(plain) != len(frames):
+            raise IrregularError
+        score = plain.number(_NUM_OBJECT) if plain.width > _NUM_OBJECT else None
+        ids = np.full(len(frames), -1)
+        return _columns(frames, ids, *plain.texts(0), plain.numbers(range(1, _NUM_OBJECT)), score)
+    except IrregularError:
+        return _object_columns_by_row(files)
 
 
-def _known(value: float) -> float | None:
-    return None if value == -1 else value
+def _object_columns_by_row(files: Mapping[int, Path]) -> Columns:
+    rows = [(number, line) for number in sorted(files) for line in lines(files[number])]
+    objects = [parse_object_row(line, line.fields, _COLUMNS_CAMERA, None) for _, line in rows]
+    return to_columns([number for number, _ in rows], objects)
 
 
-_Frames = Iterable[tuple[int, list[Labelled]]]
-_MAX_EMPTY = 200_000
-"""Frames without rows, one after the other, that still belong to a sequence: nearly two hours."""
+def _columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str], Labelled]) -> Columns:
+    steps, objects = [], []
+    for line in lines(path, separator):
+        # A frame may be written as 3.0.
+        steps.append(frame_number(str(whole(line.fields[0], line.where, "frame")), line.where))
+        objects.append(parse(line, _COLUMNS_CAMERA))
+    return to_columns(steps, objects)
+
+
+def _frames(plain: PlainText) -> Int64:
+    frames = plain.wholes(0)
+    if len(frames) and (frames.min() < 0 or frames.max() >= MAX_FRAMES):
+        raise IrregularError
+    return frames
+
+
+def _columns(frames: Int64, ids: Int64, words: Text, which: Int64, numbers: Float64, score: Float64 | None) -> Columns:
+    """Of rows whose class is `words[which]`, with numbers (N, 14) in the order of `_NAMES`."""
+    dont_care: Bool = words[which] == DONT_CARE
+    truncated, occluded, alpha, *_, height, width, length, x, y, z, rotation = numbers.T
+    has_flat = (numbers[:, 3:7] != -1).any(axis=1)
+    has_solid = ~dont_care & (x > -1000) & (numbers[:, 7:10] != -1).any(axis=1) & numbers[:, 7:13].any(axis=1)
+    columns: Columns = {
+        "step": frames,
+        "label": np.array([word.lower() for word in words.tolist()], np.str_)[which],
+        "track_id": ids,
+        "score": np.zeros(len(frames)) if score is None else score,
+        "xyxy_px": np.where(has_flat[:, None], numbers[:, 3:7], np.nan) if has_flat.any() else None,
+        "ignore": dont_care if dont_care.any() else None,
+    }
+    for name, values, unknown in (
+        ("alpha_rad", alpha, _UNKNOWN_ALPHA),
+        ("truncation", truncated, -1),
+        ("occlusion", occluded, -1),
+    ):
+        known = np.where(values == unknown, np.nan, values)
+        columns[name] = None if np.isnan(known).all() else known
+    if has_solid.any():
+        center, size = np.column_stack([z, -x, height / 2 - y]), np.column_stack([length, width, height])
+        columns["center_m"] = np.where(has_solid[:, None], center, np.nan)
+        columns["size_lwh_m"] = np.where(has_solid[:, None], size, np.nan)
+        columns["yaw_rad"] = np.where(has_solid, -rotation - np.pi / 2, np.nan)
+    return columns
 
 
 def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
@@ -148,11 +259,11 @@ def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
         LogError: where a row can't be read.
     """
     camera = _camera(source, coordinates)
-    files = {frame_number(path.stem, str(path)): path for path in text_files(source.path, "label_2")}
+    files = {frame_number(path.stem, str(path)): path for path in _text_files(source.path, "label_2")}
 
-    def frames() -> _Frames:
+    def frames() -> Frames:
         for number in sorted(files):
-            yield number, [labelled(line, line.fields, camera, None) for line in lines(files[number])]
+            yield number, [parse_object_row(line, line.fields, camera, None) for line in lines(files[number])]
 
     return _truths(frames, source, coordinates)
 
@@ -164,8 +275,7 @@ def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults
         ConfigError: where the camera isn't known, or the folder has several sequences.
         LogError: where a row can't be read.
     """
-    camera, path = _camera(source, coordinates), _only_file(source.path)
-    return _truths(lambda: filled(_sequence(path, camera)), source, coordinates)
+    return _open_sequence(source, coordinates, None, parse_tracking_row)
 
 
 def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
@@ -175,44 +285,29 @@ def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: Fault
         ConfigError: where the camera isn't known, or the folder has several sequences.
         LogError: where a row can't be read.
     """
-    camera, path = _camera(source, coordinates), _only_file(source.path)
-
-    def rows() -> Iterator[tuple[int, Labelled]]:
-        for line in lines(path, ","):
-            yield frame_number(line.fields[0], line.where), ab3dmot(line, camera)
-
-    return _truths(lambda: filled(in_order(rows())), source, coordinates)
+    return _open_sequence(source, coordinates, ",", parse_ab3dmot_row)
 
 
-def filled(frames: _Frames, first: int = 0, num: int = 0) -> _Frames:
-    """Put frames without rows between the others, and behind them up to `num` frames.
+def _open_sequence(
+    source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], Labelled]
+) -> Iterator[Truth]:
+    camera = _camera(source, coordinates)
+    files = _text_files(source.path, "label_02")
+    if len(files) > 1:
+        named = f"{files[0].name} to {files[-1].name}"
+        raise ConfigError(f"{source.path}: {len(files)} sequences, {named}; name one file")
 
-    Raises:
-        LimitError: where these are more than any sequence has.
-    """
-    expected = first
-    for number, objects in frames:
-        if number - expected > _MAX_EMPTY:
-            raise LimitError(f"frames {expected} to {number - 1} have no row; more than {_MAX_EMPTY} aren't filled in")
-        yield from ((i, []) for i in range(expected, number))
-        yield number, objects
-        expected = number + 1
-    yield from ((i, []) for i in range(expected, min(first + num, expected + _MAX_EMPTY)))
+    def frames() -> Frames:
+        rows = lines(files[0], separator)
+        return fill_frames(
+            group_by_frame((frame_number(line.fields[0], line.where), parse(line, camera)) for line in rows)
+        )
 
-
-def in_order(rows: Iterable[tuple[int, Labelled]]) -> _Frames:
-    """Group rows by frame, whatever their order."""
-    ordered = sorted(rows, key=lambda row: row[0])
-    for number, group in groupby(ordered, key=lambda row: row[0]):
-        yield number, [row for _, row in group]
+    return _truths(frames, source, coordinates)
 
 
-def text_files(path: Path, inner: str) -> list[Path]:
-    """Return the file itself, or those of a folder or of its subfolder `inner`.
-
-    Raises:
-        LogError: where there are none.
-    """
+def _text_files(path: Path, inner: str) -> list[Path]:
+    """The file itself, or those of a folder or of its subfolder `inner`."""
     if path.is_file():
         return [path]
     folder = path / inner if (path / inner).is_dir() else path
@@ -223,60 +318,32 @@ def text_files(path: Path, inner: str) -> list[Path]:
     return found
 
 
-def _only_file(path: Path) -> Path:
-    files = text_files(path, "label_02")
-    if len(files) > 1:
-        raise ConfigError(f"{path}: {len(files)} sequences, {files[0].name} to {files[-1].name}; name one file")
-    return files[0]
-
-
 def _camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
     """Whose image 2D boxes are in; 3D boxes are in its coordinates too, unless `frame` names others."""
-    return camera_of(source.camera or source.frame, coordinates, str(source.path))
+    return find_camera(source.camera or source.frame, coordinates, str(source.path))
 
 
-def _sequence(path: Path, camera: str) -> _Frames:
-    return in_order((frame_number(line.fields[0], line.where), tracked(line, camera)) for line in lines(path))
-
-
-def tracked(line: Line, camera: str) -> Labelled:
-    """Return the object of a row of the tracking benchmark: frame, id, class and numbers.
-
-    Raises:
-        LogError: where a column is missing or isn't a number.
-    """
-    if len(line.fields) < 17:
-        raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
-    # Some trackers write more behind the score, which the benchmark's own evaluation doesn't read.
-    return labelled(line, line.fields[2:18], camera, track_id(line.fields[1], line.where))
-
-
-def _truths(frames: Callable[[], _Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
+def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
     where = str(source.path)
     # Of camera 0, whose coordinates KITTI's 3D boxes are in, many logs have no images.
-    owner = coordinates.camera(source.frame) or source.frame or camera_of(source.camera, coordinates, where)
+    owner = coordinates.camera(source.frame) or source.frame or find_camera(source.camera, coordinates, where)
     body_T_level = body_T(owner, coordinates, where) @ CAMERA_T_LEVEL
     if coordinates.camera0_is_body and not source.frame:
         body_T_level = np.eye(4)
     is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():
-        yield Truth(
-            0, 0, moved(solids(objects), body_T_level) if is_solid else None, flats(objects), number, number
-        )  # fmt: skip
+        boxes = moved(solids(objects), body_T_level) if is_solid else None
+        yield Truth(0, 0, boxes, flats(objects), number, number)
 
 
-BODY = "body"
-"""The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs."""
-
-
-def coordinate_frame(sequence: BoxSequence, wished: str, camera: str) -> str:
+def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
     """Return `body` or the name of a camera: as asked for, as the log says, else that of the image.
 
     Raises:
         ConfigError: where it is none of these.
     """
     known = [BODY, *sequence.rig.sensors("camera")]
-    name = wished or sequence.metadata.get(CAMERA0, camera)
+    name = requested or sequence.metadata.get(CAMERA0, camera)
     if name not in known and any(frame.boxes3d is not None for frame in sequence.frames):
         raise ConfigError(f"{sequence.where}: --frame {name}: neither 'body' nor a camera{did_you_mean(name, known)}")
     return name
@@ -300,24 +367,13 @@ _SURE = 1.0
 """Score of results that have none."""
 _MARGIN_RAD = 1e-6
 """Labels with six decimals go so far beyond pi."""
+_IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
+"""Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
+benchmark."""
+_IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 
 
-@dataclass(frozen=True)
-class _Style:
-    """How a benchmark writes its labels, to the letter."""
-
-    digits: int
-    ignored: str
-    """What follows the 2D box of a region that is ignored."""
-    ignored_alpha: str
-
-
-_TRACKING = _Style(6, " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1)), "-10.000000")
-"""The numbers of its ignored regions are in another order than in the object benchmark."""
-_OBJECT = _Style(2, "-1 -1 -1 -1000 -1000 -1000 -10", "-10")
-
-
-def kitti_rows(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[tuple[int, list[str]]]:
+def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of each frame and its rows; those of the tracking benchmark begin with frame and id.
 
     Truth that came from KITTI's labels gives the same rows again. Results have truncated and occluded -1 and a score
@@ -327,51 +383,53 @@ def kitti_rows(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterat
         ConfigError: where a camera or coordinate frame isn't known.
         LogError: where boxes have no class, or can't be projected.
     """
-    camera = camera_of_of_sequence(sequence, wish.camera)
+    camera = choose_camera(sequence, request.camera)
     require_view(sequence, camera)
-    writer = _Writer(sequence, wish, camera, left)
+    writer = _Writer(sequence, request, camera, left)
     for number, frame in zip(sequence.numbers(), sequence.frames, strict=True):
-        yield number, writer.texts(number, image_rows(frame, camera, left), frame.rig)
+        yield number, writer.rows(number, image_rows(frame, camera, left), frame.rig)
 
 
 class _Writer:
     """Writes the rows of one sequence."""
 
-    def __init__(self, sequence: BoxSequence, wish: ExportWish, camera: str, left: LeftOut) -> None:
-        self._sequence, self._wish, self._left = sequence, wish, left
-        self._names = namer(wish, sequence.where)
+    def __init__(self, sequence: BoxSequence, request: ExportRequest, camera: str, left: LeftOut) -> None:
+        self._is_truth, self._is_tracking, self._left = sequence.is_truth, request.is_tracking, left
+        self._namer = namer(request, sequence.where)
         self._small = small_ids(sequence.boxes)
-        self._owner = coordinate_frame(sequence, wish.frame, camera)
-        self._style = _style(sequence, wish)
+        self._owner = coordinate_frame(sequence, request.frame, camera)
+        is_own = sequence.is_truth and sequence.metadata.get("benchmark") == "object"
+        self._digits = 2 if is_own and not request.is_tracking else 6
 
-    def texts(self, number: int, rows: ImageRows, rig: Rig) -> list[str]:
+    def rows(self, number: int, rows: ImageRows, rig: Rig) -> list[str]:
         """Return the rows of a frame."""
-        rows, names, ignored = self._named(rows)
+        rows, names, ignored = self._select(rows)
         if not len(rows):
             return []
         ids = np.where(ignored, -1, rows.column("track_id", -1)).tolist()
         heads = [f"{number} {self._small(id_)} {name}" for id_, name in zip(ids, names, strict=True)]
         solids = self._solids(rows, rig)
+        shapes = _format_rows(solids, self._digits)
+        skipped = _IGNORED_TRACKING if self._is_tracking else _IGNORED_OBJECT
         columns = [
-            heads if self._wish.is_tracking else names,
+            heads if self._is_tracking else names,
             self._states(rows, ignored, solids),
-            _numbers(rows.xyxy_px, self._style.digits),
-            [self._style.ignored if skip else text for skip, text in zip(ignored, self._shapes(solids), strict=True)],
+            _format_rows(rows.xyxy_px, self._digits),
+            [skipped if skip else text for skip, text in zip(ignored, shapes, strict=True)],
         ]
-        if not self._sequence.is_truth:
+        if not self._is_truth:
             scores = rows.column("score", np.nan)
-            columns.append(_numbers(np.where(np.isnan(scores), _SURE, scores)[:, None], 6))
+            columns.append(_format_rows(np.where(np.isnan(scores), _SURE, scores)[:, None], 6))
         return [" ".join(parts) for parts in zip(*columns, strict=True)]
 
-    def _named(self, rows: ImageRows) -> tuple[ImageRows, list[str], Bool]:
-        """Leave out what has no class of KITTI or no id, and tell the classes and which regions are ignored."""
-        is_truth = self._sequence.is_truth
-        ignored: Bool = rows.column("ignore", False) if is_truth else np.zeros(len(rows), bool)
+    def _select(self, rows: ImageRows) -> tuple[ImageRows, list[str], Bool]:
+        """Leave out what has no class of KITTI or no id; return the classes and which regions are ignored too."""
+        ignored: Bool = rows.column("ignore", False) if self._is_truth else np.zeros(len(rows), bool)
         names = np.array([DONT_CARE if skip else "" for skip in ignored], dtype=object)
-        names[~ignored] = rows[~ignored].names(self._names)
+        names[~ignored] = rows[~ignored].names(self._namer)
         kept: Bool = names != ""
         self._left.add("of classes that KITTI doesn't have", int(np.count_nonzero(~kept)))
-        if self._wish.is_tracking:
+        if self._is_tracking:
             known = ignored | (rows.column("track_id", -1) >= 0)
             self._left.add("without a track id", int(np.count_nonzero(kept & ~known)))
             kept &= known
@@ -387,54 +445,34 @@ class _Writer:
             boxes = moved(boxes, inverse(body_T))
         length, width, height = boxes.size_lwh_m.T
         x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
-        numbers[has] = np.stack([height, width, length, x, y, z, _wrapped(-boxes.yaw_rad - np.pi / 2)], axis=1)
+        numbers[has] = np.stack([height, width, length, x, y, z, _wrap(-boxes.yaw_rad - np.pi / 2)], axis=1)
         return numbers
 
-    def _shapes(self, solids: Float64) -> Sequence[str]:
-        return _numbers(solids, self._style.digits)
-
     def _states(self, rows: ImageRows, ignored: Bool, solids: Float64) -> list[str]:
-        """Truncated, occluded and alpha."""
-        style, is_truth = self._style, self._sequence.is_truth
-        found = _numbers(_alphas(solids)[:, None], style.digits)
-        if not is_truth:
+        """Truncated, occluded and alpha: the heading as seen from the camera, rotation_y - atan2(x, z)."""
+        has_solid = solids[:, 6] != _UNKNOWN_BOX[6]
+        seen = np.where(has_solid, _wrap(solids[:, 6] - np.arctan2(solids[:, 3], solids[:, 5])), _UNKNOWN_BOX[6])
+        found = _format_rows(seen[:, None], self._digits)
+        if not self._is_truth:
             return [f"-1 -1 {alpha}" for alpha in found]
-        told = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
-        alphas = [own if match is None else match[1] for own, match in zip(found, told, strict=True)]
-        truncated = [_truncated(value, self._wish.is_tracking) for value in rows.column("truncation", np.nan).tolist()]
+        given = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
+        alphas = [own if match is None else match[1] for own, match in zip(found, given, strict=True)]
+        form = "{:g}" if self._is_tracking else "{:.2f}"
+        truncated = [form.format(v) if np.isfinite(v) else "-1" for v in rows.column("truncation", np.nan).tolist()]
         occluded = [round(value) if abs(value) < 1000 else -1 for value in rows.column("occlusion", np.nan).tolist()]
+        unknown = "-1 -1 -10.000000" if self._is_tracking else "-1 -1 -10"
         return [
-            f"-1 -1 {style.ignored_alpha}" if skip else f"{t} {o} {alpha}"
+            unknown if skip else f"{t} {o} {alpha}"
             for skip, t, o, alpha in zip(ignored, truncated, occluded, alphas, strict=True)
         ]
 
 
-def _style(sequence: BoxSequence, wish: ExportWish) -> _Style:
-    if wish.is_tracking:
-        return _TRACKING
-    is_own = sequence.is_truth and sequence.metadata.get("benchmark") == "object"
-    return _OBJECT if is_own else replace(_OBJECT, digits=6)
-
-
-def _alphas(solids: Float64) -> Float64:
-    """Heading as seen from the camera (N,): rotation_y - atan2(x, z); -10 without a 3D box."""
-    known = solids[:, 6] != _UNKNOWN_BOX[6]
-    return np.where(known, _wrapped(solids[:, 6] - np.arctan2(solids[:, 3], solids[:, 5])), _UNKNOWN_BOX[6])
-
-
-def _wrapped(angles: Float64) -> Float64:
+def _wrap(angles: Float64) -> Float64:
     beyond = np.abs(angles) > np.pi + _MARGIN_RAD
     return np.where(beyond, angles - 2 * np.pi * np.round(angles / (2 * np.pi)), angles)
 
 
-def _truncated(value: float, is_tracking: bool) -> str:
-    if not np.isfinite(value):
-        return "-1"
-    return f"{value:g}" if is_tracking else f"{value:.2f}"
-
-
-def _numbers(values: Float64, digits: int) -> list[str]:
-    """Texts (N,) of the rows of an array."""
+def _format_rows(values: Float64, digits: int) -> list[str]:
     form = " ".join([f"%.{digits}f"] * values.shape[1])
     texts = [form % tuple(row) for row in values.tolist()]
     return [_ZERO.sub("", text) if "-0." in text else text for text in texts]

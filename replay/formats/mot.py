@@ -1,8 +1,10 @@
-"""MOTChallenge ground truth, detections and results: read and write."""
+"""MOTChallenge ground truth, detections and results: read and write.
+
+A row is `frame,id,left,top,width,height[,confidence[,class,visibility]]`, or ends in `-1,-1,-1` or a place in space.
+"""
 
 import configparser
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,83 +12,60 @@ import numpy as np
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Bool
+from fbench.replay.data.arrays import Bool, Int64, Text
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.class_names import MOT_NUMBERS, namer
-from fbench.replay.formats.export_request import ExportWish, LeftOut
-from fbench.replay.formats.kitti import filled, in_order
-from fbench.replay.formats.objects import (
-    MAX_FRAMES,
-    Flat,
-    Labelled,
-    Line,
-    flats,
-    frame_number,
-    lines,
-    parse_number,
-    whole,
-)
-from fbench.replay.formats.placing import camera_of
-from fbench.replay.formats.sequence import BoxSequence, ImageRows, image_rows, require_view, small_ids
-from fbench.replay.formats.sequence import camera_of as camera_of_of_sequence
+from fbench.replay.formats.bulk_text import IrregularError, read_plain
+from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, LeftOut, namer
+from fbench.replay.formats.objects import Columns, Flat, Labelled, fill_frames, flats, group_by_frame, to_columns
+from fbench.replay.formats.placing import find_camera
+from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
+from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
-CLASSES = {
-    1: ("pedestrian", "pedestrian"), 2: ("person on vehicle", "pedestrian"), 3: ("car", "car"),
-    4: ("bicycle", "bicycle"), 5: ("motorbike", "motorcycle"), 6: ("non motorized vehicle", "other"),
-    7: ("static person", "pedestrian"), 8: ("distractor", "other"), 9: ("occluder", "other"),
-    10: ("occluder on the ground", "other"), 11: ("occluder full", "other"), 12: ("reflection", "other"),
-    13: ("crowd", "other"),
-}  # fmt: skip
-"""Name and label by the number of MOT16 and later."""
 SHIFT_PX = 1.0
 """Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
 middle is taken."""
-
-
-@dataclass(frozen=True)
-class _Sequence:
-    """Which file, and what `seqinfo.ini` says."""
-
-    path: Path
-    num_frames: int
-    is_truth: bool | None
+_NUMBERS = {name: number for number, (name, _) in MOT_CLASSES.items()}
+_DISTRACTOR = "distractor"
+"""Class of what is neither a hit nor a miss."""
+_SURE = 1.0
+"""Confidence of results that have no score."""
+_S = 1_000_000_000
 
 
 def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read `gt.txt`, `det.txt` or a tracker's results: comma-separated, a row a box. A folder is one sequence, of which
-    `gt/gt.txt` is taken, else `det/det.txt`; its `seqinfo.ini` tells how many frames are labelled. A frame's number
+    `gt/gt.txt` is taken, else `det/det.txt`; its `seqinfo.ini` tells how many frames are labeled. A frame's number
     is its place among the log's frames, the first being 1.
 
     Raises:
         ConfigError: where the camera isn't known.
         LogError: where there is no such file, or a row can't be read.
     """
-    camera = camera_of(source.camera or source.frame, coordinates, str(source.path))
-    sequence = _sequence(source.path)
-    rows = (mot_row(line, camera, sequence.is_truth) for line in lines(sequence.path, ","))
-    for frame, objects in filled(in_order(rows), 1, sequence.num_frames):
-        yield Truth(0, 0, None, flats(objects), frame_index=frame - 1)
-
-
-def _sequence(path: Path) -> _Sequence:
+    path = source.path
+    camera = find_camera(source.camera or source.frame, coordinates, str(path))
     files = [path / "gt" / "gt.txt", path / "det" / "det.txt", path / "gt.txt", path / "det.txt"]
     file = path if path.is_file() else next((file for file in files if file.is_file()), None)
     if file is None:
         raise LogError(f"{path}: no gt/gt.txt and no det/det.txt")
-    near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
-    info = next((ini for ini in near if ini.is_file()), None)
-    return _Sequence(file, 0 if info is None else sequence_length(info), file.stem.startswith("gt") or None)
+    is_truth = file.stem.startswith("gt") or None
+    rows = (parse_mot_row(line, camera, is_truth) for line in lines(file, ","))
+    for frame, objects in fill_frames(group_by_frame(rows), 1, sequence_length(file) or 0):
+        yield Truth(0, 0, None, flats(objects), frame_index=frame - 1)
 
 
-def sequence_length(path: Path) -> int:
-    """Return the number of frames that a `seqinfo.ini` tells.
+def sequence_length(file: Path) -> int | None:
+    """Return the number of frames that the `seqinfo.ini` near a file of boxes gives; `None` where there is none.
 
     Raises:
-        LogError: where it tells none.
+        LogError: where it gives none.
     """
+    near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
+    path = next((ini for ini in near if ini.is_file()), None)
+    if path is None:
+        return None
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(path.read_text(encoding="utf-8-sig"))
@@ -96,8 +75,12 @@ def sequence_length(path: Path) -> int:
     return min(frame_number(text, f"{path} seqLength"), MAX_FRAMES)
 
 
-def mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
+def parse_mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
     """Return the frame of a row, counted from 1, and its object.
+
+    MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
+    confidence. In ten columns of results the eighth is a class all the same where it is the number of one, as
+    TrackEval reads it.
 
     Args:
         line: The row.
@@ -118,48 +101,88 @@ def mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SH
     names = ("left", "top", "width", "height")
     left, top, width, height = (parse_number(text, where, name) for name, text in zip(names, fields[2:6], strict=True))
     left, top = left - shift_px, top - shift_px
-    flat = Flat(camera, (left, top, left + width, top + height))
-    return frame, _labelled(fields, where, flat, is_truth)
+    has_class = len(fields) in (8, 9)
+    kind = whole(fields[7], where, "class") if has_class else _class_among_ten(fields, is_truth)
+    name, label = MOT_CLASSES.get(kind, (str(kind), "other"))
+    confidence = parse_number(fields[6], where, "confidence") if len(fields) > 6 else None
+    is_flag = has_class if is_truth is None else is_truth
+    return frame, Labelled(
+        name,
+        None,
+        Flat(camera, (left, top, left + width, top + height)),
+        label,
+        score=None if is_flag else confidence,
+        track_id=max(whole(fields[1], where, "id"), -1),
+        # Flags are 0 and 1, and other numbers are rounded towards 0, as TrackEval does.
+        ignore=(confidence is not None and abs(confidence) < 1) if is_flag else None,
+        visibility=parse_number(fields[8], where, "visibility") if len(fields) == 9 else None,
+    )
 
 
 def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
-    """Return the class of a row that has no column for it, 1 unless it is a result whose eighth column names one."""
+    """The class of a row without a column for it, 1 unless it is a result whose eighth column names one."""
     if len(fields) < 10 or is_truth is not False:
         return 1
     try:
-        told = float(fields[7])
+        given = float(fields[7])
     except ValueError:
         return 1
-    return int(told) if told in CLASSES else 1
+    return int(given) if given in MOT_CLASSES else 1
 
 
-def _labelled(fields: list[str], where: str, flat: Flat, is_truth: bool | None) -> Labelled:
-    """MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
-    confidence. In ten columns of results the eighth is a class all the same where it is the number of one, as
-    TrackEval reads it.
+def read_mot_columns(path: Path, is_truth: bool) -> Columns:
+    """Read the file of one sequence; steps are frames from 0, positions those of the file.
+
+    Raises:
+        LogError: naming file, row and column of what can't be read.
     """
-    has_class = len(fields) in (8, 9)
-    kind = whole(fields[7], where, "class") if has_class else _class_among_ten(fields, is_truth)
-    name, label = CLASSES.get(kind, (str(kind), "other"))
-    confidence = parse_number(fields[6], where, "confidence") if len(fields) > 6 else None
-    is_flag = has_class if is_truth is None else is_truth
-    return Labelled(
-        name, None, flat, label,
-        score=None if is_flag else confidence,
-        track_id=max(whole(fields[1], where, "id"), -1),
-        ignore=(confidence is not None and abs(confidence) < 1) if is_flag else None,
-        visibility=parse_number(fields[8], where, "visibility") if len(fields) == 9 else None,
-    )  # fmt: skip
+    try:
+        return _columns_at_once(path, is_truth)
+    except IrregularError:
+        return _columns_by_row(path, is_truth)
 
 
-_DISTRACTOR = "distractor"
-"""Class of what is neither a hit nor a miss."""
-_SURE = 1.0
-"""Confidence of results that have no score."""
-_S = 1_000_000_000
+def _columns_by_row(path: Path, is_truth: bool) -> Columns:
+    found = [parse_mot_row(line, "image", is_truth, shift_px=0.0) for line in lines(path, ",")]
+    return to_columns([frame - 1 for frame, _ in found], [row for _, row in found])
 
 
-def mot_rows(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator[list[str]]:
+def _columns_at_once(path: Path, is_truth: bool) -> Columns:
+    plain = read_plain(path, ",")
+    if plain is None:
+        return to_columns([], [])
+    if not 6 <= plain.width <= 10:
+        raise IrregularError
+    frames = plain.wholes(0)
+    if frames.min() < 1 or frames.max() >= MAX_FRAMES:
+        raise IrregularError
+    left, top, width, height = plain.numbers((2, 3, 4, 5)).T
+    kinds = np.ones(len(plain), np.int64)
+    if plain.width in (8, 9):
+        kinds = plain.wholes(7)
+    elif plain.width == 10 and not is_truth:
+        kinds = np.where(np.isin(plain.number(7), list(MOT_CLASSES)), plain.number(7), 1).astype(np.int64)
+    confidence = plain.number(6) if plain.width > 6 else None
+    ignored = np.zeros(len(frames), bool) if confidence is None or not is_truth else np.abs(confidence) < 1
+    return {
+        "step": frames - 1,
+        "label": _class_names(kinds),
+        "track_id": np.maximum(plain.wholes(1), -1),
+        "score": np.zeros(len(frames)) if confidence is None or is_truth else confidence,
+        "xyxy_px": np.column_stack([left, top, left + width, top + height]),
+        "visibility": plain.number(8) if plain.width == 9 else None,
+        "ignore": ignored if ignored.any() else None,
+    }
+
+
+def _class_names(numbers: Int64) -> Text:
+    kinds, which = np.unique(numbers, return_inverse=True)
+    names = [MOT_CLASSES[int(kind)][0] if int(kind) in MOT_CLASSES else str(kind) for kind in kinds]
+    found: Text = np.array(names, np.str_)[which].reshape(len(numbers))
+    return found
+
+
+def mot_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[list[str]]:
     """Yield the rows of each frame: `frame,id,left,top,width,height,` and then `confidence,-1,-1,-1` for results,
     `counts,class,visibility` for truth, as of MOT16. Frames and pixels count from 1; a frame's number is its place in
     the log.
@@ -168,36 +191,37 @@ def mot_rows(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Iterator
         ConfigError: where a camera isn't known.
         LogError: where truth has no class, or boxes can't be projected.
     """
-    camera = camera_of_of_sequence(sequence, wish.camera)
+    camera = choose_camera(sequence, request.camera)
     require_view(sequence, camera)
-    writer = _Writer(sequence, wish, left)
+    writer = _Writer(sequence, request, left)
     for frame in sequence.frames:
-        yield writer.texts(frame.index + 1, image_rows(frame, camera, left))
+        yield writer.rows(frame.index + 1, image_rows(frame, camera, left))
 
 
 class _Writer:
     """Writes the rows of one sequence."""
 
-    def __init__(self, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> None:
+    def __init__(self, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> None:
         self._is_truth, self._left = sequence.is_truth, left
-        self._names = namer(wish, sequence.where)
+        self._namer = namer(request, sequence.where)
         self._small = small_ids(sequence.boxes)
         self._free = 1 + max(
             (self._small(int(boxes.track_id.max())) for boxes in sequence.boxes if boxes.track_id is not None),
             default=0,
         )
 
-    def texts(self, number: int, rows: ImageRows) -> list[str]:
+    def rows(self, number: int, rows: ImageRows) -> list[str]:
         """Return the rows of a frame."""
         ignored: Bool = rows.column("ignore", False) if self._is_truth else np.zeros(len(rows), bool)
         known = ignored | (rows.column("track_id", -1) >= 0)
         self._left.add("without a track id", int(np.count_nonzero(~known)))
         rows, ignored = rows[known], ignored[known]
         if self._is_truth:
-            names = self._classes(rows, ignored)
+            names = np.full(len(rows), _DISTRACTOR, dtype=object)
+            names[~ignored] = rows[~ignored].names(self._namer)
             has: Bool = names != ""
             self._left.add("of classes that MOTChallenge doesn't have", int(np.count_nonzero(~has)))
-            rows, ends = rows[has], _truths(rows[has], names[has].tolist(), ignored[has])
+            rows, ends = rows[has], self._truth_ends(rows[has], names[has].tolist(), ignored[has])
         else:
             scores = rows.column("score", np.nan).tolist()
             ends = [f"{_SURE if np.isnan(score) else score:.6f},-1,-1,-1" for score in scores]
@@ -215,19 +239,13 @@ class _Writer:
         self._free += 1
         return self._free - 1
 
-    def _classes(self, rows: ImageRows, ignored: Bool) -> "np.ndarray[Any, np.dtype[np.object_]]":
-        """Class of each row (N,), empty where there is none for it."""
-        names = np.full(len(rows), _DISTRACTOR, dtype=object)
-        names[~ignored] = rows[~ignored].names(self._names)
-        return names
-
-
-def _truths(rows: ImageRows, names: Sequence[str], ignored: Bool) -> list[str]:
-    visible = rows.column("visibility", np.nan).tolist()
-    return [
-        f"{0 if skip else 1},{MOT_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}"
-        for skip, name, share in zip(ignored, names, visible, strict=True)
-    ]
+    @staticmethod
+    def _truth_ends(rows: ImageRows, names: list[Any], ignored: Bool) -> list[str]:
+        visible = rows.column("visibility", np.nan).tolist()
+        return [
+            f"{0 if skip else 1},{_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}"
+            for skip, name, share in zip(ignored, names, visible, strict=True)
+        ]
 
 
 def seqinfo(name: str, sequence: BoxSequence, camera: CameraModel | None) -> str:

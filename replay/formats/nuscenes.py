@@ -1,12 +1,11 @@
 """nuScenes submissions: read and write results by sample token, in the world.
 
 (https://github.com/nutonomy/nuscenes-devkit, `eval/detection/README.md` and `eval/tracking/README.md`).
-
-(https://github.com/nutonomy/nuscenes-devkit, `eval/detection/README.md` and `eval/tracking/README.md`).
 """
 
 import csv
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,129 +14,27 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Float64, Int64, text_array
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import Kind
-from fbench.replay.formats.class_names import namer
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
-from fbench.replay.formats.export_request import ExportWish, LeftOut
-from fbench.replay.formats.objects import Labelled, Solid, angles, solids, track_number
-from fbench.replay.formats.placing import placed
+from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
+from fbench.replay.formats.objects import Columns, Labelled, Solid, angles, solids, to_columns
+from fbench.replay.formats.placing import place
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence, usable
+from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 COMPANIONS = ("sample.json", "samples.csv")
-_FRAMES_BELOW = 10_000_000
+"""What tells when samples are, beside a submission."""
+FRAMES_BELOW = 10_000_000
 """Tokens that are smaller numbers count frames, others are stamps."""
+UNKNOWN_EGO = (np.nan,) * 3
 _MAX_NS = 2**63 - 1
-
-
-def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a submission. When a token was is what a `sample.json` (the table of nuScenes) or `samples.csv` (columns
-    `token` and `stamp_ns`) beside it says; without one, tokens are numbers of frames or stamps [ns] themselves.
-
-    Raises:
-        LogError: where the form isn't that of a submission, or nobody knows a token.
-    """
-    where = str(source.path)
-    results = member(read_json(source.path), "results", where)
-    if not results:
-        raise LogError(f"{where}: no results; expected an object with 'results' by sample token")
-    instant = _clock(source.path)
-    ordered = sorted((instant(token), token) for token in results)
-    for (stamp_ns, frame), token in ordered:
-        at = f"{where}: sample '{token[:40]}'"
-        objects = [labelled_box(item, f"{at} box {i}") for i, item in enumerate(items(results[token], at))]
-        frames = [source.frame or "world"] * max(len(objects), 1)
-        boxes, in_world = placed(solids(objects), frames, coordinates, at)
-        counted = None if frame < 0 else frame
-        yield Truth(stamp_ns, stamp_ns, boxes, None, counted, counted, in_world)
-
-
-def labelled_box(value: object, where: str) -> Labelled:
-    """Return the object of a box of a submission, in the world.
-
-    Raises:
-        LogError: saying what is missing or wrong.
-    """
-    box = mapping(value, where)
-    name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
-    if not name:
-        raise LogError(f"{where}: neither detection_name nor tracking_name")
-    score = box.get("tracking_score", box.get("detection_score"))
-    id_ = box.get("tracking_id")
-    points = box.get("num_pts")
-    return Labelled(
-        name, _solid(box, where),
-        score=None if score is None else scalar(score, f"{where}: score"),
-        track_id=None if id_ is None else track_number(str(id_)),
-        attribute=text(box.get("attribute_name"), f"{where}: attribute_name") or None,
-        num_lidar_pts=int(points) if isinstance(points, int) and 0 <= points < 2**31 else None,
-    )  # fmt: skip
-
-
-def _solid(box: Mapping[str, Any], where: str) -> Solid:
-    """Sizes are width, length, height there, quaternions w, x, y, z."""
-    x, y, z = vector(box.get("translation"), (3,), f"{where}: translation")
-    width, length, height = vector(box.get("size"), (3,), f"{where}: size")
-    qw, qx, qy, qz = vector(box.get("rotation"), (4,), f"{where}: rotation")
-    told = box.get("velocity")
-    velocity = None if told is None else [*vector(told, (2, 3), f"{where}: velocity"), 0.0]
-    return Solid(
-        (x, y, z), (length, width, height), angles(qx, qy, qz, qw, f"{where}: rotation"),
-        None if velocity is None else (velocity[0], velocity[1], velocity[2]),
-    )  # fmt: skip
-
-
-def _clock(path: Path) -> Callable[[str], tuple[int, int]]:
-    """Return what tells the stamp of a token, and the number of its frame; 0 and -1 stand for none."""
-    companion = next((path.with_name(name) for name in COMPANIONS if path.with_name(name).is_file()), None)
-    stamps = {} if companion is None else _companion(companion)
-
-    def instant(token: str) -> tuple[int, int]:
-        if token in stamps:
-            return stamps[token], -1
-        if token.isascii() and token.isdigit() and len(token) < 20 and int(token) <= _MAX_NS:
-            number = int(token)
-            return (0, number) if number < _FRAMES_BELOW else (number, -1)
-        there = f"{companion} doesn't know it" if companion else f"put {' or '.join(COMPANIONS)} beside the file"
-        raise LogError(f"{path}: when was sample '{token[:40]}'? {there}")
-
-    return instant
-
-
-def _companion(path: Path) -> dict[str, int]:
-    if path.suffix == ".json":
-        rows = [mapping(row, f"{path}: row {i}") for i, row in enumerate(items(read_json(path), str(path)))]
-        return {
-            str(row.get("token")): _microseconds(row.get("timestamp"), f"{path}: row {i}") for i, row in enumerate(rows)
-        }
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return {row["token"]: _stamp(row["stamp_ns"]) for row in csv.DictReader(file)}
-    except (KeyError, ValueError, TypeError, csv.Error) as error:
-        raise LogError(f"{path}: expected the columns token and stamp_ns ({error})") from error
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
-
-
-def _microseconds(value: object, where: str) -> int:
-    if not isinstance(value, int) or not 0 <= value <= _MAX_NS // 1000:
-        raise LogError(f"{where}: timestamp isn't a whole number of microseconds")
-    return value * 1000
-
-
-def _stamp(text: str) -> int:
-    stamp_ns = int(text)
-    if not 0 <= stamp_ns <= _MAX_NS:
-        raise ValueError(f"'{text[:40]}' is no stamp")
-    return stamp_ns
-
-
-NAMES = (
+ATTRIBUTES = (
     "pedestrian.moving", "pedestrian.sitting_lying_down", "pedestrian.standing", "cycle.with_rider",
     "cycle.without_rider", "vehicle.moving", "vehicle.parked", "vehicle.stopped",
 )  # fmt: skip
@@ -151,6 +48,188 @@ _BY_CLASS = {
     **dict.fromkeys(("car", "truck", "trailer", "construction_vehicle"), ("vehicle.moving", "vehicle.parked")),
 }
 """When moving and when not; what isn't here has no attribute."""
+MAX_BOXES = 500
+"""Of a sample; the devkit refuses more."""
+TOKENS = "nuscenes.sample_tokens"
+"""Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
+_SURE = 1.0
+"""Score of boxes that have none."""
+_METER_DIGITS, _TURN_DIGITS = 6, 12
+
+
+@dataclass(frozen=True)
+class Sample:
+    """When and in which scene a sample is."""
+
+    key: int
+    """Stamp [ns]; number of the frame where no stamps are known."""
+    scene: str = ""
+    ego_m: tuple[float, float, float] = UNKNOWN_EGO
+    """Where the body is."""
+
+
+def find_companion(path: Path) -> Path | None:
+    """Return the table of samples beside a submission."""
+    return next((path.with_name(name) for name in COMPANIONS if path.with_name(name).is_file()), None)
+
+
+def read_samples(path: Path) -> dict[str, Sample]:
+    """Read a `sample.json`, the table of nuScenes, or a `samples.csv` (columns `token`, `stamp_ns`, and where known
+    `scene`, `ego_x`, `ego_y`, `ego_z`).
+
+    Raises:
+        LogError: where it can't be read.
+    """
+    if path.suffix == ".json":
+        return dict(_sample_of_json(row, f"{path}: row {i}") for i, row in enumerate(items(read_json(path), str(path))))
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return {row["token"]: _sample_of_csv(row) for row in csv.DictReader(file)}
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
+        raise LogError(f"{path}: expected the columns token and stamp_ns ({error})") from error
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+
+
+def _sample_of_json(value: object, where: str) -> tuple[str, Sample]:
+    row = mapping(value, where)
+    stamp_us = row.get("timestamp")
+    if isinstance(stamp_us, bool) or not isinstance(stamp_us, int) or not 0 <= stamp_us <= _MAX_NS // 1000:
+        raise LogError(f"{where}: timestamp isn't a whole number of microseconds")
+    return str(row.get("token")), Sample(stamp_us * 1000, str(row.get("scene_token") or ""))
+
+
+def _sample_of_csv(row: Mapping[str, str]) -> Sample:
+    stamp_ns = int(row["stamp_ns"])
+    if not 0 <= stamp_ns <= _MAX_NS:
+        raise ValueError(f"'{row['stamp_ns'][:40]}' is no stamp")
+    x, y, z = (float(row.get(name) or "nan") for name in ("ego_x", "ego_y", "ego_z"))
+    return Sample(stamp_ns, row.get("scene") or "", (x, y, z))
+
+
+def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read a submission. When a token was is what the table of samples beside it says (see `read_samples`); without
+    one, tokens are numbers of frames or stamps [ns] themselves.
+
+    Raises:
+        LogError: where the form isn't that of a submission, or nobody knows a token.
+    """
+    where = str(source.path)
+    results = member(read_json(source.path), "results", where)
+    if not results:
+        raise LogError(f"{where}: no results; expected an object with 'results' by sample token")
+    companion = find_companion(source.path)
+    samples = {} if companion is None else read_samples(companion)
+
+    def instant(token: str) -> tuple[int, int]:
+        """Stamp and number of the frame; 0 and -1 stand for none."""
+        if token in samples:
+            return samples[token].key, -1
+        if token.isascii() and token.isdigit() and len(token) < 20 and int(token) <= _MAX_NS:
+            number = int(token)
+            return (0, number) if number < FRAMES_BELOW else (number, -1)
+        there = f"{companion} doesn't know it" if companion else f"put {' or '.join(COMPANIONS)} beside the file"
+        raise LogError(f"{source.path}: when was sample '{token[:40]}'? {there}")
+
+    for (stamp_ns, frame), token in sorted((instant(token), token) for token in results):
+        at = f"{where}: sample '{token[:40]}'"
+        objects = [parse_box(item, f"{at} box {i}") for i, item in enumerate(items(results[token], at))]
+        frames = [source.frame or "world"] * max(len(objects), 1)
+        boxes, in_world = place(solids(objects), frames, coordinates, at)
+        number = None if frame < 0 else frame
+        yield Truth(stamp_ns, stamp_ns, boxes, None, number, number, in_world)
+
+
+def parse_box(value: object, where: str) -> Labelled:
+    """Return the object of a box of a submission, in the world.
+
+    Sizes are width, length, height there, quaternions w, x, y, z.
+
+    Raises:
+        LogError: saying what is missing or wrong.
+    """
+    box = mapping(value, where)
+    name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
+    if not name:
+        raise LogError(f"{where}: neither detection_name nor tracking_name")
+    x, y, z = vector(box.get("translation"), (3,), f"{where}: translation")
+    width, length, height = vector(box.get("size"), (3,), f"{where}: size")
+    qw, qx, qy, qz = vector(box.get("rotation"), (4,), f"{where}: rotation")
+    velocity = None
+    if (given := box.get("velocity")) is not None:
+        vx, vy, vz, *_ = [*vector(given, (2, 3), f"{where}: velocity"), 0.0]
+        velocity = vx, vy, vz
+    turn = angles(qx, qy, qz, qw, f"{where}: rotation")
+    score = box.get("tracking_score", box.get("detection_score"))
+    id_, points = box.get("tracking_id"), box.get("num_pts")
+    return Labelled(
+        name,
+        Solid((x, y, z), (length, width, height), turn, velocity),
+        score=None if score is None else scalar(score, f"{where}: score"),
+        track_id=None if id_ is None else track_number(str(id_)),
+        attribute=text(box.get("attribute_name"), f"{where}: attribute_name") or None,
+        num_lidar_pts=int(points) if isinstance(points, int) and 0 <= points < 2**31 else None,
+    )
+
+
+def to_box_columns(boxes: Sequence[tuple[str, Mapping[str, Any]]], steps: Sequence[int]) -> Columns:
+    """Return boxes as columns: all at once where every box is as it should be; else one by one, which says what is
+    wrong.
+
+    Args:
+        boxes: What to call each in errors, and the box.
+        steps: Key of the sample of each.
+
+    Raises:
+        LogError: as `parse_box`.
+    """
+    try:
+        return _columns_at_once([box for _, box in boxes], steps) if boxes else to_columns([], [])
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return to_columns(steps, [parse_box(box, where) for where, box in boxes])
+
+
+def _columns_at_once(boxes: Sequence[Mapping[str, Any]], steps: Sequence[int]) -> Columns:
+    task = "tracking" if "tracking_name" in boxes[0] else "detection"
+    names = [box[f"{task}_name"] for box in boxes]
+    scores = [box.get(f"{task}_score", 0.0) for box in boxes]
+    if any(isinstance(score, bool) or not isinstance(score, int | float) for score in scores):
+        raise TypeError("score")
+    points = [box.get("num_pts", -1) for box in boxes]
+    if any(isinstance(num, bool) or not isinstance(num, int) or num >= 2**31 for num in points):
+        raise TypeError("num_pts")
+    velocity = _vectors(boxes, "velocity", 2) if "velocity" in boxes[0] else None
+    return {
+        "step": np.array(steps, np.int64),
+        "label": text_array([name.lower() for name in names]),
+        "track_id": np.array([track_number(str(box.get("tracking_id", ""))) for box in boxes], np.int64),
+        "score": np.array([float(score) for score in scores]),
+        "center_m": _vectors(boxes, "translation", 3),
+        "size_lwh_m": _vectors(boxes, "size", 3)[:, [1, 0, 2]],
+        "yaw_rad": _yaws(_vectors(boxes, "rotation", 4)),
+        "velocity_mps": None if velocity is None else np.pad(velocity, ((0, 0), (0, 1))),
+        "attribute": text_array([box.get("attribute_name") or "" for box in boxes]),
+        "num_points": np.maximum(np.array(points, np.int64), -1) if max(points) >= 0 else None,
+    }
+
+
+def _vectors(boxes: Sequence[Mapping[str, Any]], name: str, length: int) -> Float64:
+    found = np.array([box[name] for box in boxes])
+    if found.shape != (len(boxes), length) or found.dtype.kind not in "if":
+        raise ValueError(name)
+    return found.astype(np.float64)
+
+
+def _yaws(wxyz: Float64) -> Float64:
+    """Heading of the x axis; what isn't finite or isn't a rotation is left to `parse_box`."""
+    w, x, y, z = wxyz.T
+    norm = w * w + x * x + y * y + z * z
+    if not (np.isfinite(norm) & (norm > 0)).all():
+        raise ValueError("rotation")
+    yaw: Float64 = np.where(
+        (x == 0) & (y == 0), 2 * np.arctan2(z, w), np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    )
+    return yaw
 
 
 def attributes(boxes: Boxes3D, names: Sequence[str], velocity_mps: Float64) -> list[str]:
@@ -165,7 +244,8 @@ def attributes(boxes: Boxes3D, names: Sequence[str], velocity_mps: Float64) -> l
     own = [""] * len(boxes) if boxes.attribute is None else boxes.attribute.tolist()
     speeds = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]).tolist()
     return [
-        told if told in NAMES else _by_speed(name, speed) for told, name, speed in zip(own, names, speeds, strict=True)
+        given if given in ATTRIBUTES else _by_speed(name, speed)
+        for given, name, speed in zip(own, names, speeds, strict=True)
     ]
 
 
@@ -176,18 +256,9 @@ def _by_speed(name: str, speed_mps: float) -> str:
     return moving if speed_mps > _MOVING_MPS else still
 
 
-MAX_BOXES = 500
-"""Of a sample; the devkit refuses more."""
-TOKENS = "nuscenes.sample_tokens"
-"""Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
-_SURE = 1.0
-"""Score of boxes that have none."""
-_METRE_DIGITS, _TURN_DIGITS = 6, 12
-
-Samples = Iterator[tuple[str, list[dict[str, Any]]]]
-
-
-def nuscenes_samples(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> Samples:
+def nuscenes_samples(
+    sequence: BoxSequence, request: ExportRequest, left: LeftOut
+) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield each sample of a log by its token, also those without boxes; of more than `MAX_BOXES` those with the
     highest scores stay.
 
@@ -196,7 +267,7 @@ def nuscenes_samples(sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> 
     """
     tokens = _tokens(sequence)
     frames = _frames(sequence, len(tokens))
-    writer = _Writer(sequence, wish, left)
+    writer = _Writer(sequence, request, left)
     for number, token in enumerate(tokens):
         yield token, writer.sample(token, frames[number]) if number in frames else []
 
@@ -241,8 +312,8 @@ def _frames(sequence: BoxSequence, num_tokens: int) -> dict[int, BoxFrame]:
 class _Writer:
     """Writes the samples of one sequence."""
 
-    def __init__(self, sequence: BoxSequence, wish: ExportWish, left: LeftOut) -> None:
-        self._names, self._left, self._wish = namer(wish, sequence.where), left, wish
+    def __init__(self, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> None:
+        self._names, self._left, self._request = namer(request, sequence.where), left, request
 
     def sample(self, token: str, frame: BoxFrame) -> list[dict[str, Any]]:
         """Return the boxes of a keyframe."""
@@ -256,7 +327,7 @@ class _Writer:
         columns = (nothing if column is None else column for column in (boxes.source_label, boxes.label))
         names = np.array(self._names(*columns), dtype=object)
         rows = self._chosen(boxes, names)
-        return _results(token, boxes[rows], names[rows].tolist(), frame.world_T_body, self._wish.is_tracking)
+        return _results(token, boxes[rows], names[rows].tolist(), frame.world_T_body, self._request.is_tracking)
 
     def _chosen(self, boxes: Boxes3D, names: "np.ndarray[Any, np.dtype[np.object_]]") -> Int64:
         """Rows that have a class, an id where that is needed, and not too many."""
@@ -265,7 +336,7 @@ class _Writer:
         if boxes.ignore is not None:
             self._left.add("to be ignored", int(np.count_nonzero(kept & boxes.ignore)))
             kept = kept & ~boxes.ignore
-        if self._wish.is_tracking:
+        if self._request.is_tracking:
             known = np.zeros(len(boxes), bool) if boxes.track_id is None else boxes.track_id >= 0
             self._left.add("without a track id", int(np.count_nonzero(kept & ~known)))
             kept = kept & known
@@ -283,12 +354,12 @@ def _results(
     token: str, boxes: Boxes3D, names: Sequence[str], world_T_body: Float64, is_tracking: bool
 ) -> list[dict[str, Any]]:
     velocity_mps = _velocities(boxes, world_T_body)
-    centers = _rounded(transform(world_T_body, boxes.center_m), _METRE_DIGITS)
-    sizes = _rounded(boxes.size_lwh_m[:, [1, 0, 2]], _METRE_DIGITS)
-    turns = _rounded(_quaternions_wxyz(boxes, world_T_body), _TURN_DIGITS)
+    centers = _round(transform(world_T_body, boxes.center_m), _METER_DIGITS)
+    sizes = _round(boxes.size_lwh_m[:, [1, 0, 2]], _METER_DIGITS)
+    turns = _round(_quaternions(boxes, world_T_body), _TURN_DIGITS)
     # The format has no way to say that a velocity isn't known.
-    velocities = _rounded(np.nan_to_num(velocity_mps[:, :2]), _METRE_DIGITS)
-    scores = _rounded(_scores(boxes), _METRE_DIGITS)
+    velocities = _round(np.nan_to_num(velocity_mps[:, :2]), _METER_DIGITS)
+    scores = _round(_scores(boxes), _METER_DIGITS)
     ids = np.full(len(boxes), -1) if boxes.track_id is None else boxes.track_id
     told = attributes(boxes, names, velocity_mps)
     return [
@@ -315,7 +386,7 @@ def _velocities(boxes: Boxes3D, world_T_body: Float64) -> Float64:
     return transform(turn, np.where(known, boxes.velocity_mps, np.nan))
 
 
-def _quaternions_wxyz(boxes: Boxes3D, world_T_body: Float64) -> Float64:
+def _quaternions(boxes: Boxes3D, world_T_body: Float64) -> Float64:
     zeros = np.zeros(len(boxes))
     pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
     body_R_box = Rotation.from_euler("ZYX", np.stack([boxes.yaw_rad, pitch, roll], axis=1))
@@ -323,6 +394,5 @@ def _quaternions_wxyz(boxes: Boxes3D, world_T_body: Float64) -> Float64:
     return np.asarray(world_R_box.as_quat(canonical=True)[:, [3, 0, 1, 2]], np.float64)
 
 
-def _rounded(values: Float64, digits: int) -> list[Any]:
-    rounded = np.round(values, digits) + 0.0  # no negative zeros
-    return list(rounded.tolist())
+def _round(values: Float64, digits: int) -> list[Any]:
+    return list((np.round(values, digits) + 0.0).tolist())  # no negative zeros

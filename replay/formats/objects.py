@@ -1,22 +1,23 @@
-"""Labeled objects as files tell them one by one: parsing of lines and values, and the boxes that they make."""
+"""Labeled objects as files describe them one by one, and the boxes or columns that they make."""
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
-from hashlib import blake2b
-from pathlib import Path
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import LimitError, LogError
-from fbench.replay.data.arrays import Array, text_array
+from fbench.replay.data.arrays import Float64, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 
 Triple = tuple[float, float, float]
+_NONE3 = (np.nan,) * 3
+_NONE4 = (np.nan,) * 4
+_MAX_EMPTY = 200_000
+"""Frames without rows, one after the other, that still belong to a sequence: nearly two hours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,15 +74,17 @@ def solids(objects: Sequence[Labelled]) -> Boxes3D:
     rows = [(row, row.solid) for row in objects if row.solid is not None]
     if not rows:
         return Boxes3D.empty()
-    angles = np.array([solid.yaw_pitch_roll_rad for _, solid in rows], np.float64)
-    upright = not np.any(angles[:, 1:])
+    velocities = [solid.velocity_mps for _, solid in rows]
+    is_moving = any(velocity is not None for velocity in velocities)
+    turns = np.array([solid.yaw_pitch_roll_rad for _, solid in rows], np.float64)
+    upright = not np.any(turns[:, 1:])
     return Boxes3D(
         np.array([solid.center_m for _, solid in rows], np.float64),
         np.array([solid.size_lwh_m for _, solid in rows], np.float64),
-        angles[:, 0],
-        pitch_rad=None if upright else angles[:, 1],
-        roll_rad=None if upright else angles[:, 2],
-        velocity_mps=_velocities([solid for _, solid in rows]),
+        turns[:, 0],
+        pitch_rad=None if upright else turns[:, 1],
+        roll_rad=None if upright else turns[:, 2],
+        velocity_mps=np.array([_NONE3 if v is None else v for v in velocities], np.float64) if is_moving else None,
         **_common([row for row, _ in rows]),
     )
 
@@ -98,13 +101,6 @@ def flats(objects: Sequence[Labelled]) -> Boxes2D:
     )
 
 
-def _velocities(rows: Sequence[Solid]) -> Array | None:
-    told = [row.velocity_mps for row in rows]
-    if all(velocity is None for velocity in told):
-        return None
-    return np.array([(np.nan,) * 3 if velocity is None else velocity for velocity in told], np.float64)
-
-
 def _common(rows: Sequence[Labelled]) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "label": np.array([label(row.source_label) if row.label is None else row.label for row in rows], np.str_),
@@ -118,98 +114,51 @@ def _common(rows: Sequence[Labelled]) -> dict[str, Any]:
     return columns
 
 
-_MAX_NS = 2**63 - 1
-_MAX_S = Decimal(_MAX_NS // 10**9 + 1)
-_ZONE = re.compile(r"([+-])(\d\d):?(\d\d)$", re.ASCII)
-_HASHED = 1 << 62
-"""From here on ids stand for texts."""
+Columns = dict[str, Any]
+"""Fields of many objects by name, each (N, ...); `None` where nothing is known."""
 
 
-def stamp_of_seconds(text: str) -> int:
-    """Return a stamp [ns] from seconds as a decimal text, without the loss of a float.
+def to_columns(steps: Sequence[int], rows: Sequence[Labelled]) -> Columns:
+    """Return N objects as columns, unsorted: `step`, `label` (the source's words in lower case), `track_id` (-1 where
+    there is none), `score` (0 where there is none), geometry as in `Solid` and `Flat`, and what else is known.
 
-    Raises:
-        ValueError: where it isn't a number, or doesn't fit an int64.
+    Args:
+        steps: Frame or stamp of each row.
+        rows: The objects.
     """
-    try:
-        seconds = Decimal(text)
-    except InvalidOperation:
-        raise ValueError(f"'{text[:40]}' is no number of seconds") from None
-    if not seconds.is_finite() or not 0 <= seconds < _MAX_S:
-        raise ValueError(f"'{text[:40]}' is no stamp")
-    stamp_ns = int(seconds.scaleb(9).to_integral_value())
-    if stamp_ns > _MAX_NS:
-        raise ValueError(f"'{text[:40]}' is no stamp")
-    return stamp_ns
+    solids, flats = [row.solid for row in rows], [row.flat for row in rows]
+    known = [solid for solid in solids if solid is not None]
+    has_solid, has_flat = bool(known), any(flat is not None for flat in flats)
+    yaws = [np.nan if solid is None else solid.yaw_pitch_roll_rad[0] for solid in solids]
+    has_velocity = any(solid.velocity_mps is not None for solid in known)
+    velocities = [None if solid is None else solid.velocity_mps for solid in solids]
+    points = [row.num_lidar_pts for row in rows]
+    return {
+        "step": np.array(steps, np.int64),
+        "label": text_array([row.source_label.lower() for row in rows]),
+        "track_id": np.array([-1 if row.track_id is None else row.track_id for row in rows], np.int64),
+        "score": np.array([0.0 if row.score is None else row.score for row in rows]),
+        "xyxy_px": np.array([_NONE4 if f is None else f.xyxy_px for f in flats]) if has_flat else None,
+        "center_m": np.array([_NONE3 if s is None else s.center_m for s in solids]) if has_solid else None,
+        "size_lwh_m": np.array([_NONE3 if s is None else s.size_lwh_m for s in solids]) if has_solid else None,
+        "yaw_rad": np.array(yaws) if has_solid else None,
+        "velocity_mps": np.array([_NONE3 if v is None else v for v in velocities]) if has_velocity else None,
+        **{name: _numbers(rows, name) for name in ("alpha_rad", "occlusion", "truncation", "visibility")},
+        "attribute": text_array([row.attribute or "" for row in rows]) if any(r.attribute for r in rows) else None,
+        "num_points": (
+            None
+            if all(num is None for num in points)
+            else np.array([-1 if num is None else num for num in points], np.int64)
+        ),
+        "ignore": np.array([bool(row.ignore) for row in rows]) if any(row.ignore for row in rows) else None,
+    }
 
 
-def stamp_of_time(text: str) -> int:
-    """Return a stamp [ns] from seconds (or, where they are too many, ms, us or ns) since 1970, or a time in ISO 8601.
-
-    Raises:
-        ValueError: where it is none of these.
-    """
-    if "-" in text[1:] and ":" in text:
-        found = _of_date(text.strip().replace(" ", "T"))
-        if found < 0:
-            raise ValueError(f"'{text[:40]}' is no stamp")
-        return found
-    try:
-        value = Decimal(text)
-    except InvalidOperation:
-        raise ValueError(f"'{text[:40]}' is no time") from None
-    if not value.is_finite() or not 0 <= value <= _MAX_NS:
-        raise ValueError(f"'{text[:40]}' is no time")
-    digits = next(shift for limit, shift in ((11, 9), (14, 6), (17, 3), (19, 0)) if value < Decimal(10) ** limit)
-    return min(int(value.scaleb(digits).to_integral_value()), _MAX_NS)
-
-
-def _of_date(text: str) -> int:
-    """Return ns since 1970 of a date and time, which is in UTC unless it ends in an offset such as +01:00."""
-    zone = _ZONE.search(text)
-    ahead_ns = 0
-    if zone is not None:
-        minutes = 60 * int(zone[2]) + int(zone[3])
-        ahead_ns = minutes * 60_000_000_000 * (-1 if zone[1] == "-" else 1)
-    local = text.removesuffix("Z") if zone is None else text[: zone.start()]
-    return int(np.datetime64(local, "ns").astype(np.int64)) - ahead_ns
-
-
-def track_number(text: str) -> int:
-    """Return a track id for what a file calls an object: whole numbers stay, other texts become a number of their own
-    (a digest, so that it depends on nothing else); -1 where there is none.
-    """
-    text = text.strip()
-    if not text:
-        return -1
-    if text.lstrip("-").isascii() and text.lstrip("-").isdigit() and len(text) < 19:
-        return max(int(text), -1)
-    digest = blake2b(text.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return _HASHED + int.from_bytes(digest, "little") % _HASHED
-
-
-def parse_number(text: str, where: str, column: str) -> float:
-    """Return a number, also one that isn't finite.
-
-    Raises:
-        LogError: where the text is none.
-    """
-    try:
-        return float(text)
-    except ValueError:
-        raise LogError(f"{where}: {column} is '{text[:40]}', expected a number") from None
-
-
-def whole(text: str, where: str, column: str) -> int:
-    """Return a whole number that fits an int64.
-
-    Raises:
-        LogError: where the text is none.
-    """
-    value = parse_number(text, where, column)
-    if not (abs(value) < 2**53 and value == int(value)):
-        raise LogError(f"{where}: {column} is '{text[:40]}', expected a whole number")
-    return int(value)
+def _numbers(rows: Sequence[Labelled], name: str) -> Float64 | None:
+    values = [getattr(row, name) for row in rows]
+    if all(value is None for value in values):
+        return None
+    return np.array([np.nan if value is None else value for value in values], np.float64)
 
 
 def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
@@ -230,89 +179,27 @@ def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
     return float(yaw), float(pitch), float(roll)
 
 
-_MAX_LINE = 100_000
-_MAX_LINES = 5_000_000
-MAX_FRAMES = 10_000_000
-"""Files that count more frames than this are refused."""
+Frames = Iterable[tuple[int, list[Labelled]]]
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One line that isn't empty."""
-
-    path: Path
-    number: int
-    """The file's first line is 1."""
-    fields: list[str]
-
-    @property
-    def where(self) -> str:
-        """For errors."""
-        return f"{self.path} line {self.number}"
+def group_by_frame(rows: Iterable[tuple[int, Labelled]]) -> Frames:
+    """Group rows by frame, whatever their order."""
+    ordered = sorted(rows, key=lambda row: row[0])
+    for number, group in groupby(ordered, key=lambda row: row[0]):
+        yield number, [row for _, row in group]
 
 
-def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
-    """Yield the lines of a text, split at blanks or at a separator; a byte order mark and blank lines are no matter.
+def fill_frames(frames: Frames, first: int = 0, num: int = 0) -> Iterator[tuple[int, list[Labelled]]]:
+    """Put frames without rows between the others, and behind them up to `num` frames.
 
     Raises:
-        LogError: where the file can't be read, or is no text.
-        LimitError: where a line has no end.
+        LimitError: where these are more than any sequence has.
     """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            for number, text in enumerate(iter(lambda: file.readline(_MAX_LINE), ""), 1):
-                if len(text) >= _MAX_LINE:
-                    raise LimitError(f"{path} line {number}: longer than {_MAX_LINE} characters")
-                if number > _MAX_LINES:
-                    raise LimitError(f"{path}: more than {_MAX_LINES} lines; split it, or use Parquet")
-                fields = [field.strip() for field in text.strip().split(separator)] if text.strip() else []
-                if fields:
-                    yield Line(path, number, fields)
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: isn't UTF-8 text ({error.reason} at byte {error.start})") from error
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
-
-
-def frame_number(text: str, where: str) -> int:
-    """Return the number of a frame.
-
-    Raises:
-        LogError: where it is none.
-        LimitError: where it is beyond all reason.
-    """
-    try:
-        number = int(text[:40])
-    except ValueError:
-        raise LogError(f"{where}: frame is '{text[:40]}', expected a whole number") from None
-    if not 0 <= number < MAX_FRAMES:
-        raise LimitError(f"{where}: frame is {number}, expected 0 to {MAX_FRAMES - 1}")
-    return number
-
-
-_PIECE = 2**20
-
-
-def digest_of(path: Path) -> str:
-    """Return the blake2b-128 of a file; of a folder, over names and digests of all its files in the order of names.
-
-    Raises:
-        LogError: where a file can't be read.
-    """
-    if path.is_file():
-        return _digest(path)
-    whole = blake2b(digest_size=16)
-    for file in sorted(file for file in path.rglob("*") if file.is_file()):
-        whole.update(f"{file.relative_to(path).as_posix()}\n{_digest(file)}\n".encode("utf-8", "surrogateescape"))
-    return whole.hexdigest()
-
-
-def _digest(path: Path) -> str:
-    found = blake2b(digest_size=16)
-    try:
-        with path.open("rb") as file:
-            while piece := file.read(_PIECE):
-                found.update(piece)
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
-    return found.hexdigest()
+    expected = first
+    for number, objects in frames:
+        if number - expected > _MAX_EMPTY:
+            raise LimitError(f"frames {expected} to {number - 1} have no row; more than {_MAX_EMPTY} aren't filled in")
+        yield from ((i, []) for i in range(expected, number))
+        yield number, objects
+        expected = number + 1
+    yield from ((i, []) for i in range(expected, min(first + num, expected + _MAX_EMPTY)))

@@ -15,10 +15,10 @@ from fbench.replay.formats.documents import head_of
 from fbench.replay.formats.kitti import AB3DMOT_COLUMNS, open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.formats.mot import open_mot
 from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
-from fbench.replay.formats.objects import digest_of
 from fbench.replay.formats.openlabel import open_openlabel
 from fbench.replay.formats.table import open_table
 from fbench.replay.formats.table_files import SUFFIXES
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry

@@ -13,19 +13,9 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, concatenate
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
-from fbench.replay.formats.objects import (
-    Flat,
-    Labelled,
-    Solid,
-    Triple,
-    angles,
-    flats,
-    frame_number,
-    solids,
-    stamp_of_time,
-    track_number,
-)
-from fbench.replay.formats.placing import body_T, camera_of, default_camera, placed
+from fbench.replay.formats.objects import Flat, Labelled, Solid, Triple, angles, flats, solids
+from fbench.replay.formats.placing import body_T, default_camera, find_camera, place
+from fbench.replay.formats.text import frame_number, stamp_of_time, track_number
 from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
@@ -312,12 +302,12 @@ class _Reader:
         if self._coordinates.camera(stream) is None:
             uri = text(declared.get("uri"), f"{where}: uri") if declared else ""
             stream = uri if self._coordinates.camera(uri) is not None else self._camera_option or stream
-        return camera_of(stream, self._coordinates, where)
+        return find_camera(stream, self._coordinates, where)
 
     def _placed(self, found: _Found, moving: Mapping[str, Any], where: str) -> tuple[Boxes3D, bool]:
         boxes = solids(found.objects)
         if not any(found.systems):
-            return placed(boxes, [self._source.frame] * max(len(boxes), 1), self._coordinates, where)
+            return place(boxes, [self._source.frame] * max(len(boxes), 1), self._coordinates, where)
         targets = {name: self._systems.target(name, moving, where) for name in dict.fromkeys(found.systems)}
         kinds = {kind for kind, _ in targets.values()}
         if len(kinds) > 1:

@@ -13,7 +13,7 @@ from fbench.replay.logs.coordinate_frames import WORLDS, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 
-def placed(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
+def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
     """Return boxes, each in its own one of `frames`, in body coordinates; or all in those of the world, and say so.
 
     Raises:
@@ -32,7 +32,7 @@ def placed(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames,
     owners = np.array(frames, np.str_)
     parts = [(np.flatnonzero(owners == name), name) for name in names]
     done = [(rows, _in_body(boxes[rows], name, coordinates, where)) for rows, name in parts]
-    return (_merged(boxes, done) if done else boxes), False
+    return (_merge(boxes, done) if done else boxes), False
 
 
 def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
@@ -50,18 +50,18 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
         raise ConfigError(f"{where}: boxes in '{name}', but the log's poses are in '{coordinates.world}'; {advice}")
     if matrix is None:
         raise ConfigError(
-            f"{where}: coordinate frame '{name}' isn't in the log{did_you_mean(name, known(coordinates))}"
+            f"{where}: coordinate frame '{name}' isn't in the log{did_you_mean(name, _known(coordinates))}"
         )
     return matrix
 
 
-def known(coordinates: CoordinateFrames) -> list[str]:
+def _known(coordinates: CoordinateFrames) -> list[str]:
     """Names of the coordinate frames that boxes may be in."""
     linked = {coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges}
     return sorted({"body", "world", coordinates.world, *linked} - {""})
 
 
-def camera_of(name: str, coordinates: CoordinateFrames, where: str) -> str:
+def find_camera(name: str, coordinates: CoordinateFrames, where: str) -> str:
     """Return the name of a camera by its name, coordinate frame or topic; of the only one without a name.
 
     Raises:
@@ -89,7 +89,7 @@ def _in_body(boxes: Boxes3D, name: str, coordinates: CoordinateFrames, where: st
     return moved(boxes, body_T(name, coordinates, where))
 
 
-def _merged(boxes: Boxes3D, parts: Sequence[tuple[np.ndarray, Boxes3D]]) -> Boxes3D:
+def _merge(boxes: Boxes3D, parts: Sequence[tuple[np.ndarray, Boxes3D]]) -> Boxes3D:
     """Put moved parts back into the order of the rows."""
     center, yaw = boxes.center_m.copy(), boxes.yaw_rad.copy()
     pitch, roll = np.zeros(len(boxes)), np.zeros(len(boxes))

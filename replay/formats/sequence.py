@@ -13,8 +13,7 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import Kind, Rig
-from fbench.replay.formats.class_names import Namer
-from fbench.replay.formats.export_request import LeftOut
+from fbench.replay.formats.export_request import LeftOut, Namer
 from fbench.replay.geometry.camera import project_boxes, require_projection
 
 B = TypeVar("B", Boxes2D, Boxes3D)
@@ -103,37 +102,29 @@ def usable(boxes: B | None, left: LeftOut) -> B | None:
     return boxes if good.all() else boxes[good]
 
 
-def paired(flat: Boxes2D, solid: Boxes3D) -> Int64:
+def pair_boxes(flat: Boxes2D, solid: Boxes3D) -> Int64:
     """Return the 3D box (N,) of each 2D box, -1 where it has none.
 
     Boxes of one track id belong together. Those without an id do in their order, within a class as the source names it;
     ignore regions have no other half.
     """
     mates = np.full(len(flat), -1, np.int64)
-    ids_flat, ids_solid = _ids(flat), _ids(solid)
+    ids_flat, ids_solid = (np.full(len(b), -1) if b.track_id is None else b.track_id for b in (flat, solid))
+    ignored_flat, ignored_solid = (np.zeros(len(b), bool) if b.ignore is None else b.ignore for b in (flat, solid))
+    classes_flat, classes_solid = (
+        [""] * len(b) if names is None else names.tolist()
+        for b, names in ((b, b.label if b.source_label is None else b.source_label) for b in (flat, solid))
+    )
     by_id = {id_: j for j, id_ in enumerate(ids_solid.tolist()) if id_ >= 0}
     mates[:] = [by_id.get(id_, -1) if id_ >= 0 else -1 for id_ in ids_flat.tolist()]
     waiting: defaultdict[str, deque[int]] = defaultdict(deque)
-    for j in np.flatnonzero((ids_solid < 0) & ~_ignored(solid)).tolist():
-        waiting[_class(solid, j)].append(j)
-    for i in np.flatnonzero((ids_flat < 0) & ~_ignored(flat)).tolist():
-        rows = waiting[_class(flat, i)]
+    for j in np.flatnonzero((ids_solid < 0) & ~ignored_solid).tolist():
+        waiting[classes_solid[j]].append(j)
+    for i in np.flatnonzero((ids_flat < 0) & ~ignored_flat).tolist():
+        rows = waiting[classes_flat[i]]
         if rows:
             mates[i] = rows.popleft()
     return mates
-
-
-def _ids(boxes: Boxes2D | Boxes3D) -> Int64:
-    return np.full(len(boxes), -1, np.int64) if boxes.track_id is None else boxes.track_id
-
-
-def _ignored(boxes: Boxes2D | Boxes3D) -> Array:
-    return np.zeros(len(boxes), bool) if boxes.ignore is None else boxes.ignore
-
-
-def _class(boxes: Boxes2D | Boxes3D, row: int) -> str:
-    names = boxes.label if boxes.source_label is None else boxes.source_label
-    return "" if names is None else str(names[row])
 
 
 _KITTI_CAMERA = "image_02"
@@ -169,14 +160,14 @@ class ImageRows:
         return values
 
     def names(self, namer: Namer) -> list[str]:
-        """Classes (N,), see `classes.namer`."""
+        """Classes (N,), see `export_request.namer`."""
         return namer(self.column("source_label", ""), self.column("label", ""))
 
     def __getitem__(self, rows: Bool) -> "ImageRows":
         return ImageRows(self.xyxy_px[rows], self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
 
 
-def camera_of(sequence: BoxSequence, wished: str) -> str:
+def choose_camera(sequence: BoxSequence, requested: str) -> str:
     """Return the camera whose image is meant.
 
     Raises:
@@ -184,10 +175,10 @@ def camera_of(sequence: BoxSequence, wished: str) -> str:
     """
     owners = sequence.cameras_of_boxes
     known = sorted({*sequence.rig.sensors("camera"), *owners})
-    if wished and wished not in known:
-        raise ConfigError(f"{sequence.where}: --camera {wished}: isn't in the log{did_you_mean(wished, known)}")
+    if requested and requested not in known:
+        raise ConfigError(f"{sequence.where}: --camera {requested}: isn't in the log{did_you_mean(requested, known)}")
     preferred = [_KITTI_CAMERA] if CAMERA0 in sequence.metadata and _KITTI_CAMERA in known else []
-    for names in ([wished] if wished else [], preferred, owners, known):
+    for names in ([requested] if requested else [], preferred, owners, known):
         if len(names) == 1:
             return names[0]
     there = f"name one of {', '.join(known)} with --camera" if known else "the log has none"
@@ -201,10 +192,13 @@ def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
     Raises:
         LogError: where boxes can't be projected into the camera.
     """
-    flat = _of_camera(usable(frame.boxes2d, left), camera, left)
-    solid = usable(frame.boxes3d, left)
+    flat, solid = usable(frame.boxes2d, left), usable(frame.boxes3d, left)
+    flat = Boxes2D.empty() if flat is None else flat
     solid = Boxes3D.empty() if solid is None else solid
-    mates = paired(flat, solid) if len(flat) and len(solid) else np.full(len(flat), -1, np.int64)
+    own = flat.camera == camera
+    left.add("of other cameras", int(np.count_nonzero(~own)))
+    flat = flat if own.all() else flat[own]
+    mates = pair_boxes(flat, solid) if len(flat) and len(solid) else np.full(len(flat), -1, np.int64)
     alone = np.setdiff1d(np.arange(len(solid)), mates)
     xyxy = np.zeros((0, 4))
     if len(alone):
@@ -225,14 +219,6 @@ def require_view(sequence: BoxSequence, camera: str) -> None:
     """
     for rig in {id(frame.rig): frame.rig for frame in sequence.frames if frame.boxes2d is None}.values():
         require_projection(rig, camera)
-
-
-def _of_camera(boxes: Boxes2D | None, camera: str, left: LeftOut) -> Boxes2D:
-    if boxes is None or not len(boxes):
-        return Boxes2D.empty()
-    own = boxes.camera == camera
-    left.add("of other cameras", int(np.count_nonzero(~own)))
-    return boxes if own.all() else boxes[own]
 
 
 _LIMIT = 2**31

@@ -15,7 +15,7 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.objects import angles
-from fbench.replay.formats.placing import camera_of, default_camera, placed
+from fbench.replay.formats.placing import default_camera, find_camera, place
 from fbench.replay.formats.table_columns import Key, Values, instants, key_of
 from fbench.replay.formats.table_files import SUFFIXES, TableFile, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
@@ -167,7 +167,7 @@ def _turned(values: Values, rows: Bool) -> Float64:
 def _flats(values: Values, rows: Bool, common: dict[str, Array], camera: str, coordinates: CoordinateFrames) -> Boxes2D:
     named = values.texts("camera")[rows] if "camera" in values else np.full(int(rows.sum()), "")
     at = values.where(int(np.argmax(rows)))
-    known = {name: camera_of(str(name) or camera, coordinates, at) for name in np.unique(named)}
+    known = {name: find_camera(str(name) or camera, coordinates, at) for name in np.unique(named)}
     chosen: dict[str, Any] = {name: column[rows] for name, column in common.items()}
     chosen |= {name: values.numbers(name)[0][rows] for name in _FLAT_FLOATS if name in values}
     cameras = np.array([known[name] for name in named], np.str_)
@@ -280,7 +280,7 @@ class _Table:
         if part.stop == part.start:
             return (Boxes3D.empty() if self.spaces.solid and has_empty else None), False
         frames = [str(name) or self.source.frame for name in rows.frames[part]]
-        return placed(rows.solids[part], frames, self.coordinates, values.where(start))
+        return place(rows.solids[part], frames, self.coordinates, values.where(start))
 
     def _truth(
         self, key: int, arrival_ns: int, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None, in_world: bool

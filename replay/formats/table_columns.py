@@ -11,8 +11,8 @@ import pyarrow.compute as pc
 
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.arrays import MAX_TEXT, Bool, Float64, Int64, Text, text_array
-from fbench.replay.formats.objects import stamp_of_seconds, track_number
 from fbench.replay.formats.table_files import ROW, TableFile
+from fbench.replay.formats.text import stamp_of_seconds, track_number
 
 _TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
 

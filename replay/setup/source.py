@@ -7,8 +7,8 @@ from pathlib import Path
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.engine.frame_buffer import SyncParams, make_sync_params
-from fbench.replay.formats.objects import digest_of
 from fbench.replay.formats.rig_files import open_rig_file
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import BoxSource, Setup, StampParams, make_stamp_params

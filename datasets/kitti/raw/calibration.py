@@ -17,7 +17,7 @@ from fbench.datasets.kitti.rig import BODY_T_CAMERA0, LIDAR, Calibration, camera
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel, Rig
-from fbench.replay.formats.objects import parse_number
+from fbench.replay.formats.text import parse_number
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 
 CAMERAS = "calib_cam_to_cam.txt"

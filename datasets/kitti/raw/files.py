@@ -11,7 +11,7 @@ from fbench.datasets.kitti.oxts import SENSOR as OXTS
 from fbench.datasets.kitti.rig import LIDAR, camera_name
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import FrameRange
-from fbench.replay.formats.objects import MAX_FRAMES, stamp_of_time
+from fbench.replay.formats.text import MAX_FRAMES, stamp_of_time
 
 _DATE = re.compile(r"\d{4}_\d\d_\d\d", re.ASCII)
 _DRIVE = re.compile(r"\d{4}_\d\d_\d\d_drive_\d+_(sync|extract)", re.ASCII)

@@ -40,7 +40,7 @@ from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.formats.objects import digest_of
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20

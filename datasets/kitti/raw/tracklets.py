@@ -18,7 +18,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label
-from fbench.replay.formats.objects import parse_number, whole
+from fbench.replay.formats.text import parse_number, whole
 from fbench.replay.geometry.iou import moved
 
 _ROOT = "boost_serialization"

@@ -7,24 +7,49 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.files import kitti
-from fbench.metrics.files import kitti as mot
-from fbench.metrics.files.kitti import (
-    read_ab3dmot,
-    read_ab3dmot_rows,
-    read_images,
-    read_images_rows,
-    read_mot,
-    read_mot_rows,
-    read_tracking,
-    read_tracking_rows,
-)
+from fbench.metrics.files.side import objects_of
 from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.formats import kitti, mot
 
 DONT_CARE = "0 -1 DontCare -1 -1 -10 10 20 30 40 -1000 -1000 -1000 -10 -1 -1 -1"
 CAR = "0 3 Car 0 2 -1.79 296.7 161.7 455.2 292.3 2.0 1.8 4.4 -4.5 1.8 13.4 -2.1"
 FLAT = "1 7 Car -1.0 -1 -1 296.7 161.7 455.2 292.3 -1 -1 -1 -1 -1 -1 -1 -1 1 "
 SOLID = "2 8 Cyclist 0 0 0.5 -1 -1 -1 -1 2.0 1.8 4.4 -4.5 1.8 13.4 -2.1"
+
+
+sequence_by_row, images_by_row, mot_by_row = kitti._columns_by_row, kitti._object_columns_by_row, mot._columns_by_row
+
+
+def read_tracking(path):
+    return objects_of(kitti.read_tracking_columns(path))[0]
+
+
+def read_tracking_rows(path):
+    return objects_of(sequence_by_row(path, None, kitti.parse_tracking_row))[0]
+
+
+def read_ab3dmot(path):
+    return objects_of(kitti.read_ab3dmot_columns(path))[0]
+
+
+def read_ab3dmot_rows(path):
+    return objects_of(sequence_by_row(path, ",", kitti.parse_ab3dmot_row))[0]
+
+
+def read_images(files):
+    return objects_of(kitti.read_object_columns(files))[0]
+
+
+def read_images_rows(files):
+    return objects_of(images_by_row(files))[0]
+
+
+def read_mot(path, is_truth):
+    return objects_of(mot.read_mot_columns(path, is_truth))[0]
+
+
+def read_mot_rows(path, is_truth):
+    return objects_of(mot_by_row(path, is_truth))[0]
 
 
 def same(one, other):
@@ -43,10 +68,9 @@ def fast_only(monkeypatch):
     def called(*args):
         raise AssertionError("not read at once")
 
-    monkeypatch.setattr(kitti, "read_tracking_rows", called)
-    monkeypatch.setattr(kitti, "read_ab3dmot_rows", called)
-    monkeypatch.setattr(kitti, "read_images_rows", called)
-    monkeypatch.setattr(mot, "read_mot_rows", called)
+    monkeypatch.setattr(kitti, "_columns_by_row", called)
+    monkeypatch.setattr(kitti, "_object_columns_by_row", called)
+    monkeypatch.setattr(mot, "_columns_by_row", called)
 
 
 @pytest.mark.parametrize("rows", [[DONT_CARE, CAR], [CAR, SOLID, DONT_CARE], [FLAT, FLAT.replace("7", "8")], [CAR]])

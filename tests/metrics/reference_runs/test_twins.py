@@ -5,7 +5,7 @@ import pytest
 
 from fbench.metrics.reference_runs.rows import names_of, stacked, twins
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.formats.sequence import paired
+from fbench.replay.formats.sequence import pair_boxes
 
 WORDS = np.array(["Car", "Van", "DontCare"])
 
@@ -32,7 +32,7 @@ def test_twins_are_those_of_each_frame(seed):
     together = stacked(flat, Boxes2D.empty()), stacked(solid, Boxes3D.empty())
     found = twins(frames[0], together[0], frames[1], together[1])
     starts = np.cumsum([0, *(len(part) for part in solid)])
-    expected = [np.where(m < 0, -1, m + s) for m, s in zip(map(paired, flat, solid), starts, strict=False)]
+    expected = [np.where(m < 0, -1, m + s) for m, s in zip(map(pair_boxes, flat, solid), starts, strict=False)]
     np.testing.assert_array_equal(found, np.concatenate(expected))
 
 

@@ -127,7 +127,7 @@ def test_rows_in_any_order(table):
 
 @given(st.integers(0, 2**63 - 1))
 def test_seconds_are_read_exactly(stamp_ns):
-    from fbench.replay.formats.objects import stamp_of_seconds
+    from fbench.replay.formats.text import stamp_of_seconds
 
     assert stamp_of_seconds(f"{stamp_ns // S}.{stamp_ns % S:09d}") == stamp_ns
 

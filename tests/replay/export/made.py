@@ -13,7 +13,7 @@ from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.formats.export import Export, Exported, Place, export
-from fbench.replay.formats.export_request import make_wish
+from fbench.replay.formats.export_request import make_export_request
 from fbench.replay.formats.open import open_boxes
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, tree_of
@@ -102,7 +102,9 @@ def flats(num: int, **fields: object) -> Boxes2D:
 
 def exported(form: str, out: Path, *sources: Path, overwrite: bool = False, name: str = "", **wish: str) -> Exported:
     """Export, and return what was said of the last source."""
-    made = make_wish(form, wish.get("boxes"), wish.get("camera", ""), wish.get("frame", ""), wish.get("class_name", ""))
+    made = make_export_request(
+        form, wish.get("boxes"), wish.get("camera", ""), wish.get("frame", ""), wish.get("class_name", "")
+    )
     job = Export(sources, made, Place(out, made.is_nuscenes, overwrite), name)
     return list(export(job, FaultLog()))[-1]
 
