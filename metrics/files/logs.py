@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.metrics.files.nuscenes import Sample, Submission
+from fbench.metrics.files.nuscenes import Submission
 from fbench.metrics.files.side import Side, nothing
 from fbench.metrics.reference_runs.rows import Rows, both, objects_of, stacked
 from fbench.metrics.reference_runs.world import in_world
@@ -18,7 +18,7 @@ from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.formats.export_request import ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import log_sequence
-from fbench.replay.formats.nuscenes import TOKENS
+from fbench.replay.formats.nuscenes import TOKENS, Sample
 from fbench.replay.formats.sequence import BoxSequence
 from fbench.replay.logs.open import LOG_JSON
 from fbench.replay.setup.source import LogWish, log_source

@@ -142,7 +142,7 @@ class TextFiles:
                     file.writelines(f"{row}\n" for row in rows)
                 yield len(rows)
             return
-        frames = (rows for _, rows in kitti_rows(sequence, request, left))
+        frames: Iterator[list[str]] = (rows for _, rows in kitti_rows(sequence, request, left))
         path = f"{name}.txt"
         if request.format == "mot":
             frames = mot_rows(sequence, request, left)
