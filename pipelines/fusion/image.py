@@ -5,12 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.fusion.reliability import CameraTrust, Evidence, ImageFusionParams, evidence, rate_at
+from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
+from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.observations import SURE, Sightings, agreed, by_camera, log_odds
-from fbench.pipelines.sensors.image.stage import InImages, Rays, seen_through
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
+from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, seen_through
+from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.camera import rays
@@ -18,12 +20,176 @@ from fbench.replay.geometry.iou import iou_2d
 from fbench.replay.geometry.transforms import transform
 
 _CONTAINED = 0.7
-"""What lies inside another box counts as alike by this share of itself: of what is hidden only a part is measured."""
+"""What lies inside another box counts as similar by this share of itself: of what is hidden only a part is measured."""
 _MISTAKEN = 0.35
-"""Depths that a camera guesses agree at least so far with others: the class that tells the size may be wrong."""
+"""Depths that a camera guesses agree at least so far with others: the class that gives the size may be wrong."""
+_PART, _AGREE = 0.6, 0.2
+"""What lies by this share in an object's box, and agrees so far in depth, is a part of it."""
+_SAME = 0.5
+"""Of two objects with a larger IoU the farther one would be hidden."""
+_BEHIND_M, _BEFORE_M = 4.0, 2.0
+"""Rays that end so far [m] behind the near side of an object went through it; so far before it, they count as on it."""
+_LEAST_RAYS = 4
+_HALF_LENGTH_M = 2.0
+"""From the near side of an object to its middle [m], where only that is known."""
+_GATE = 2.5
+_LEAST = 3
+_FULL = 10.0
+_AROUND_M = 2.5
+"""Points that differ by less [m] from the depth of an object belong to it."""
 
 
-def merged(seen: Sightings, min_similarity: float) -> list[Int64]:
+@dataclass(frozen=True)
+class ImageFusionParams:
+    """How boxes of several sensors in one image become one, and how sure that makes us.
+
+    Each sensor that sees an object says with which probability it is one; probabilities are joined as those of
+    independent witnesses. Sensors that could see it and don't have a factor on its odds.
+    """
+
+    camera_share: float = 0.25
+    """Of cameras, boxes down to this share of their `min_score` are used where LiDAR or radar confirm them [0 to 1]."""
+    min_similarity: float = 0.25
+    """Least overlap times agreement in depth of two boxes that show one object [0 to 1]."""
+    prior: float = 0.3
+    """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
+    lidar_weight: float = 0.75
+    """Probability of what looks fully like a vehicle to LiDAR, as it alone tells [0 to 1]."""
+    radar_weight: float = 0.7
+    """The same for radar."""
+    points_factor: float = 1.6
+    """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
+    object themselves; nearer to 1 for few."""
+    measured_share: float = 0.2
+    """By so much the outline of a camera that is sure is drawn towards that of the points [0 to 1]."""
+    weak_measured_share: float = 1.0
+    """The same where the camera is least sure; in proportion between."""
+    unseen_by_camera: float = 0.1
+    """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
+    that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
+    camera_size_px: float = 40.0
+    """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
+    unseen_by_rays: float = 0.25
+    """The same for LiDAR and radar, where their rays go on behind the object."""
+    through: float = 0.6
+    """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
+    min_score: float = 0.5
+    """Objects that are less likely are dropped."""
+
+    def __post_init__(self) -> None:
+        names = (
+            *("camera_share", "min_similarity", "prior", "lidar_weight", "radar_weight", "measured_share"),
+            *("weak_measured_share", "unseen_by_camera", "unseen_by_rays", "through", "min_score"),
+        )
+        others = {"points_factor": (1.0, 1000.0), "camera_size_px": (0.1, 1e5)}
+        require_ranges("fusion", self, dict.fromkeys(names, (0.0, 1.0)) | others)
+
+
+@dataclass(frozen=True, eq=False)
+class ImageView:
+    """Observations of all sensors in one image."""
+
+    rig: Rig
+    camera: str
+    seen: Sightings
+    works: bool
+    """Whether the camera itself worked."""
+    points: Mapping[Source, Points] = field(default_factory=dict)
+    """Points of LiDAR and radar over the ground, where fusion is early."""
+    rays: Mapping[Source, Rays] = field(default_factory=dict)
+    """All their points."""
+
+
+@dataclass(frozen=True)
+class PointEvidence:
+    """Statement of the points of one kind of sensor about a box."""
+
+    depth_m: float
+    """Depth of the object they are on [m]."""
+    strength: float
+    """How much there is of it, 0 to 1."""
+    rate_mps: float
+    """Change of its distance [m/s], positive when receding; NaN where unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageObject:
+    """One object in one image."""
+
+    xyxy_px: Float64
+    label: str
+    score: float
+    distance_m: float
+    rate_mps: float
+    sources: int
+
+
+class ImageFusion:
+    """Merges what the sensors see in each image, and learns from it how well the cameras see."""
+
+    def __init__(self, rig: Rig, cameras: Sequence[str], params: ImageFusionParams) -> None:
+        self._rig, self._cameras, self._params, self._reliability = rig, cameras, params, CameraReliability()
+
+    def reset(self) -> None:
+        """Forget how well the cameras see."""
+        self._reliability.reset()
+
+    def merge(self, working: Mapping[str, CameraDetections], lidar: InImages, radar: InImages) -> Boxes2D:
+        """Merge one frame; `working` holds the cameras that worked. Any number of boxes has the same fields."""
+        params, share = self._params, self._reliability.share
+        views = [self._view(name, working.get(name), {Source.L: lidar, Source.R: radar}) for name in self._cameras]
+        every = concatenate([fuse(view, params, share) for view in views])
+        found = every if every.score is None else every[every.score >= params.min_score]
+        self._reliability.learn(found[np.isin(found.camera, sorted(working))])
+        return found
+
+    def _view(self, camera: str, found: CameraDetections | None, others: Mapping[Source, InImages]) -> ImageView:
+        parts = [view.seen[camera] for view in others.values() if camera in view.seen]
+        if found is not None:
+            parts.append(by_camera(found, self._rig.cameras[camera]))
+        return ImageView(
+            rig=self._rig,
+            camera=camera,
+            seen=Sightings.joined(parts),
+            works=found is not None,
+            points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
+            rays={kind: view.rays[camera] for kind, view in others.items() if camera in view.rays},
+        )
+
+
+def fuse(view: ImageView, params: ImageFusionParams, camera_share: float = 0.9) -> Boxes2D:
+    """Merge what was seen into labeled boxes by falling score, with the sensors that contributed.
+
+    An object has its outline and class from the camera, its distance from LiDAR, else radar, and its range rate from
+    radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_share`: share of
+    objects that the camera sees at present. All objects are there, whatever their score.
+    """
+    seen = view.seen
+    groups = [rows for rows in associate(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
+    groups = _drop_parts(seen, groups)
+    free = {kind: _free_points(view, kind, groups) for kind in view.points}
+    share = camera_share if view.works else 0.0
+    objects = sorted(
+        (_object(view, rows, free, share, params) for rows in groups), key=lambda o: (-o.score, *o.xyxy_px.tolist())
+    )
+    # Of objects in the place of a surer one sensors disagreed on how far away it is.
+    boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
+    rivals, kept = iou_2d(boxes, boxes) > _SAME, np.ones(len(objects), np.bool_)
+    for at in range(len(objects)):
+        kept[at] = not (rivals[at, :at] & kept[:at]).any()
+    objects = [objects[at] for at in np.flatnonzero(kept)]
+    return Boxes2D(
+        camera=np.full(len(objects), view.camera),
+        xyxy_px=np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4),
+        label=np.array([o.label for o in objects], np.str_),
+        score=np.array([o.score for o in objects], np.float64),
+        distance_m=np.array([o.distance_m for o in objects], np.float64),
+        range_rate_mps=np.array([o.rate_mps for o in objects], np.float64),
+        sources=np.array([o.sources for o in objects], np.uint8),
+    )
+
+
+def associate(seen: Sightings, min_similarity: float) -> list[Int64]:
     """Group boxes (N) that show one object; each group has at most one box of each kind of sensor.
 
     The best pair is joined first, whichever sensors it is of: the most similar one of the surest boxes. A camera's weak
@@ -45,21 +211,21 @@ def merged(seen: Sightings, min_similarity: float) -> list[Int64]:
 
 
 def similarity(seen: Sightings) -> Float64:
-    """How alike boxes are (N, N), 0 to 1: their overlap in the image times how well their depths agree."""
+    """Similarity of boxes (N, N), 0 to 1: their overlap in the image times how well their depths agree."""
     flat = seen.xyxy_px.copy()
     flat[:, 1], flat[:, 3] = 0.0, 1.0  # compares left and right only
     upright = seen.upright[:, None] & seen.upright[None, :]
     guessed = seen.source == int(Source.C)
-    depths = np.maximum(agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
+    depths = np.maximum(_depth_agreement(seen), np.where(guessed[:, None] | guessed[None, :], _MISTAKEN, 0.0))
     return np.where(upright, _overlap(seen.xyxy_px), _overlap(flat)) * depths
 
 
 def _overlap(xyxy_px: Float64) -> Float64:
-    overlap = np.maximum(iou_2d(xyxy_px, xyxy_px), _CONTAINED * inside(xyxy_px, xyxy_px))
+    overlap = np.maximum(iou_2d(xyxy_px, xyxy_px), _CONTAINED * _inside_shares(xyxy_px, xyxy_px))
     return np.asarray(np.maximum(overlap, overlap.T), np.float64)
 
 
-def agreement(seen: Sightings) -> Float64:
+def _depth_agreement(seen: Sightings) -> Float64:
     """How well depths agree (N, N): 1 where they are equal or one isn't known, falling with their relative errors."""
     log = np.log(np.maximum(seen.depth_m, 0.1))
     difference = np.nan_to_num(log[:, None] - log[None, :])
@@ -67,7 +233,7 @@ def agreement(seen: Sightings) -> Float64:
     return np.asarray(np.exp(-0.5 * difference**2 / variance), np.float64)
 
 
-def inside(a: Float64, b: Float64) -> Float64:
+def _inside_shares(a: Float64, b: Float64) -> Float64:
     """Share of each box of `a` (N, 4) that lies in each of `b` (M, 4): (N, M)."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])
@@ -76,82 +242,20 @@ def inside(a: Float64, b: Float64) -> Float64:
     return np.asarray(common / np.maximum(area, 1e-9)[:, None], np.float64)
 
 
-_PART, _AGREE = 0.6, 0.2
-"""What lies by this share in an object's box, and agrees so far in depth, is a part of it."""
-_SAME = 0.5
-"""Of two objects with a larger IoU the farther one would be hidden."""
-_BEHIND_M = 4.0
-"""Rays that end so far [m] behind the near side of an object went through it."""
-_BEFORE_M = 2.0
-_LEAST_RAYS = 4
-_HALF_LENGTH_M = 2.0
-"""From the near side of an object to its middle [m], where only that is known."""
-
-
-@dataclass(frozen=True, eq=False)
-class ImageView:
-    """What all sensors see in one image."""
-
-    rig: Rig
-    camera: str
-    seen: Sightings
-    looked: bool
-    """Whether the camera itself worked."""
-    points: Mapping[Source, Points] = field(default_factory=dict)
-    """Points of LiDAR and radar over the ground, where fusion is early."""
-    rays: Mapping[Source, Rays] = field(default_factory=dict)
-    """All their points."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Object:
-    xyxy_px: Float64
-    label: str
-    score: float
-    distance_m: float
-    rate_mps: float
-    sources: int
-
-
-def fuse(view: ImageView, params: ImageFusionParams, camera_trust: float = 0.9) -> Boxes2D:
-    """Merge what was seen into labelled boxes by falling score, with the sensors that contributed.
-
-    An object has its outline and class from the camera, its distance from LiDAR, else radar, and its range rate from
-    radar, as far as they see it. Parts of an object that a camera sees whole are left out. `camera_trust`: share of
-    objects that the camera sees at present. All objects are there, whatever their score.
-    """
-    seen = view.seen
-    groups = [rows for rows in merged(seen, params.min_similarity) if len(rows) > 1 or not seen.weak[rows[0]]]
-    groups = _without_parts(seen, groups)
-    free = {kind: _free(view, kind, groups) for kind in view.points}
-    trust = camera_trust if view.looked else 0.0
-    objects = [_object(view, rows, free, trust, params) for rows in groups]
-    return _boxes(view.camera, _distinct(sorted(objects, key=lambda o: (-o.score, *o.xyxy_px.tolist()))))
-
-
-def _distinct(objects: list[_Object]) -> list[_Object]:
-    """Leave out objects that are in the place of one named before: sensors disagreed on how far away it is."""
-    boxes = np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4)
-    rivals, kept = iou_2d(boxes, boxes) > _SAME, np.ones(len(objects), np.bool_)
-    for at in range(len(objects)):
-        kept[at] = not (rivals[at, :at] & kept[:at]).any()
-    return [objects[at] for at in np.flatnonzero(kept)]
-
-
-def _without_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
+def _drop_parts(seen: Sightings, groups: list[Int64]) -> list[Int64]:
     """Leave out groups that are a part of what a camera, sure of it, and another sensor show together; not those of
     which a camera is surer.
     """
     sure = (seen.source == int(Source.C)) & ~seen.weak
-    boxes = np.array([rows[0] for rows in groups if sure[rows[0]] and len(rows) > 1], np.int64)
-    depths = np.array([rows[1] for rows in groups if sure[rows[0]] and len(rows) > 1], np.int64)
-    share, agree = inside(seen.xyxy_px, seen.xyxy_px[boxes]), agreement(seen)[:, depths]
+    whole = [rows for rows in groups if sure[rows[0]] and len(rows) > 1]
+    boxes, depths = (np.array([rows[k] for rows in whole], np.int64) for k in (0, 1))
+    share = _inside_shares(seen.xyxy_px, seen.xyxy_px[boxes])
     less = ~sure[:, None] | (seen.score[:, None] < seen.score[None, boxes])
-    is_part = np.asarray(((share > _PART) & (agree > _AGREE) & less).any(axis=1), np.bool_)
+    is_part = ((share > _PART) & (_depth_agreement(seen)[:, depths] > _AGREE) & less).any(axis=1)
     return [rows for rows in groups if rows[0] in boxes or not is_part[rows].all()]
 
 
-def _free(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
+def _free_points(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
     """Points that no object has: those of no cluster, or of one that is a group by itself, but not of large things."""
     alone = [rows[0] for rows in groups if len(rows) == 1 and view.seen.source[rows[0]] == int(kind)]
     points = view.points[kind]
@@ -159,39 +263,73 @@ def _free(view: ImageView, kind: Source, groups: list[Int64]) -> Points:
 
 
 def _object(
-    view: ImageView, rows: Int64, free: Mapping[Source, Points], camera_trust: float, params: ImageFusionParams
-) -> _Object:
+    view: ImageView, rows: Int64, free: Mapping[Source, Points], camera_share: float, params: ImageFusionParams
+) -> ImageObject:
     seen = view.seen
     of = {Source(int(seen.source[row])): int(row) for row in rows}
     shown = of.get(Source.C, of.get(Source.L, int(rows[0])))
-    found = _evidence(view, of, free)
+    # What free points say of a camera's box that isn't an object for their sensor.
+    found = dict[Source, PointEvidence]()
+    for kind in (Source.L, Source.R) if Source.C in of else ():
+        one = None if kind in of or kind not in free else _point_evidence(seen, of[Source.C], free[kind])
+        if one is not None:
+            found[kind] = one
     measured = [kind for kind in (Source.L, Source.R) if kind in of]
     depth = seen.depth_m[of[measured[0]]] if measured else next((e.depth_m for e in found.values()), np.nan)
     if np.isnan(depth):
         depth = seen.depth_m[shown]
     box = _outline(seen, of, params)
-    distance = seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth)
-    return _Object(
+    if Source.R in of:
+        rate = float(seen.rate_mps[of[Source.R]])
+    elif Source.R in found:
+        rate = found[Source.R].rate_mps
+    else:
+        rate = _rate_at(view.points[Source.R], box, depth) if Source.R in view.points else float("nan")
+    return ImageObject(
         xyxy_px=box,
         label=str(seen.label[shown]),
-        score=_score(view, of, found, box, depth, camera_trust, params),
-        distance_m=distance,
-        rate_mps=_rate(view, of, found, box, depth),
+        score=_score(view, of, found, box, depth, camera_share, params),
+        distance_m=seen.distance_m[of[measured[0]]] if measured else _distance_m(view, box, depth),
+        rate_mps=rate,
         sources=sum(int(kind) for kind in {*of, *found}),
     )
 
 
-def _evidence(view: ImageView, of: Mapping[Source, int], free: Mapping[Source, Points]) -> dict[Source, Evidence]:
-    """What free points say of a camera's box that isn't an object for their sensor."""
-    if Source.C not in of:
-        return {}
-    absent = [kind for kind in (Source.L, Source.R) if kind not in of and kind in free]
-    found = {kind: evidence(view.seen, of[Source.C], free[kind]) for kind in absent}
-    return {kind: one for kind, one in found.items() if one is not None}
+def _point_evidence(seen: Sightings, at: int, points: Points) -> PointEvidence | None:
+    """Find the nearest dense depth of the points in box `at`, near what the camera guesses; `None` without any."""
+    inside = _in_box(points, seen.xyxy_px[at])
+    guess, std = seen.depth_m[at], seen.depth_std[at]
+    if np.isfinite(guess):
+        inside &= np.abs(np.log(np.maximum(points.depth_m, 0.1) / guess)) < _GATE * std
+    depth = nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
+    if np.isnan(depth):
+        return None
+    on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
+    return PointEvidence(depth, float(saturate(int(np.count_nonzero(on_it)), _FULL)), _rate(points, on_it))
+
+
+def _rate_at(points: Points, xyxy_px: Float64, depth_m: float) -> float:
+    """Change of the distance [m/s] of what is in a box (4,) at a depth, by its echoes; NaN without any."""
+    return _rate(points, _in_box(points, xyxy_px) & (np.abs(points.depth_m - depth_m) < _AROUND_M))
+
+
+def _in_box(points: Points, xyxy_px: Float64) -> Bool:
+    left, top, right, bottom = xyxy_px
+    u, v = points.uv_px.T
+    inside: Bool = (u > left) & (u < right) & (v > top) & (v < bottom)
+    return inside
+
+
+def _rate(points: Points, rows: Bool) -> float:
+    own = points.cloud.own_mps[rows]
+    if not np.isfinite(own).any():
+        return float("nan")
+    rate = median_rate(points.cloud.over_ground_mps[rows], points.cloud.period_mps[rows])
+    return rate - float(np.nanmedian(own))
 
 
 def _outline(seen: Sightings, of: Mapping[Source, int], params: ImageFusionParams) -> Float64:
-    """Outline (4,) [px] by the camera, drawn towards that of the points, the more the less the camera is sure; without
+    """Outline (4,) [px] by the camera, drawn toward that of the points, the more the less the camera is sure; without
     a camera by LiDAR, else radar.
     """
     boxes = [seen.xyxy_px[of[kind]] for kind in (Source.L, Source.R) if kind in of and seen.upright[of[kind]]]
@@ -203,43 +341,37 @@ def _outline(seen: Sightings, of: Mapping[Source, int], params: ImageFusionParam
     return np.asarray(own + share * (boxes[0] - own), np.float64)
 
 
-def _rate(
-    view: ImageView, of: Mapping[Source, int], found: Mapping[Source, Evidence], box: Float64, depth: float
-) -> float:
-    if Source.R in of:
-        return float(view.seen.rate_mps[of[Source.R]])
-    if Source.R in found:
-        return found[Source.R].rate_mps
-    return rate_at(view.points[Source.R], box, depth) if Source.R in view.points else float("nan")
-
-
 def _score(
-    view: ImageView, of: Mapping[Source, int], found: Mapping[Source, Evidence], box: Float64, depth: float,
-    camera_trust: float, params: ImageFusionParams,
-) -> float:  # fmt: skip
+    view: ImageView,
+    of: Mapping[Source, int],
+    found: Mapping[Source, PointEvidence],
+    box: Float64,
+    depth: float,
+    camera_share: float,
+    params: ImageFusionParams,
+) -> float:
+    """Probability of an object, by the ratio of its odds as each sensor alone gives them to those before it looked."""
     weight = {Source.C: 1.0, Source.L: params.lidar_weight, Source.R: params.radar_weight}
-    said = {kind: _factor(weight[kind] * float(view.seen.score[row]), params.prior) for kind, row in of.items()}
+    factor = dict[Source, float]()
+    for kind, row in of.items():
+        said = weight[kind] * float(view.seen.score[row])
+        factor[kind] = float(np.exp(log_odds(said) - log_odds(params.prior)))
     size_px = np.sqrt((box[2] - box[0]) * (box[3] - box[1]))
-    shown = camera_trust * (1 - np.exp(-size_px / params.camera_size_px))
+    shown = camera_share * float(saturate(size_px, params.camera_size_px))
     # A weak box never says less than none.
-    said[Source.C] = max(said.get(Source.C, 0.0), 1 - (1 - params.unseen_by_camera) * shown)
+    factor[Source.C] = max(factor.get(Source.C, 0.0), 1 - (1 - params.unseen_by_camera) * shown)
     for kind in (Source.L, Source.R):
         if kind in of and Source.C in of and not view.seen.weak[of[Source.C]]:
-            said[kind] = max(said[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
+            factor[kind] = max(factor[kind], 1.0)  # odd shapes say nothing against what a camera is sure of
         elif kind in found:
-            said[kind] = params.points_factor ** found[kind].strength
+            factor[kind] = params.points_factor ** found[kind].strength
         elif kind not in of and _goes_through(view, kind, box, depth, params.through):
-            said[kind] = params.unseen_by_rays
-    return agreed(params.prior, said.values())
-
-
-def _factor(probability: float, prior: float) -> float:
-    """Ratio of the odds of an object as one sensor alone tells to those before it looked."""
-    return float(np.exp(log_odds(probability) - log_odds(prior)))
+            factor[kind] = params.unseen_by_rays
+    return combine_factors(params.prior, factor.values())
 
 
 def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, share: float) -> bool:
-    """Tell whether most rays of a sensor in a box go on behind the object, so that it isn't there."""
+    """Whether most rays of a sensor in a box go on behind the object, so that it isn't there."""
     if kind not in view.rays or np.isnan(depth_m):
         return False
     depths = view.rays[kind].depths(box)
@@ -256,50 +388,3 @@ def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:
         return float("nan")
     place = transform(view.rig.body_T_sensor(view.camera), ray / ray[0, 2] * (depth_m + _HALF_LENGTH_M))
     return float(np.sqrt((place**2).sum()))
-
-
-def _boxes(camera: str, objects: list[_Object]) -> Boxes2D:
-    return Boxes2D(
-        camera=np.full(len(objects), camera),
-        xyxy_px=np.array([o.xyxy_px for o in objects], np.float64).reshape(-1, 4),
-        label=np.array([o.label for o in objects], np.str_),
-        score=np.array([o.score for o in objects], np.float64),
-        distance_m=np.array([o.distance_m for o in objects], np.float64),
-        range_rate_mps=np.array([o.rate_mps for o in objects], np.float64),
-        sources=np.array([o.sources for o in objects], np.uint8),
-    )
-
-
-class ImageFusion:
-    """Merges what the sensors see in each image, and learns from it how well the cameras see."""
-
-    def __init__(self, rig: Rig, cameras: Sequence[str], params: ImageFusionParams) -> None:
-        self._rig, self._cameras, self._params, self._trust = rig, cameras, params, CameraTrust()
-
-    def reset(self) -> None:
-        """Forget how well the cameras see."""
-        self._trust.reset()
-
-    def merge(self, looked: Mapping[str, CameraDetections], lidar: InImages, radar: InImages) -> Boxes2D:
-        """Merge one frame; `looked` holds the cameras that worked. Any number of boxes has the same fields."""
-        params, trust = self._params, self._trust.share
-        views = [_view(self._rig, name, looked.get(name), lidar, radar) for name in self._cameras]
-        every = concatenate([fuse(view, params, trust) for view in views])
-        found = every if every.score is None else every[every.score >= params.min_score]
-        self._trust.learn(found[np.isin(found.camera, sorted(looked))])
-        return found
-
-
-def _view(rig: Rig, camera: str, found: CameraDetections | None, lidar: InImages, radar: InImages) -> ImageView:
-    kinds = {Source.L: lidar, Source.R: radar}
-    parts = [view.seen[camera] for view in kinds.values() if camera in view.seen]
-    if found is not None:
-        parts.append(by_camera(found, rig.cameras[camera]))
-    return ImageView(
-        rig=rig,
-        camera=camera,
-        seen=Sightings.joined(parts),
-        looked=found is not None,
-        points={kind: view.points[camera] for kind, view in kinds.items() if camera in view.points},
-        rays={kind: view.rays[camera] for kind, view in kinds.items() if camera in view.rays},
-    )

@@ -1,11 +1,12 @@
-"""Observations that fusion works on: objects in camera images, and clusters of LiDAR points or radar echoes."""
+"""Observations that 3D fusion works on: objects in camera images, and clusters of LiDAR points or radar echoes."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from fbench.pipelines.fusion.kernels import inside_boxes
-from fbench.pipelines.fusion.late.params import AssociationParams
+from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
+from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Float64, Int64
@@ -15,55 +16,6 @@ from fbench.replay.geometry.camera import project, project_body, project_boxes, 
 from fbench.replay.geometry.lenses import lens_of
 from fbench.replay.geometry.transforms import inverse, transform
 
-
-@dataclass(frozen=True, eq=False)
-class FlatView:
-    """A box in the image of a pinhole camera with the same `K`."""
-
-    xyxy_px: Float64
-    """(4,) left, top, right, bottom [px]."""
-    body_T_view: Float64
-    """(4, 4) from that camera's to body coordinates."""
-
-
-def flat_view(rig: Rig, camera: str, xyxy_px: Float64) -> FlatView | None:
-    """Return a box (4,) as a pinhole camera at the same place shows it, by the middles of its edges; `None` where that
-    sees no such box.
-
-    A camera that may see what is beside and behind it is turned towards the box first, about its vertical axis.
-    """
-    model, body_T_camera = rig.cameras[camera], rig.body_T_sensor(camera)
-    lens = lens_of(model)
-    if lens is None:
-        return FlatView(xyxy_px, body_T_camera)
-    left, top, right, bottom = (float(value) for value in xyxy_px)
-    x, y = (left + right) / 2, (top + bottom) / 2
-    directions = rays(model, np.array([[left, y], [x, top], [right, y], [x, bottom], [x, y]]))
-    camera_T_view = _turned(directions[4]) if lens.is_wide else np.eye(4)
-    flat, _ = project(CameraModel(model.K, model.size_wh), transform(inverse(camera_T_view), directions[:4]))
-    box = np.array([flat[0, 0], flat[1, 1], flat[2, 0], flat[3, 1]])
-    if not (np.isfinite(box).all() and box[0] < box[2] and box[1] < box[3]):
-        return None
-    return FlatView(box, body_T_camera @ camera_T_view)
-
-
-def _turned(ray: Float64) -> Float64:
-    """Pose (4, 4) in a camera's coordinates of one that is turned about the vertical axis to have a ray ahead."""
-    angle = np.arctan2(ray[0], ray[2])
-    turned = np.eye(4)
-    turned[0, 0] = turned[2, 2] = np.cos(angle)
-    turned[0, 2], turned[2, 0] = np.sin(angle), -np.sin(angle)
-    return turned
-
-
-SIZES = {
-    "car": (4.2, 1.8, 1.55, 0.15), "van": (5.0, 2.0, 2.1, 0.2), "truck": (8.0, 2.5, 3.0, 0.4),
-    "bus": (12.0, 2.6, 3.0, 0.4), "trailer": (8.0, 2.5, 3.2, 0.4), "motorcycle": (2.1, 0.8, 1.5, 0.2),
-    "bicycle": (1.8, 0.6, 1.6, 0.2), "pedestrian": (0.6, 0.6, 1.7, 0.15),
-}  # fmt: skip
-"""Typical length, width, height [m] and relative spread of heights, by label. Detectors call vans trucks and buses."""
-LOW_TRUCK_M = 2.5
-"""A truck or bus that turns out lower than this [m] is a van."""
 AT_MIN_SCORE = 0.55
 """How likely what a camera reports with its detector's least score is there, if nothing else is known."""
 _EDGE_PX = 3.0
@@ -71,8 +23,60 @@ _SIDE_MARGIN = 1.3
 _SIDE_SHARE = 0.95
 
 
+@dataclass(frozen=True)
+class AssociationParams:
+    """Which measurements of different sensors are taken for one object.
+
+    Each pair of them has a log-likelihood ratio: how likely their difference is for one object against for two that
+    have nothing to do with each other, of which there is one in so many square metres.
+    """
+
+    lidar_area_m2: float = 100.0
+    """Area [m²] in which one cluster of LiDAR points that is no part of the object is expected."""
+    radar_area_m2: float = 2000.0
+    """The same for a cluster of radar echoes."""
+    camera_area_m2: float = 500.0
+    """The same for what another camera sees."""
+    edge_std_px: float = 1.5
+    """Error of the edges of a camera's box [px]."""
+    tilt_std_rad: float = 0.004
+    """Error of the ground's tilt against the camera [rad], for distances from the lower edge of a camera's box."""
+    min_range_std: float = 0.09
+    """Least relative error of distances guessed from the image."""
+    bearing_std_rad: float = 0.01
+    """Error of a camera box's direction [rad], beside a share of its width."""
+    lidar_std_m: float = 0.4
+    """Error of the near side of an object by LiDAR [m]."""
+    radar_std_m: float = 0.8
+    """Error of the near side of a moving object by radar, along the line of sight [m]."""
+    radar_bearing_std_rad: float = 0.03
+    """Error of a radar cluster's direction [rad]."""
+    standing_std_m: float = 1.5
+    """Error of the distance of stationary objects by radar [m]."""
+    bearing_margin_px: float = 30.0
+    """Echoes this far beside a camera's box [px] may belong to it: radar is poor at angles."""
+    least_inside: float = 0.6
+    """A LiDAR cluster of which less than this share lies in a camera's box, and that doesn't look like a vehicle, is
+    cut: what is inside may belong to what the camera sees, and the rest to others."""
+
+    def __post_init__(self) -> None:
+        areas = ("lidar_area_m2", "radar_area_m2", "camera_area_m2")
+        stds = ("lidar_std_m", "radar_std_m", "standing_std_m")
+        others = {
+            "edge_std_px": (0.0, 1000.0),
+            "tilt_std_rad": (1e-6, 1.0),
+            "min_range_std": (0.001, 10.0),
+            "bearing_std_rad": (1e-4, 1.0),
+            "radar_bearing_std_rad": (1e-4, 1.0),
+            "bearing_margin_px": (0.0, 10_000.0),
+            "least_inside": (0.0, 1.0),
+        }
+        ranges = {**dict.fromkeys(areas, (0.01, 1e6)), **dict.fromkeys(stds, (0.01, 100.0)), **others}
+        require_ranges("fusion.association", self, ranges)
+
+
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class CameraObservation:
     """One object in one image: a ray and a guess of how far along it the object is."""
 
     camera: str
@@ -80,7 +84,7 @@ class Sighting:
     """(4,) left, top, right, bottom [px]."""
     label: str
     score: float
-    """How likely it is there by this camera alone, see `believed`."""
+    """How likely it is there by this camera alone, see `as_probability`."""
     is_sure: bool
     """Whether the camera alone would report it; else others must confirm it."""
     eye_m: Float64
@@ -105,33 +109,19 @@ class Sighting:
     """Whether the left or right border of the image cuts it off."""
 
 
-def sightings(
+def observe_camera(
     rig: Rig, camera: str, found: CameraDetections, plane: Plane | None, params: AssociationParams
-) -> list[Sighting]:
+) -> list[CameraObservation]:
     """Lift the boxes of one image whose label has a typical size; those that no ray leads to are left out, and those
     that aren't finite.
     """
     finite = np.isfinite(found.xyxy_px).all(axis=1) & np.isfinite(found.score)
     rows = [i for i in np.flatnonzero(finite) if str(found.label[i]) in SIZES]
-    views = [flat_view(rig, camera, found.xyxy_px[i]) for i in rows]
-    return [
-        _sighting(
-            rig,
-            camera,
-            found.xyxy_px[i],
-            view,
-            str(found.label[i]),
-            believed(float(found.score[i]), found.min_score),
-            bool(found.score[i] >= found.min_score),
-            plane,
-            params,
-        )
-        for i, view in zip(rows, views, strict=True)
-        if view is not None
-    ]
+    lifted = [_lift(rig, camera, found, int(i), plane, params) for i in rows]
+    return [one for one in lifted if one is not None]
 
 
-def believed(score: float, min_score: float) -> float:
+def as_probability(score: float, min_score: float) -> float:
     """Probability that a box with this score shows something, by what its detector's `min_score` stands for.
 
     Scores of different detectors mean different things; what they recommend to report from on means about the same.
@@ -143,47 +133,64 @@ def believed(score: float, min_score: float) -> float:
     return odds / (1 + odds)
 
 
-def _sighting(
-    rig: Rig,
-    camera: str,
-    xyxy: Float64,
-    view: FlatView,
-    label: str,
-    score: float,
-    is_sure: bool,
-    plane: Plane | None,
-    params: AssociationParams,
-) -> Sighting:
+def undistort_box(rig: Rig, camera: str, xyxy_px: Float64) -> tuple[Float64, Float64] | None:
+    """Return a box (4,) [px] as a pinhole camera with the same `K` at the same place shows it, by the middles of its
+    edges, and the pose (4, 4) of that camera in body coordinates; `None` where it sees no such box.
+
+    A camera that may see what is beside and behind it is turned toward the box first, about its vertical axis.
+    """
+    model, body_T_camera = rig.cameras[camera], rig.body_T_sensor(camera)
+    lens = lens_of(model)
+    if lens is None:
+        return xyxy_px, body_T_camera
+    left, top, right, bottom = (float(value) for value in xyxy_px)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    directions = rays(model, np.array([[left, y], [x, top], [right, y], [x, bottom], [x, y]]))
+    camera_T_view = np.eye(4)
+    if lens.is_wide:
+        angle = np.arctan2(directions[4, 0], directions[4, 2])
+        camera_T_view[0, 0] = camera_T_view[2, 2] = np.cos(angle)
+        camera_T_view[0, 2], camera_T_view[2, 0] = np.sin(angle), -np.sin(angle)
+    flat, _ = project(CameraModel(model.K, model.size_wh), transform(inverse(camera_T_view), directions[:4]))
+    box = np.array([flat[0, 0], flat[1, 1], flat[2, 0], flat[3, 1]])
+    if not (np.isfinite(box).all() and box[0] < box[2] and box[1] < box[3]):
+        return None
+    return box, body_T_camera @ camera_T_view
+
+
+def _lift(
+    rig: Rig, camera: str, found: CameraDetections, row: int, plane: Plane | None, params: AssociationParams
+) -> CameraObservation | None:
     """Lift one box: borders of the image cut it as recorded, all else is seen without lens distortion."""
-    model, body_T_camera = rig.cameras[camera], view.body_T_view
-    cut = _cut(xyxy, model.size_wh)
-    left, top, right, bottom = (float(value) for value in view.xyxy_px)
+    flat = undistort_box(rig, camera, found.xyxy_px[row])
+    if flat is None:
+        return None
+    (left, top, right, bottom), body_T_camera = (float(value) for value in flat[0]), flat[1]
+    model, label = rig.cameras[camera], str(found.label[row])
+    is_left, is_high, is_right, is_low = _cut_borders(found.xyxy_px[row], model.size_wh)
     middle = ((left + right) / 2 - model.K[0, 2]) / model.K[0, 0]
     low = np.array([middle, (bottom - model.K[1, 2]) / model.K[1, 1], 1.0])
     ray = (body_T_camera[:3, :3] * low).sum(axis=1)
     eye = body_T_camera[:3, 3]
-    length, width, height, spread = SIZES[label]
+    (length, width, height), spread = SIZES[label].lwh_m, SIZES[label].height_spread
     high_px = max(bottom - top, 1.0)
-    by_height = (model.K[1, 1] * height / high_px, float(np.hypot(spread, params.edge_std_px / high_px)))
-    by_height = (by_height[0], 0.3) if cut.low or cut.high else by_height
-    by_ground = (
-        None
-        if cut.low or plane is None
-        else _on_ground(ray, eye, plane, params.tilt_std_rad + params.edge_std_px / model.K[1, 1])
-    )
-    depth, std = _joined(by_height, by_ground)
+    height_std = 0.3 if is_low or is_high else float(np.hypot(spread, params.edge_std_px / high_px))
+    depth, std = model.K[1, 1] * height / high_px, height_std
+    if plane is not None and not is_low:
+        tilt_std_rad = params.tilt_std_rad + params.edge_std_px / model.K[1, 1]
+        depth, std = _join_depths((depth, std), _depth_on_ground(ray, eye, plane, tilt_std_rad))
     tall = (bottom - top) * depth / model.K[1, 1]
     if label in ("truck", "bus") and tall < LOW_TRUCK_M:
-        length, width = SIZES["van"][:2]
+        length, width = SIZES["van"].lwh_m[:2]
     wide = (right - left) * depth / model.K[0, 0]
     hidden = max(0.0, length - wide) / 2 if wide > _SIDE_MARGIN * width else 0.0
-    aspect = np.pi / 2 if hidden and cut.left != cut.right else _aspect(wide, length, width)
-    return Sighting(
+    aspect = np.pi / 2 if hidden and is_left != is_right else _aspect(wide, length, width)
+    return CameraObservation(
         camera=camera,
-        xyxy_px=xyxy,
+        xyxy_px=found.xyxy_px[row],
         label=label,
-        score=score,
-        is_sure=is_sure,
+        score=as_probability(float(found.score[row]), found.min_score),
+        is_sure=bool(found.score[row] >= found.min_score),
         eye_m=eye,
         bearing_rad=float(np.arctan2(ray[1], ray[0])),
         half_rad=(right - left) / 2 / float(model.K[0, 0]),
@@ -192,28 +199,19 @@ def _sighting(
         depth_m=float(length * np.cos(aspect) + width * np.sin(aspect)) / 2,
         aspect_rad=float(aspect),
         size_lwh_m=np.array([length, width, tall if spread > 0.3 else height]),
-        beside_m=hidden * (int(cut.left) - int(cut.right)),
-        cut=cut.left or cut.right,
+        beside_m=hidden * (int(is_left) - int(is_right)),
+        cut=is_left or is_right,
     )
 
 
-@dataclass(frozen=True)
-class _Cut:
-    """Which borders of the image cut a box off."""
-
-    left: bool
-    high: bool
-    right: bool
-    low: bool
-
-
-def _cut(xyxy: Float64, size_wh: tuple[int, int]) -> _Cut:
+def _cut_borders(xyxy: Float64, size_wh: tuple[int, int]) -> tuple[bool, bool, bool, bool]:
+    """Whether the left, upper, right and lower border of the image cut a box off."""
     left, top, right, bottom = (float(value) for value in xyxy)
     width, height = size_wh
-    return _Cut(left < _EDGE_PX, top < _EDGE_PX, right > width - 1 - _EDGE_PX, bottom > height - 1 - _EDGE_PX)
+    return left < _EDGE_PX, top < _EDGE_PX, right > width - 1 - _EDGE_PX, bottom > height - 1 - _EDGE_PX
 
 
-def _on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
+def _depth_on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) -> tuple[float, float] | None:
     """Depth at which a ray meets the ground, and its relative error: distance times tilt over height."""
     above = float(eye[2] - plane.slope_x * eye[0] - plane.slope_y * eye[1] - plane.height_m)
     fall = float(plane.slope_x * ray[0] + plane.slope_y * ray[1] - ray[2])
@@ -223,7 +221,7 @@ def _on_ground(ray: Float64, eye: Float64, plane: Plane, tilt_std_rad: float) ->
     return depth, float(np.hypot(0.04, depth * tilt_std_rad / above))
 
 
-def _joined(by_height: tuple[float, float], by_ground: tuple[float, float] | None) -> tuple[float, float]:
+def _join_depths(by_height: tuple[float, float], by_ground: tuple[float, float] | None) -> tuple[float, float]:
     """Mean of two guesses, weighted by their relative errors; where they contradict, heights count less."""
     if by_ground is None:
         return by_height
@@ -280,16 +278,16 @@ class Clusters:
         return np.zeros(len(self.boxes)) if self.boxes.score is None else self.boxes.score
 
     @property
-    def are_judged_by_model(self) -> bool:
-        """Whether scores of LiDAR clusters are probabilities: those by rules come without labels."""
-        return self.boxes.label is not None
+    def all_xyz(self) -> Float64:
+        """(N + M, 3) [m] points, in clusters or not."""
+        return np.concatenate([self.xyz, self.loose])
 
     def points(self, at: int) -> Float64:
         """Return the points of one cluster."""
         return self.xyz[self.first[at] : self.first[at + 1]]
 
 
-def clusters(xyz: Float64, number: Int64, boxes: Boxes3D) -> Clusters:
+def sort_clusters(xyz: Float64, number: Int64, boxes: Boxes3D) -> Clusters:
     """Sort points (N, 3) by their clusters (N,), rows of `boxes` or -1, and those by place."""
     order = np.lexsort((*boxes.size_lwh_m.T[::-1], *boxes.center_m.T[::-1]))
     rank = np.empty(len(order), np.int64)
@@ -303,7 +301,7 @@ def clusters(xyz: Float64, number: Int64, boxes: Boxes3D) -> Clusters:
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """What of K clusters lies in S boxes of one camera."""
+    """Parts of K clusters in S boxes of one camera."""
 
     num_inside: Float64
     """(S, K) points."""
@@ -322,7 +320,7 @@ def edges_for_points(xyxy_px: Float64) -> Float64:
     return np.column_stack([left + inset, top - 5, right - inset, bottom + 5])
 
 
-def overlap(rig: Rig, camera: str, found: Clusters, xyxy_px: Float64) -> Overlap:
+def measure_overlap(rig: Rig, camera: str, found: Clusters, xyxy_px: Float64) -> Overlap:
     """Count the points of clusters in boxes (S, 4) of a camera."""
     uv, _ = project_body(rig, camera, found.xyz)
     eye = rig.body_T_sensor(camera)[:3, 3]

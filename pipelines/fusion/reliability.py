@@ -1,68 +1,115 @@
-"""Reliability of sensors: how well each sees at present, and how sure that makes fusion of an object."""
+"""Reliability of sensors: odds that observations stand for, and shares of objects that each sensor sees at present."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
 from fbench.pipelines.params import require_ranges
-from fbench.pipelines.sensors.image.objects import Points
-from fbench.pipelines.sensors.image.observations import Sightings
-from fbench.pipelines.sensors.image.stage import nearest_dense
-from fbench.pipelines.sensors.radar.radar import median_rate
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
 
-_GATE = 2.5
-_LEAST = 3
-_FULL = 10.0
-_AROUND_M = 2.5
-"""Points that differ by less [m] from the depth of an object belong to it."""
+SENSOR_LIMIT = 1 - 0.98
+"""No sensor alone can be surer of an object than 1 less this, nor of none than this."""
+
+
+@overload
+def log_odds(probability: float, least: float = SENSOR_LIMIT) -> float: ...
+
+
+@overload
+def log_odds(probability: Float64, least: float = SENSOR_LIMIT) -> Float64: ...
+
+
+def log_odds(probability: float | Float64, least: float = SENSOR_LIMIT) -> float | Float64:
+    """Logarithm of the odds of probabilities, which count as `least` at least and 1 - `least` at most; NaN stays."""
+    p = np.clip(probability, least, 1 - least)
+    return np.log(p / (1 - p))  # type: ignore[no-any-return]
+
+
+def probability_of(odds: Float64) -> Float64:
+    """Probability (N,) of logarithms of odds (N,)."""
+    return np.asarray(1 / (1 + np.exp(-odds)), np.float64)
+
+
+def combine_factors(prior: float, factors: Iterable[float]) -> float:
+    """Probability of an object, given how likely one is before any sensor looks, and by which factor each says that its
+    odds are larger or smaller: sensors are taken for independent (naive Bayes).
+    """
+    total = log_odds(prior) + sum(np.log(max(factor, 1e-9)) for factor in factors)
+    return float(1 / (1 + np.exp(-total)))
+
+
+def saturate(num: Float64 | int, full: float) -> Float64:
+    """How much `num` points say, 0 to 1: 1 - exp(-num / full)."""
+    return np.asarray(1 - np.exp(-num / full), np.float64)
+
+
+def sureness(probability: Float64) -> Float64:
+    """How far objects (N,) count for what sensors that should see them are worth: none below 1/2, 1 where certain."""
+    return np.asarray(np.clip(2 * probability - 1, 0.0, 1.0), np.float64)
+
+
+_BANDS = 4
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What the points of one kind of sensor say of a box."""
+class AgreementParams:
+    """How well each sensor works right now: the share of objects which others are sure of that it sees, too.
 
-    depth_m: float
-    """Depth of the object they are on [m]."""
-    strength: float
-    """How much there is of it, 0 to 1."""
-    rate_mps: float
-    """Change of its distance [m/s], positive when receding; NaN where unknown."""
+    Nobody tells the weather: a camera that sees little of what LiDAR and radar see is worth little, and what it
+    doesn't see may be there all the same. Shares are kept apart for near and far objects.
+    """
 
+    camera: float = 0.8
+    """Share of the objects in view that a camera is expected to see before anything is known."""
+    lidar: float = 0.9
+    """The same of LiDAR."""
+    radar: float = 0.4
+    """The same of radar, which sees what moves."""
+    weight: float = 4.0
+    """So many objects make what was seen weigh as much as the expectation."""
+    frames: float = 30.0
+    """After so many frames what was seen counts 1/e."""
+    band_m: float = 15.0
+    """Width of the bands of distance [m]; the fourth has no end."""
 
-def evidence(seen: Sightings, at: int, points: Points) -> Evidence | None:
-    """Find the nearest dense depth of the points in box `at`, near what the camera guesses; `None` without any."""
-    inside = _inside(points, seen.xyxy_px[at])
-    guess, std = seen.depth_m[at], seen.depth_std[at]
-    if np.isfinite(guess):
-        inside &= np.abs(np.log(np.maximum(points.depth_m, 0.1) / guess)) < _GATE * std
-    depth = nearest_dense(np.sort(points.depth_m[inside]), _LEAST)
-    if np.isnan(depth):
-        return None
-    on_it = inside & (np.abs(points.depth_m - depth) < _AROUND_M)
-    num = int(np.count_nonzero(on_it))
-    return Evidence(depth, float(1 - np.exp(-num / _FULL)), _rate(points, on_it))
-
-
-def rate_at(points: Points, xyxy_px: Float64, depth_m: float) -> float:
-    """Change of the distance [m/s] of what is in a box (4,) at a depth, by its echoes; NaN without any."""
-    return _rate(points, _inside(points, xyxy_px) & (np.abs(points.depth_m - depth_m) < _AROUND_M))
+    def __post_init__(self) -> None:
+        ranges = dict.fromkeys(("camera", "lidar", "radar"), (0.0, 1.0))
+        ranges |= {"weight": (0.01, 1e6), "frames": (0.1, 1e6), "band_m": (0.1, 1000.0)}
+        require_ranges("fusion.agreement", self, ranges)
 
 
-def _inside(points: Points, xyxy_px: Float64) -> Bool:
-    left, top, right, bottom = xyxy_px
-    u, v = points.uv_px.T
-    inside: Bool = (u > left) & (u < right) & (v > top) & (v < bottom)
-    return inside
+class SensorReliability:
+    """Counts, for each sensor and band of distance, sure objects that it should have seen, and those that it saw."""
 
+    def __init__(self, params: AgreementParams) -> None:
+        self._params = params
+        self.reset()
 
-def _rate(points: Points, rows: Bool) -> float:
-    own = points.cloud.own_mps[rows]
-    if not np.isfinite(own).any():
-        return float("nan")
-    rate = median_rate(points.cloud.over_ground_mps[rows], points.cloud.period_mps[rows])
-    return rate - float(np.nanmedian(own))
+    def reset(self) -> None:
+        """Expect of all sensors what is expected of them at the start."""
+        self._counts: dict[str, Float64] = {}
+
+    def share(self, sensor: str, kind: str, distance_m: Float64) -> Float64:
+        """Share (N,) of the objects at these distances that a sensor sees where nothing hides them."""
+        p = self._params
+        expected = {"camera": p.camera, "lidar": p.lidar, "radar": p.radar}[kind]
+        seen, asked = self._counts.get(sensor, np.zeros((2, _BANDS)))
+        shares = (seen + p.weight * expected) / (asked + p.weight)
+        return np.asarray(shares[self._band(distance_m)], np.float64)
+
+    def learn(self, sensor: str, distance_m: Float64, sure: Float64, seen: Bool) -> None:
+        """Take in one frame: how sure others are (N,) of objects that the sensor should see, and whether it did."""
+        band = self._band(distance_m)
+        asked = np.bincount(band, weights=sure, minlength=_BANDS)
+        hits = np.bincount(band, weights=sure * seen, minlength=_BANDS)
+        before = self._counts.get(sensor, np.zeros((2, _BANDS)))
+        self._counts[sensor] = before * np.exp(-1.0 / self._params.frames) + np.array([hits, asked])
+
+    def _band(self, distance_m: Float64) -> Int64:
+        return np.minimum(distance_m / self._params.band_m, _BANDS - 1).astype(np.int64)
 
 
 _BEFORE, _SEEN_BEFORE = 20.0, 18.0
@@ -72,7 +119,7 @@ _KEPT = 0.97
 _BOTH = int(Source.L) | int(Source.R)
 
 
-class CameraTrust:
+class CameraReliability:
     """Share of the objects that both LiDAR and radar see which cameras see too, over some twenty frames."""
 
     def __init__(self) -> None:
@@ -91,54 +138,8 @@ class CameraTrust:
         """Take the objects of a frame that are reported in images of cameras that worked."""
         sources = np.zeros(0, np.uint8) if objects.sources is None else objects.sources
         score = np.zeros(len(objects)) if objects.score is None else objects.score
-        sure = np.where((sources & _BOTH) == _BOTH, np.clip(2 * score - 1, 0.0, 1.0), 0.0)
+        sure = np.where((sources & _BOTH) == _BOTH, sureness(score), 0.0)
         self._num = _KEPT * self._num + float(sure.sum())
         self._num_seen = _KEPT * self._num_seen + float(sure[(sources & int(Source.C)) > 0].sum())
         if self._num < 1.0:  # long without anything to learn from: as in the beginning
             self.reset()
-
-
-@dataclass(frozen=True)
-class ImageFusionParams:
-    """How boxes of several sensors in one image become one, and how sure that makes us.
-
-    Each sensor that sees an object says with which probability it is one; probabilities are joined as those of
-    independent witnesses. Sensors that could see it and don't have a factor on its odds.
-    """
-
-    camera_share: float = 0.25
-    """Of cameras, boxes down to this share of their `min_score` are used where LiDAR or radar confirm them [0 to 1]."""
-    min_similarity: float = 0.25
-    """Least overlap times agreement in depth of two boxes that show one object [0 to 1]."""
-    prior: float = 0.3
-    """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
-    lidar_weight: float = 0.75
-    """Probability of what looks fully like a vehicle to LiDAR, as it alone tells [0 to 1]."""
-    radar_weight: float = 0.7
-    """The same for radar."""
-    points_factor: float = 1.6
-    """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
-    object themselves; nearer to 1 for few."""
-    measured_share: float = 0.2
-    """By so much the outline of a camera that is sure is drawn towards that of the points [0 to 1]."""
-    weak_measured_share: float = 1.0
-    """The same where the camera is least sure; in proportion between."""
-    unseen_by_camera: float = 0.1
-    """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
-    that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
-    camera_size_px: float = 40.0
-    """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
-    unseen_by_rays: float = 0.25
-    """The same for LiDAR and radar, where their rays go on behind the object."""
-    through: float = 0.6
-    """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
-    min_score: float = 0.5
-    """Objects that are less likely are dropped."""
-
-    def __post_init__(self) -> None:
-        names = (
-            "camera_share", "min_similarity", "prior", "lidar_weight", "radar_weight", "measured_share",
-            "weak_measured_share", "unseen_by_camera", "unseen_by_rays", "through", "min_score",
-        )  # fmt: skip
-        others = {"points_factor": (1.0, 1000.0), "camera_size_px": (0.1, 1e5)}
-        require_ranges("fusion", self, dict.fromkeys(names, (0.0, 1.0)) | others)

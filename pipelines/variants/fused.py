@@ -6,10 +6,9 @@ from typing import ClassVar
 
 from fbench.pipelines.fusion.early.cloud import Choice, DepthStage, Scene, merge_clouds, require_depth, stereo_stage
 from fbench.pipelines.fusion.early.fuse import EarlyParams, fuse
-from fbench.pipelines.fusion.image import ImageFusion
-from fbench.pipelines.fusion.late.fuse import LateFusion, Observations
-from fbench.pipelines.fusion.late.params import FusionParams
-from fbench.pipelines.fusion.reliability import ImageFusionParams
+from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
 from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.camera.detector import CameraParams
@@ -285,4 +284,4 @@ class Late3D(FusionPipeline[Boxes3D]):
         faults = list[Fault]()
         seen = self._sensors.view(frame, clock, faults, self._lidar.view, self._radar.view)
         with clock.stage("fuse"):
-            return Detected(self._fusion.step(Observations(self._rig, *seen)), tuple(faults))
+            return Detected(self._fusion.step(SensorViews(self._rig, *seen)), tuple(faults))

@@ -7,7 +7,8 @@ import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
 from fbench.pipelines.fusion.early.groups import Counts, Groups
-from fbench.pipelines.fusion.observations import SIZES, Sighting, outline_overlaps
+from fbench.pipelines.fusion.observations import CameraObservation, outline_overlaps
+from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import (
@@ -39,7 +40,7 @@ class View:
     rig: Rig
     cloud: FusedCloud
     plane: Plane | None
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[CameraObservation, ...]
     eye_m: Float64
     """(2,) from where LiDARs look [m]."""
 
@@ -121,7 +122,7 @@ def placed(view: View, groups: Groups, shape: Shapes, label: Text, size: Vehicle
 def _typical(view: View, groups: Groups, label: Text, size: VehicleSize) -> Float64:
     """Typical length, width and height (M, 3) [m]: what a camera takes for a truck may be as low as a van."""
     car = (size.length_m, size.width_m, size.height_m)
-    of = {name: car if name == "car" else SIZES[name][:3] for name in SIZES}
+    of = {name: car if name == "car" else SIZES[name].lwh_m for name in SIZES}
     result = np.array([of[str(name)] for name in label], np.float64).reshape(-1, 3)
     for row in np.flatnonzero((groups.sighting >= 0) & (label != "car")):
         result[row] = view.sightings[groups.sighting[row]].size_lwh_m

@@ -177,7 +177,7 @@ def _eye(rig: Rig, stereo: StereoStage | None) -> Float64:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Observations of one frame."""
+    """SensorViews of one frame."""
 
     rig: Rig
     cameras: Mapping[str, CameraDetections]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
-from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.observations import SIZES, Sighting, sightings
+from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, observe_camera
+from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
@@ -48,7 +48,7 @@ class SemanticsParams:
 class Labels:
     """What cameras say about the points of a cloud."""
 
-    sightings: tuple[Sighting, ...]
+    sightings: tuple[CameraObservation, ...]
     """Objects that cameras see."""
     instance: Int64
     """(N,) which of them a point belongs to, -1: none."""
@@ -68,10 +68,10 @@ def label_points(
     cameras the better score counts.
     """
     instance, height = np.full(len(cloud), -1), np.zeros(len(cloud))
-    best, known = np.zeros(len(cloud)), list[Sighting]()
+    best, known = np.zeros(len(cloud)), list[CameraObservation]()
     for name in sorted(cameras):
         uv, _ = project_body(rig, name, cloud.xyz)
-        found = sightings(rig, name, cameras[name], plane, AssociationParams())
+        found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
         for sighting in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
             rows = view.take(sighting, params)
@@ -87,7 +87,7 @@ def _car_heights(rig: Rig, camera: str, cloud: FusedCloud, uv: Float64) -> Float
     model = rig.cameras[camera]
     ray = cloud.xyz - rig.body_T_sensor(camera)[:3, 3]
     distance = np.maximum(np.hypot(ray[:, 0], ray[:, 1]), 1.0)
-    return np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"][2] / distance, 0.0)
+    return np.where(in_image(model, uv), float(model.K[1, 1]) * SIZES["car"].height_m / distance, 0.0)
 
 
 class _View:
@@ -105,7 +105,7 @@ class _View:
         self._hidden = np.zeros(len(self._rows), np.bool_)
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
-    def take(self, sighting: Sighting, params: SemanticsParams) -> Int64:
+    def take(self, sighting: CameraObservation, params: SemanticsParams) -> Int64:
         """Rows of the cloud that belong to a sighting; none where too little is there."""
         inside = self._inside(sighting, params)
         if sighting.is_sure:
@@ -136,7 +136,7 @@ class _View:
         result[self._rows] = self._hidden
         return result
 
-    def _inside(self, sighting: Sighting, params: SemanticsParams) -> Bool:
+    def _inside(self, sighting: CameraObservation, params: SemanticsParams) -> Bool:
         """Which points lie in a box; radar is too poor at heights to ask for them."""
         left, top, right, bottom = sighting.xyxy_px
         u, v = self._uv[:, 0], self._uv[:, 1]

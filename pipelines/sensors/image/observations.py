@@ -1,11 +1,12 @@
 """Observations of cameras, LiDARs and radars in one image, in one form."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import numpy as np
 
+from fbench.pipelines.fusion.reliability import log_odds
+from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Spots
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
@@ -16,8 +17,6 @@ from fbench.replay.geometry.iou import corners
 
 SURE = 0.5
 """A camera alone reports what it believes so far."""
-_MOST = 0.98
-"""No sensor alone can be surer of an object, nor of none."""
 
 
 def relative(score: Float64, min_score: float) -> Float64:
@@ -29,39 +28,10 @@ def relative(score: Float64, min_score: float) -> Float64:
     return np.asarray(1 / (1 + np.exp(log_odds(min_score) - log_odds(score))), np.float64)
 
 
-@overload
-def log_odds(probability: float) -> float: ...
-
-
-@overload
-def log_odds(probability: Float64) -> Float64: ...
-
-
-def log_odds(probability: float | Float64) -> float | Float64:
-    """Logarithm of odds, of probabilities that are neither 0 nor 1."""
-    p = np.clip(probability, 1 - _MOST, _MOST)
-    return np.log(p / (1 - p))  # type: ignore[no-any-return]
-
-
-def agreed(prior: float, factors: Iterable[float]) -> float:
-    """Probability of an object, given how likely one is before any sensor looks, and by which factor each says that its
-    odds are larger or smaller: sensors are taken for independent (naive Bayes).
-    """
-    total = log_odds(prior) + sum(np.log(max(factor, 1e-9)) for factor in factors)
-    return float(1 / (1 + np.exp(-total)))
-
-
-HEIGHTS_M = {
-    "car": 1.55, "van": 2.1, "truck": 3.3, "bus": 3.1, "trailer": 3.3, "motorcycle": 1.5, "bicycle": 1.6,
-    "pedestrian": 1.7,
-}  # fmt: skip
-"""Typical height [m] by label, from which the distance of a camera's box is guessed."""
 _GUESS_STD = 0.25
 _EDGE_PX = 3.0
 _MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2
 """Error of measured depths, as a share of the depth and [m]."""
-LONG_CAR_M = 7.0
-"""Objects without a camera's label that are longer than this [m] are called trucks, others cars."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +106,8 @@ def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:
     """
     num, (_, top, _, bottom) = len(found), found.xyxy_px.T
     whole = (top > _EDGE_PX) & (bottom < camera.size_wh[1] - 1 - _EDGE_PX)
-    height = np.array([HEIGHTS_M.get(label, np.nan) for label in found.label.tolist()], np.float64)
+    typical = [SIZES.get(label) for label in found.label.tolist()]
+    height = np.array([np.nan if size is None else size.image_height_m for size in typical], np.float64)
     depth = np.where(whole, camera.K[1, 1] * height / np.maximum(bottom - top, 1.0), np.nan)
     unknown = np.full(num, np.nan)
     source = np.full(num, int(Source.C), np.uint8)
@@ -150,7 +121,7 @@ def by_points(spots: Spots, source: Source) -> Sightings:
     """What LiDARs or radars see in the image."""
     rows = np.flatnonzero(np.isfinite(spots.xyxy_px).all(axis=1) & (spots.score > 0))
     spots = spots.rows(rows)
-    label = np.where(spots.size_lwh_m[:, 0] > LONG_CAR_M, "truck", "car")
+    label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
     sources = np.full(len(spots), int(source), np.uint8)
     std = _measured_std(spots.depth_m)
     return Sightings(
@@ -168,7 +139,7 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     depths = project_body(rig, camera, corners(boxes).reshape(-1, 3))[1].reshape(-1, 8)
     depth = np.maximum(depths.min(axis=1, initial=np.inf), 0.5) if num else np.zeros(0)
     distance = np.sqrt((boxes.center_m**2).sum(axis=1))
-    label = np.where(boxes.size_lwh_m[:, 0] > LONG_CAR_M, "truck", "car") if boxes.label is None else boxes.label
+    label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
     sources = np.full(num, int(source), np.uint8)
     return Sightings(
         sources, outline[rows], score[rows], label, depth, _measured_std(depth), distance, rate_mps[rows],

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from fbench.pipelines.fusion.sizes import SIZES
 from fbench.pipelines.params import require_ranges
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
@@ -13,11 +14,11 @@ from fbench.replay.geometry.kernels import kernel
 class VehicleSize:
     """Size of a typical car, to which partly seen vehicles are completed."""
 
-    length_m: float = 4.2
+    length_m: float = SIZES["car"].lidar_lwh_m[0]
     """Length [m]."""
-    width_m: float = 1.8
+    width_m: float = SIZES["car"].lidar_lwh_m[1]
     """Width [m]."""
-    height_m: float = 1.6
+    height_m: float = SIZES["car"].lidar_lwh_m[2]
     """Height [m]."""
 
     def check(self, prefix: str) -> None:
@@ -33,15 +34,15 @@ class VehicleSize:
 class OtherSizes:
     """Sizes of typical road users that are no cars."""
 
-    van: VehicleSize = field(default_factory=lambda: VehicleSize(5.3, 2.1, 2.2))
+    van: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["van"].lidar_lwh_m))
     """Van."""
-    truck: VehicleSize = field(default_factory=lambda: VehicleSize(8.5, 2.6, 3.3))
+    truck: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["truck"].lidar_lwh_m))
     """Truck or bus."""
-    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(2.1, 0.8, 1.6))
+    motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["motorcycle"].lidar_lwh_m))
     """Motorcycle with its rider."""
-    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(1.8, 0.6, 1.7))
+    bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["bicycle"].lidar_lwh_m))
     """Bicycle with its rider."""
-    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(0.6, 0.6, 1.7))
+    pedestrian: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["pedestrian"].lidar_lwh_m))
     """Person on foot."""
 
     def check(self, prefix: str) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import AHEAD, K, car, lidar_view, radar_view
 
-from fbench.pipelines.fusion.late.fuse import Observations, fuse
-from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.fuse import SensorViews, fuse
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Mount, Rig
@@ -35,7 +35,7 @@ def outline(camera, *cars, taller=1.0, label="car", score=0.8) -> CameraDetectio
 
 
 def fused(cameras, lidar=None, radar=None):
-    return fuse(Observations(RIG, cameras, lidar or lidar_view(plane=None), radar or radar_view()), PARAMS)
+    return fuse(SensorViews(RIG, cameras, lidar or lidar_view(plane=None), radar or radar_view()), PARAMS)
 
 
 @pytest.mark.parametrize("names", [("left", "right"), ("left", "middle", "right")])

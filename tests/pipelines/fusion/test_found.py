@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.fusion.late.fuse import Found, one_object
+from fbench.pipelines.fusion.late.fuse import are_one
+from fbench.pipelines.fusion.late.place import FusedObject
 
 
 def found(x, y, length=4.0, yaw=0.0):
     size = np.array([length, 2.0, 1.5])
-    return Found(np.array([x, y, 0.8]), size, yaw, np.full(3, np.nan), "car", 0.5, 2)
+    return FusedObject(np.array([x, y, 0.8]), size, yaw, np.full(3, np.nan), "car", 0.5, 2)
 
 
 @pytest.mark.parametrize(
@@ -22,5 +23,5 @@ def found(x, y, length=4.0, yaw=0.0):
         (found(10, 0, length=12, yaw=np.pi / 2), found(10, 5), True),
     ],
 )
-def test_one_object(a, b, one):
-    assert one_object(a, b, merge_m=3.0) is one
+def test_are_one(a, b, one):
+    assert are_one(a, b, merge_m=3.0) is one

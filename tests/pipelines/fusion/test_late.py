@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import car, lidar_view, outline, radar_view, seen, standing_view
 
+from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import fuse
-from fbench.pipelines.fusion.late.params import FusionParams
 
 PARAMS = FusionParams(ruled_weight=1.0)
 

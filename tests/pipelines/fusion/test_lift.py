@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 
-from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.observations import AT_MIN_SCORE, believed, sightings
+from fbench.pipelines.fusion.observations import AT_MIN_SCORE, AssociationParams, as_probability, observe_camera
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.geometry.camera import project_boxes
 
@@ -11,7 +10,7 @@ PARAMS = AssociationParams()
 
 
 def lift(found, plane=PLANE):
-    return sightings(RIG, "cam", found, plane, PARAMS)
+    return observe_camera(RIG, "cam", found, plane, PARAMS)
 
 
 @pytest.mark.parametrize("distance", [8.0, 20.0, 45.0])
@@ -73,7 +72,7 @@ def test_boxes_above_the_horizon_and_other_labels():
 
 
 def test_scores_of_detectors_are_compared_by_what_they_recommend_to_report():
-    assert believed(0.4, 0.4) == pytest.approx(believed(0.6, 0.6)) == pytest.approx(AT_MIN_SCORE)
-    assert believed(0.3, 0.6) < believed(0.5, 0.6) < AT_MIN_SCORE < believed(0.7, 0.6)
-    assert believed(0.7, 0.0) == 0.7  # none recommended
-    assert (believed(0.0, 0.5), believed(1.0, 0.5)) == (0.0, 1.0)
+    assert as_probability(0.4, 0.4) == pytest.approx(as_probability(0.6, 0.6)) == pytest.approx(AT_MIN_SCORE)
+    assert as_probability(0.3, 0.6) < as_probability(0.5, 0.6) < AT_MIN_SCORE < as_probability(0.7, 0.6)
+    assert as_probability(0.7, 0.0) == 0.7  # none recommended
+    assert (as_probability(0.0, 0.5), as_probability(1.0, 0.5)) == (0.0, 1.0)

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import PLANE, RIG, car, outline
 
-from fbench.pipelines.fusion.late.fuse import less_sure_of_parts
-from fbench.pipelines.fusion.late.params import AssociationParams
-from fbench.pipelines.fusion.observations import sightings
+from fbench.pipelines.fusion.late.fuse import lower_nested
+from fbench.pipelines.fusion.observations import AssociationParams, observe_camera
 
-SIGHTING = sightings(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
+SIGHTING = observe_camera(RIG, "cam", outline(car(20.0)), PLANE, AssociationParams())[0]
 
 
 def boxed(left, right, score, camera="cam", label="car"):
@@ -19,7 +18,7 @@ def boxed(left, right, score, camera="cam", label="car"):
 
 
 def told(*seen):
-    return {(s.camera, *s.xyxy_px[[0, 2]].tolist()): (round(s.score, 6), s.is_sure) for s in less_sure_of_parts(seen)}
+    return {(s.camera, *s.xyxy_px[[0, 2]].tolist()): (round(s.score, 6), s.is_sure) for s in lower_nested(seen)}
 
 
 @pytest.mark.parametrize(
@@ -50,7 +49,7 @@ def test_who_stands_in_front_of_a_bus_is_no_part_of_it(bottom, score):
         boxed_upright(0, 0, 300, 200, 0.9, "bus"),
         boxed_upright(100, bottom - 100, 140, bottom, 0.8, "person"),
     )
-    assert sorted(s.score for s in less_sure_of_parts([bus, person])) == pytest.approx([score, 0.9])
+    assert sorted(s.score for s in lower_nested([bus, person])) == pytest.approx([score, 0.9])
 
 
 def test_a_box_that_is_doubted_itself_says_less():
@@ -65,7 +64,7 @@ def test_a_box_that_is_doubted_itself_says_less():
 def test_scores_that_are_no_probabilities_never_rise():
     assert told(boxed(0.0, 100.0, -1.0), boxed(0.0, 100.0, -3.0, label="van"))["cam", 0.0, 100.0] == (-3.0, False)
     low = [replace(boxed(left, 100.0, score), is_sure=True) for left, score in ((0.0, 0.3), (4.0, 0.29), (10.0, 0.2))]
-    assert [s.is_sure for s in less_sure_of_parts(low)] == [True, False, False]
+    assert [s.is_sure for s in lower_nested(low)] == [True, False, False]
 
 
 def test_other_images_say_nothing():
@@ -82,4 +81,4 @@ def test_of_equal_boxes_one_stays_whatever_their_order():
 
 
 def test_nothing_seen():
-    assert less_sure_of_parts([]) == []
+    assert lower_nested([]) == []

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from tests.pipelines.fusion.views import AHEAD, PLANE, RIG, K, car, lidar_view, outline, radar_view, standing_view
 
-from fbench.pipelines.fusion.late.fuse import LateFusion, Observations, fuse
-from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews, fuse
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
@@ -22,7 +22,7 @@ SEEDS = range(12)
 SIZES = [(4.2, 1.8, 1.55), (0.6, 0.6, 1.7), (8.0, 2.5, 3.2), (1.8, 0.6, 1.6)]
 
 
-def scene(seed: int) -> Observations:
+def scene(seed: int) -> SensorViews:
     """Some objects, each seen by some sensors, one of them twice by the camera, and clutter."""
     random = np.random.default_rng(seed)
     objects = [
@@ -35,16 +35,16 @@ def scene(seed: int) -> Observations:
     camera = CameraDetections(camera.xyxy_px, random.uniform(0.3, 0.95, len(camera)), labels)
     lidar = lidar_view(*by_lidar)
     lidar = replace(lidar, boxes=replace(lidar.boxes, score=random.uniform(0, 1, len(by_lidar)))) if by_lidar else lidar
-    return Observations(RIG, {"cam": camera}, lidar, radar_view(*by_radar))
+    return SensorViews(RIG, {"cam": camera}, lidar, radar_view(*by_radar))
 
 
-def permuted(seen: Observations, random: np.random.Generator) -> Observations:
+def permuted(seen: SensorViews, random: np.random.Generator) -> SensorViews:
     camera = seen.cameras["cam"]
     order = random.permutation(len(camera))
     cameras = {"cam": CameraDetections(camera.xyxy_px[order], camera.score[order], camera.label[order])}
     lidar, radar = (_renumbered(view.cluster, view.boxes, random) for view in (seen.lidar, seen.radar))
     by_cluster = np.argsort(lidar[0], kind="stable")
-    return Observations(
+    return SensorViews(
         seen.rig,
         cameras,
         LidarView(seen.lidar.plane, seen.lidar.xyz[by_cluster], lidar[0][by_cluster], lidar[1]),
@@ -70,7 +70,7 @@ def test_the_order_of_detections_changes_nothing(seed):
     assert_same(fuse(seen, PARAMS), fuse(permuted(seen, np.random.default_rng(seed)), PARAMS))
 
 
-def turned(seen: Observations, angle: float, shift: np.ndarray) -> Observations:
+def turned(seen: SensorViews, angle: float, shift: np.ndarray) -> SensorViews:
     """The same scene with body axes that are turned about z and moved."""
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     half = np.array([0, 0, np.sin(angle / 2), np.cos(angle / 2)])
@@ -88,7 +88,7 @@ def turned(seen: Observations, angle: float, shift: np.ndarray) -> Observations:
     plane = None if seen.lidar.plane is None else Plane(0.0, 0.0, seen.lidar.plane.height_m + shift[2])
     lidar = LidarView(plane, seen.lidar.xyz @ turn.T + shift, seen.lidar.cluster, moved(seen.lidar.boxes))
     radar = RadarView(seen.radar.xyz @ turn.T + shift, seen.radar.cluster, moved(seen.radar.boxes))
-    return Observations(Rig(mounts, seen.rig.cameras), seen.cameras, lidar, radar)
+    return SensorViews(Rig(mounts, seen.rig.cameras), seen.cameras, lidar, radar)
 
 
 def _product(a, b):
@@ -126,8 +126,8 @@ def test_the_same_frames_give_the_same_result_after_a_reset():
 
 def test_frames_before_count():
     fusion = LateFusion(replace(PARAMS, min_score=0.0))
-    blind = Observations(RIG, {"cam": outline()}, lidar_view(car(20.0)), radar_view(car(20.0)))
-    ahead = Observations(RIG, {"cam": outline()}, lidar_view(car(20.0), score=0.7), radar_view())
+    blind = SensorViews(RIG, {"cam": outline()}, lidar_view(car(20.0)), radar_view(car(20.0)))
+    ahead = SensorViews(RIG, {"cam": outline()}, lidar_view(car(20.0), score=0.7), radar_view())
     (before,) = LateFusion(replace(PARAMS, min_score=0.0)).step(ahead).score
     for _ in range(20):
         fusion.step(blind)
@@ -144,7 +144,7 @@ def test_a_sensor_that_is_missing_for_a_second_is_missed_but_does_no_harm():
         for step in range(30):
             is_gone = 10 <= step < 20
             measured = tuple(nothing[k] if is_gone and k == at else full[k] for k in range(3))
-            sources.append(fusion.step(Observations(RIG, *measured)).sources.tolist())
+            sources.append(fusion.step(SensorViews(RIG, *measured)).sources.tolist())
         assert sources == [[7 - bit if 10 <= step < 20 else 7] * 3 for step in range(30)]
 
 
@@ -155,7 +155,7 @@ def test_any_sensors_give_the_same_fields_and_finite_boxes(seed, kept):
     cameras = seen.cameras if "C" in kept else {}
     lidar = seen.lidar if "L" in kept else LidarView(None, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
     radar = seen.radar if "R" in kept else radar_view()
-    found = fuse(Observations(RIG, cameras, lidar, radar), PARAMS)
+    found = fuse(SensorViews(RIG, cameras, lidar, radar), PARAMS)
     assert found.arrays().keys() == fuse(seen, PARAMS).arrays().keys()
     for array in (found.center_m, found.size_lwh_m, found.yaw_rad, found.score):
         assert array is not None
@@ -171,14 +171,14 @@ def test_one_point_and_all_points_equal():
     for num in (1, 50):
         lidar = LidarView(PLANE, np.tile(point, (num, 1)), np.zeros(num, np.int64), car(20.0))
         radar = RadarView(np.tile(point, (num, 1)), np.zeros(num, np.int64), car(20.0))
-        found = fuse(Observations(RIG, {"cam": outline(car(20.0))}, lidar, radar), PARAMS)
+        found = fuse(SensorViews(RIG, {"cam": outline(car(20.0))}, lidar, radar), PARAMS)
         assert np.isfinite(found.center_m).all()
 
 
 def test_a_million_echoes_that_stand():
     xyz = np.random.default_rng(1).uniform(-50, 50, (1_000_000, 3))
     radar = RadarView(xyz, np.full(len(xyz), -1), Boxes3D.empty())
-    found = fuse(Observations(RIG, {"cam": outline(car(20.0))}, lidar_view(), radar), PARAMS)
+    found = fuse(SensorViews(RIG, {"cam": outline(car(20.0))}, lidar_view(), radar), PARAMS)
     assert np.isfinite(found.center_m).all()
 
 
@@ -186,7 +186,7 @@ def test_a_camera_without_other_sensors_near_it_sees_what_standing_echoes_place(
     box = car(30.0)
     small = replace(box, size_lwh_m=np.array([[4.2, 1.8, 1.35]]))
     camera = outline(small)
-    guess, found = (fuse(Observations(RIG, {"cam": camera}, lidar_view(), view), PARAMS) for view in
+    guess, found = (fuse(SensorViews(RIG, {"cam": camera}, lidar_view(), view), PARAMS) for view in
                     (radar_view(), standing_view(box)))  # fmt: skip
     assert abs(found.center_m[0, 0] - 30) <= abs(guess.center_m[0, 0] - 30)
 
@@ -197,5 +197,5 @@ def test_cameras_of_any_size_and_place():
     box = car(12.0, 0.5)
     rectangle, _ = project_boxes(rig, "cam", box)
     cameras = {"cam": CameraDetections(rectangle, np.array([0.9]), np.array(["car"]))}
-    found = fuse(Observations(rig, cameras, lidar_view(box), radar_view()), PARAMS)
+    found = fuse(SensorViews(rig, cameras, lidar_view(box), radar_view()), PARAMS)
     assert found.sources.tolist() == [3]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.pipelines.fusion.late.fuse import Observations
+from fbench.pipelines.fusion.late.fuse import SensorViews
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.ground import Plane
@@ -61,10 +61,10 @@ def standing_view(*cars: Boxes3D) -> RadarView:
 
 def seen(
     camera: CameraDetections | None, lidar: LidarView | None = None, radar: RadarView | None = None
-) -> Observations:
+) -> SensorViews:
     """One frame; `None`: the sensor is missing."""
     cameras = {} if camera is None else {"cam": camera}
-    return Observations(RIG, cameras, lidar or lidar_view(), radar or radar_view())
+    return SensorViews(RIG, cameras, lidar or lidar_view(), radar or radar_view())
 
 
 def _points(cars, num):

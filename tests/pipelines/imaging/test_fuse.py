@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from tests.pipelines.imaging.places import CAMERA, RIG, back, cloud, wall
 
-from fbench.pipelines.fusion.image import ImageView, fuse, merged
-from fbench.pipelines.fusion.reliability import CameraTrust, ImageFusionParams
+from fbench.pipelines.fusion.image import ImageFusionParams, ImageView, associate, fuse
+from fbench.pipelines.fusion.reliability import CameraReliability
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import SpotParams, spots
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera, by_points
@@ -26,15 +26,15 @@ def camera(*boxes, score=0.8, label="car", min_score=0.6):
     return by_camera(found, CAMERA)
 
 
-def view(looked=None, lidar=None, radar=None, early=True) -> ImageView:
+def view(camera=None, lidar=None, radar=None, early=True) -> ImageView:
     """What a camera (its sightings), LiDAR and radar (clouds) see; early: with the points themselves."""
-    parts, points, rays = [] if looked is None else [looked], {}, {}
+    parts, points, rays = [] if camera is None else [camera], {}, {}
     for kind, one in ((Source.L, lidar), (Source.R, radar)):
         if one is not None:
             points[kind], found = spots(RIG, "cam", one, PARAMS)
             parts.append(by_points(found, kind))
             rays[kind] = Rays.of(RIG, "cam", one.xyz)
-    return ImageView(RIG, "cam", Sightings.joined(parts), looked is not None, points if early else {}, rays)
+    return ImageView(RIG, "cam", Sightings.joined(parts), camera is not None, points if early else {}, rays)
 
 
 def odds(probability):
@@ -98,11 +98,11 @@ def test_two_objects_at_different_depths_stay_two():
 
 def test_the_best_pair_is_joined_first_whichever_sensors_it_is_of():
     one = camera(CAR, [385.0, 288, 440, 319.5])
-    pairs = merged(Sightings.joined([one, camera(CAR)]), 0.2)
+    pairs = associate(Sightings.joined([one, camera(CAR)]), 0.2)
     assert [len(rows) for rows in pairs] == [1, 1, 1]  # boxes of one sensor are never joined
     lidar = by_points(spots(RIG, "cam", LIDAR, PARAMS)[1], Source.L)
     both = Sightings.joined([one, lidar.rows(lidar.score > 0.3)])
-    joined = next(rows for rows in merged(both, 0.2) if len(rows) == 2)
+    joined = next(rows for rows in associate(both, 0.2) if len(rows) == 2)
     assert both.xyxy_px[joined[0]].tolist() == CAR
 
 
@@ -204,7 +204,7 @@ def test_of_objects_in_one_place_the_likeliest_stays():
 
 
 def test_trust_in_cameras_follows_what_lidar_and_radar_see_together():
-    trust = CameraTrust()
+    trust = CameraReliability()
     assert trust.share == pytest.approx(0.9)
     sources = found(camera(CAR), lidar=LIDAR, radar=RADAR)
     unseen = replace(sources, sources=np.array([6], np.uint8))

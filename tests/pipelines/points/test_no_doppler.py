@@ -7,8 +7,8 @@ import pytest
 from tests.pipelines.frames import UPRIGHT, assert_equal, cloud, frame, rig, scan
 from tests.pipelines.scenes import echoes, radial, surroundings
 
-from fbench.pipelines.fusion.late.fuse import Observations, fuse
-from fbench.pipelines.fusion.late.params import FusionParams
+from fbench.pipelines.fusion.late.existence import FusionParams
+from fbench.pipelines.fusion.late.fuse import SensorViews, fuse
 from fbench.pipelines.sensors.lidar.lidar import LidarView
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.pipelines.sensors.radar.doppler import UnmeasuredParams, strong
@@ -176,7 +176,7 @@ def fused(velocity: float, lidar_score: float = 0.0, params: FusionParams = Fusi
     lidar = LidarView(None, np.zeros((0, 3)), np.zeros(0, np.int64), Boxes3D.empty())
     if lidar_score:
         lidar = replace(lidar, boxes=replace(one_box(np.nan), velocity_mps=None, score=np.array([lidar_score])))
-    seen = Observations(rig("lidar", "radar"), {}, lidar, RadarView(points, np.zeros(5, np.int64), one_box(velocity)))
+    seen = SensorViews(rig("lidar", "radar"), {}, lidar, RadarView(points, np.zeros(5, np.int64), one_box(velocity)))
     return fuse(seen, params)
 
 
