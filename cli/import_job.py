@@ -10,9 +10,9 @@ from typing import Literal
 
 from fbench.cli.progress import ImportProgress, import_progress
 from fbench.cli.show import console, print_json
+from fbench.datasets.importing.files import counted, listed
 from fbench.datasets.importing.guard import GuardedImporter, log_names
 from fbench.datasets.importing.run import ImportedLog, import_recordings
-from fbench.datasets.importing.summary import counted, listed
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
 from fbench.replay.contracts.plugins import make_importer

@@ -11,8 +11,15 @@ import pyarrow as pa
 from pyarrow import csv
 from pydantic import BaseModel, Field, FiniteFloat
 
-from fbench.datasets.importing.files import numbered, read_bytes, read_image, read_json, require_folder
-from fbench.datasets.importing.summary import is_rotation, mount_of
+from fbench.datasets.importing.files import (
+    is_rotation,
+    mount_of,
+    numbered,
+    read_bytes,
+    read_image,
+    read_json,
+    require_folder,
+)
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import FrameRange
 from fbench.replay.data.arrays import Float64, Int64

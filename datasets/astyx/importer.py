@@ -30,8 +30,7 @@ from fbench.datasets.astyx.files import (
     read_rig,
     scan,
 )  # fmt: skip
-from fbench.datasets.importing.files import file_facts, log_id, require_folder
-from fbench.datasets.importing.summary import counted, listed
+from fbench.datasets.importing.files import counted, file_facts, listed, log_id, require_folder
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth

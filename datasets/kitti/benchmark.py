@@ -8,11 +8,9 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from fbench.datasets.importing.files import log_id, read_floats, read_image
-from fbench.datasets.importing.summary import counted, listed, listed_runs, runs
-from fbench.datasets.kitti.labels import CLASSES, boxes_3d
-from fbench.datasets.kitti.results import Results
-from fbench.datasets.kitti.rig import LIDAR
+from fbench.datasets.importing.files import counted, listed, listed_runs, log_id, read_floats, read_image, runs
+from fbench.datasets.kitti.labels import CLASSES, Results, boxes_3d
+from fbench.datasets.kitti.sensors import LIDAR
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult
 from fbench.replay.data.boxes import Boxes2D, Boxes3D

@@ -11,9 +11,9 @@ from pathlib import Path
 from fbench.datasets.importing.files import require_folder
 from fbench.datasets.kitti import raw
 from fbench.datasets.kitti.benchmark import BenchmarkRecording, FrameSet
-from fbench.datasets.kitti.files import KittiParams, split_folders
+from fbench.datasets.kitti.labels import results_folder
 from fbench.datasets.kitti.object import ObjectFrames, has_frames
-from fbench.datasets.kitti.results import results_folder
+from fbench.datasets.kitti.sensors import KittiParams, split_folders
 from fbench.datasets.kitti.tracking import TrackingFrames, sequences
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportWish

@@ -9,11 +9,17 @@ from pathlib import Path
 from typing import Literal
 
 from fbench.datasets.importing.files import file_facts, numbered
-from fbench.datasets.kitti.calibration import read_calibration
-from fbench.datasets.kitti.files import IMAGES, POINTS
-from fbench.datasets.kitti.labels import CAMERA, frame_rows, object_label
-from fbench.datasets.kitti.results import OBJECT_DIGITS, FrameResults, frame_results
-from fbench.datasets.kitti.rig import LIDAR, camera_name, first_size, rig_of, size_without_images
+from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, FrameResults, frame_results, frame_rows, object_label
+from fbench.datasets.kitti.sensors import (
+    IMAGES,
+    LIDAR,
+    POINTS,
+    camera_name,
+    first_size,
+    read_calibration,
+    rig_of,
+    size_without_images,
+)
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.arrays import Float64

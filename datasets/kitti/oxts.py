@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.datasets.importing.files import read_text
-from fbench.datasets.kitti.rig import Calibration, world_T_body
+from fbench.datasets.kitti.sensors import Calibration, world_T_body
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose

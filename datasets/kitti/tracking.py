@@ -12,12 +12,29 @@ from pathlib import Path
 from typing import Literal
 
 from fbench.datasets.importing.files import entries, file_facts, numbered
-from fbench.datasets.kitti.calibration import read_calibration
-from fbench.datasets.kitti.files import SENSORS, bounded_lines, numbered_folders
-from fbench.datasets.kitti.labels import CAMERA, MAX_FRAMES, SequenceRows, sequence_rows, tracking_label
+from fbench.datasets.kitti.labels import (
+    CAMERA,
+    MAX_FRAMES,
+    TRACKING_DIGITS,
+    SequenceResults,
+    SequenceRows,
+    sequence_results,
+    sequence_rows,
+    tracking_label,
+)
 from fbench.datasets.kitti.oxts import Fix, World, fix_of
-from fbench.datasets.kitti.results import TRACKING_DIGITS, SequenceResults, sequence_results
-from fbench.datasets.kitti.rig import LIDAR, Calibration, camera_name, first_size, rig_of, size_without_images
+from fbench.datasets.kitti.sensors import (
+    LIDAR,
+    SENSORS,
+    Calibration,
+    bounded_lines,
+    camera_name,
+    first_size,
+    numbered_folders,
+    read_calibration,
+    rig_of,
+    size_without_images,
+)
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.messages import Pose

@@ -11,12 +11,11 @@ from functools import cached_property
 from pathlib import Path
 
 from fbench.datasets.importing.files import described, file_facts, log_id
-from fbench.datasets.nuscenes.database import TABLES, open_folder
 from fbench.datasets.nuscenes.messages import REFERENCE, Content, Findings, Rows, items, summary_lines
 from fbench.datasets.nuscenes.opened import NuScenesSet
 from fbench.datasets.nuscenes.rows import Scene
 from fbench.datasets.nuscenes.sensors import rig_of
-from fbench.datasets.nuscenes.tables import read_scenes
+from fbench.datasets.nuscenes.tables import TABLES, open_folder, read_scenes
 from fbench.datasets.nuscenes.truth import SceneTruth
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportWish

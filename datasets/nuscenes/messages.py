@@ -8,12 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.importing.files import read_floats, read_image
-from fbench.datasets.importing.summary import counted, listed
-from fbench.datasets.nuscenes.database import DataRow, Folder, PoseRow
+from fbench.datasets.importing.files import counted, listed, read_floats, read_image
 from fbench.datasets.nuscenes.opened import Excerpt
 from fbench.datasets.nuscenes.sensors import read_echoes
-from fbench.datasets.nuscenes.tables import Instant
+from fbench.datasets.nuscenes.tables import DataRow, Folder, Instant, PoseRow
 from fbench.datasets.nuscenes.truth import LABELS, SceneTruth
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput

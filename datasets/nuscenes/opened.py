@@ -5,9 +5,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from fbench.datasets.nuscenes.database import AnnotationRow, Database, DataRow, Folder, PoseRow
 from fbench.datasets.nuscenes.rows import MAX_US, Annotation, EgoPose, Log, SampleData, Scene, json_rows, parsed
-from fbench.datasets.nuscenes.tables import Instant, Samples, Tables, read_samples, read_scenes, read_tables
+from fbench.datasets.nuscenes.tables import (
+    AnnotationRow,
+    Database,
+    DataRow,
+    Folder,
+    Instant,
+    PoseRow,
+    Samples,
+    Tables,
+    read_samples,
+    read_scenes,
+    read_tables,
+)
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish
 from fbench.replay.logs.containers.limits import crc32

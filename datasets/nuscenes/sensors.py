@@ -10,10 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import read_bytes
-from fbench.datasets.importing.summary import is_pinhole
-from fbench.datasets.nuscenes.database import DataRow
-from fbench.datasets.nuscenes.tables import Tables
+from fbench.datasets.importing.files import is_pinhole, read_bytes
+from fbench.datasets.nuscenes.tables import DataRow, Tables
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Bool, Float32
 from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig

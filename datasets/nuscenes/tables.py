@@ -1,12 +1,14 @@
-"""Tables that an import holds in memory: scenes and the chains of their samples."""
+"""Tables of nuScenes: their folder, small ones in memory, rows of large ones in a temporary database."""
 
+import sqlite3
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple, TypeVar
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple, TypeVar
 
-from fbench.datasets.nuscenes.database import Folder
+from fbench.datasets.importing.files import require_folder
 from fbench.datasets.nuscenes.rows import (
     CalibratedSensor,
     Instance,
@@ -19,7 +21,195 @@ from fbench.datasets.nuscenes.rows import (
     by_token,
     parsed_rows,
 )
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import ConfigError, LogError
+
+_TABLES = """
+CREATE TABLE data (scene INTEGER, stamp_us INTEGER, channel TEXT, sample INTEGER, is_key INTEGER, calibration TEXT,
+    filename TEXT, width INTEGER, height INTEGER, token TEXT, pose TEXT);
+CREATE TABLE pose (token TEXT, stamp_us INTEGER, x REAL, y REAL, z REAL, qw REAL, qx REAL, qy REAL, qz REAL);
+CREATE TABLE annotation (scene INTEGER, sample INTEGER, token TEXT, instance TEXT, attributes TEXT, visibility TEXT,
+    x REAL, y REAL, z REAL, width REAL, length REAL, height REAL, qw REAL, qx REAL, qy REAL, qz REAL,
+    num_lidar_pts INTEGER, num_radar_pts INTEGER, prev TEXT, next TEXT);
+"""
+_INSERTS = {
+    "data": "INSERT INTO data VALUES (?,?,?,?,?,?,?,?,?,?,?)",
+    "pose": "INSERT INTO pose VALUES (?,?,?,?,?,?,?,?,?)",
+    "annotation": "INSERT INTO annotation VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+}
+_INDICES = {
+    "data": "CREATE INDEX data_scene ON data(scene)",
+    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
+    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
+}
+_BATCH = 10_000
+
+
+class PoseRow(NamedTuple):
+    """A row of `ego_pose`; the quaternion is w, x, y, z."""
+
+    token: str
+    stamp_us: int
+    x: float
+    y: float
+    z: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+
+
+class DataRow(NamedTuple):
+    """A row of `sample_data`; `sample` counts within the scene."""
+
+    scene: int
+    stamp_us: int
+    channel: str
+    sample: int
+    is_key: bool
+    calibration: str
+    filename: str
+    width: int | None
+    height: int | None
+    token: str
+    pose: str
+
+
+class AnnotationRow(NamedTuple):
+    """A row of `sample_annotation`; `sample` counts within the scene, attributes are parted by spaces."""
+
+    scene: int
+    sample: int
+    token: str
+    instance: str
+    attributes: str
+    visibility: str
+    x: float
+    y: float
+    z: float
+    width: float
+    length: float
+    height: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+    num_lidar_pts: int
+    num_radar_pts: int
+    prev: str
+    next: str
+
+
+class Database:
+    """Rows by scene; gone when it is closed."""
+
+    def __init__(self) -> None:
+        # SQLite removes an unnamed database itself, also where the process is killed.
+        self._sqlite = sqlite3.connect("", isolation_level=None, check_same_thread=False)
+        for pragma in ("journal_mode=OFF", "synchronous=OFF", "cache_size=-65536"):  # KiB
+            self._sqlite.execute(f"PRAGMA {pragma}")
+        self._sqlite.executescript(_TABLES)
+
+    def close(self) -> None:
+        """Remove all rows."""
+        self._sqlite.close()
+
+    def fill(self, table: str, rows: Iterable[tuple[Any, ...]], path: Path) -> None:
+        """Add all rows of a table, which come from a file; their tokens must differ where it is `pose`.
+
+        Raises:
+            LogError: where two poses have the same token, or the disk is full.
+        """
+        try:
+            rest = iter(rows)
+            while batch := list(islice(rest, _BATCH)):
+                self._sqlite.execute("BEGIN")
+                self._sqlite.executemany(_INSERTS[table], batch)
+                self._sqlite.execute("COMMIT")
+            self._sqlite.execute(_INDICES[table])
+        except sqlite3.IntegrityError as error:
+            query = "SELECT token FROM pose GROUP BY token HAVING count(*) > 1 ORDER BY token LIMIT 1"
+            token = self._sqlite.execute(query).fetchone()[0]
+            raise LogError(f"{path}: two rows have the token '{token}'") from error
+        except sqlite3.Error as error:
+            raise LogError(f"the temporary file for the tables can't be written ({error}); see TMPDIR") from error
+
+    def count(self, scene: int) -> int:
+        """Number of rows of `sample_data`."""
+        return int(self._sqlite.execute("SELECT count(*) FROM data WHERE scene = ?", (scene,)).fetchone()[0])
+
+    def data(self, scene: int) -> Iterator[tuple[DataRow, PoseRow | None]]:
+        """Yield what sensors measured, with the pose, in the order of stamps, then names."""
+        query = (
+            "SELECT data.*, pose.* FROM data LEFT JOIN pose ON pose.token = data.pose WHERE scene = ? "
+            "ORDER BY data.stamp_us, channel, data.token"
+        )
+        num = len(DataRow._fields)
+        for row in self._sqlite.execute(query, (scene,)):
+            yield DataRow._make(row[:num]), None if row[num] is None else PoseRow._make(row[num:])
+
+    def annotations(self, scene: int) -> Iterator[AnnotationRow]:
+        """Yield the boxes in the order of samples, then of the table."""
+        query = "SELECT * FROM annotation WHERE scene = ? ORDER BY sample, rowid"
+        return (AnnotationRow._make(row) for row in self._sqlite.execute(query, (scene,)))
+
+
+TABLES = (
+    "scene", "sample", "sample_data", "ego_pose", "calibrated_sensor", "sensor", "sample_annotation", "instance",
+    "category", "attribute", "visibility", "log",
+)  # fmt: skip
+"""Those that an import reads."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """One version of the set."""
+
+    root: Path
+    """Names of files in the tables are relative to it."""
+    version: str
+    """Name of the folder with the tables."""
+
+    def table(self, name: str) -> Path:
+        """Path of a table."""
+        return self.root / self.version / f"{name}.json"
+
+    def file(self, name: str) -> Path:
+        """Path of a file that a table names.
+
+        Raises:
+            LogError: where that is outside of the set.
+        """
+        pure = PurePosixPath(name)
+        if not name or pure.is_absolute() or ".." in pure.parts or "\0" in name:
+            raise LogError(f"{self.table('sample_data')}: filename '{name[:200]}' isn't a name within {self.root}")
+        return self.root / pure
+
+
+def open_folder(source: Path, version: str) -> Folder:
+    """Find the tables in `source`, which is the set's folder or the one with the tables.
+
+    Raises:
+        LogError: where it is neither, or a table is missing.
+        ConfigError: where there are several versions and none is chosen, or the chosen one isn't there.
+    """
+    require_folder(source)
+    if (source / "scene.json").is_file():
+        own = source.resolve()
+        folder, known = Folder(own.parent, own.name), [own.name]
+    else:
+        known = sorted(path.name for path in source.glob("v1.0-*") if path.is_dir())
+        if not known:
+            raise LogError(f"{source}: not a nuScenes folder, no folder such as v1.0-mini and no scene.json")
+        folder = Folder(source, version or known[0])
+    if version and version not in known:
+        raise ConfigError(f"{source}: no version '{version}'; there are: {', '.join(known)}")
+    if not version and len(known) > 1:
+        raise ConfigError(f"{source}: several versions, choose one with --set version=NAME: {', '.join(known)}")
+    for name in TABLES:
+        if not folder.table(name).is_file():
+            raise LogError(f"{folder.table(name)}: no such table")
+    return folder
+
 
 T = TypeVar("T")
 

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.nuscenes.database import AnnotationRow
-from fbench.datasets.nuscenes.tables import Instant, Tables
+from fbench.datasets.nuscenes.tables import AnnotationRow, Instant, Tables
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput
 from fbench.replay.data.arrays import Float64, text_array

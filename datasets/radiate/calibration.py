@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import first_wrong
-from fbench.datasets.importing.summary import BODY_T_OPTICAL, is_rotation, mount_of
+from fbench.datasets.importing.files import BODY_T_OPTICAL, first_wrong, is_rotation, mount_of
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64

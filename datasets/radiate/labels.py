@@ -14,8 +14,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field, StringConstraints
 
-from fbench.datasets.importing.files import read_json
-from fbench.datasets.importing.summary import counted, listed, listed_runs, runs
+from fbench.datasets.importing.files import counted, listed, listed_runs, read_json, runs
 from fbench.datasets.radiate.files import CARTESIAN, FOLDERS, GPS, POLAR, Due, SequenceFiles
 from fbench.datasets.radiate.radar import RANGE_STEP_M, RadiateParams
 from fbench.datasets.radiate.radar import SENSOR as RADAR

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from fbench.metrics.core.sequence import Sequence, Space
-from fbench.metrics.files.joining import Where, joined, without_entry
 from fbench.metrics.files.logs import LogTruth, logs_in, open_logs
-from fbench.metrics.files.side import Doubt, Doubts, Side, nothing
+from fbench.metrics.files.side import Doubt, Doubts, Side, Where, joined, nothing, without_entry
 from fbench.metrics.files.sources import Source, SubmissionSource, images, submission, tables, texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog

@@ -16,8 +16,7 @@ from fbench.replay.data.arrays import Array, Bool, Int64, Text
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.formats.table import Rows, is_run_table, rows_of, spaces_of
-from fbench.replay.formats.table_columns import Key, Values, key_of
-from fbench.replay.formats.table_files import TableFile, open_table_file
+from fbench.replay.formats.table_files import Key, TableFile, Values, key_of, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 
 SEQUENCE = "sequence"

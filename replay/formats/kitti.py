@@ -28,13 +28,14 @@ from fbench.replay.formats.objects import (
     Frames,
     Labelled,
     Solid,
+    body_T,
     fill_frames,
+    find_camera,
     flats,
     group_by_frame,
     solids,
     to_columns,
 )
-from fbench.replay.formats.placing import body_T, find_camera
 from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.geometry.iou import moved

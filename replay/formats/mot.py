@@ -17,8 +17,16 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.formats.bulk_text import IrregularError, read_plain
 from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, LeftOut, namer
-from fbench.replay.formats.objects import Columns, Flat, Labelled, fill_frames, flats, group_by_frame, to_columns
-from fbench.replay.formats.placing import find_camera
+from fbench.replay.formats.objects import (
+    Columns,
+    Flat,
+    Labelled,
+    fill_frames,
+    find_camera,
+    flats,
+    group_by_frame,
+    to_columns,
+)
 from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.logs.coordinate_frames import CoordinateFrames

@@ -20,8 +20,7 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import Kind
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
-from fbench.replay.formats.objects import Columns, Labelled, Solid, angles, solids, to_columns
-from fbench.replay.formats.placing import place
+from fbench.replay.formats.objects import Columns, Labelled, Solid, angles, place, solids, to_columns
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence, usable
 from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform

@@ -13,8 +13,19 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D, concatenate
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
-from fbench.replay.formats.objects import Flat, Labelled, Solid, Triple, angles, flats, solids
-from fbench.replay.formats.placing import body_T, default_camera, find_camera, place
+from fbench.replay.formats.objects import (
+    Flat,
+    Labelled,
+    Solid,
+    Triple,
+    angles,
+    body_T,
+    default_camera,
+    find_camera,
+    flats,
+    place,
+    solids,
+)
 from fbench.replay.formats.text import frame_number, stamp_of_time, track_number
 from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse, pose_matrix

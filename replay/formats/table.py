@@ -14,10 +14,8 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.objects import angles
-from fbench.replay.formats.placing import default_camera, find_camera, place
-from fbench.replay.formats.table_columns import Key, Values, instants, key_of
-from fbench.replay.formats.table_files import SUFFIXES, TableFile, open_table_file
+from fbench.replay.formats.objects import angles, default_camera, find_camera, place
+from fbench.replay.formats.table_files import SUFFIXES, Key, TableFile, Values, instants, key_of, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import column_array

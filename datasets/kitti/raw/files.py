@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from fbench.datasets.importing.files import entries, read_text
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
-from fbench.datasets.kitti.rig import LIDAR, camera_name
+from fbench.datasets.kitti.sensors import LIDAR, camera_name
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import FrameRange
 from fbench.replay.formats.text import MAX_FRAMES, stamp_of_time

@@ -16,10 +16,18 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import described, file_facts, log_id, read_floats, read_image, read_text
-from fbench.datasets.importing.summary import counted, listed_runs, runs
+from fbench.datasets.importing.files import (
+    counted,
+    described,
+    file_facts,
+    listed_runs,
+    log_id,
+    read_floats,
+    read_image,
+    read_text,
+    runs,
+)
 from fbench.datasets.kitti import oxts
-from fbench.datasets.kitti.files import KittiParams
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
 from fbench.datasets.kitti.raw.calibration import (
     FILES,
@@ -31,7 +39,7 @@ from fbench.datasets.kitti.raw.calibration import (
 from fbench.datasets.kitti.raw.files import CAMERAS, Drive, Entry, find_drives, open_drive, ordered
 from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
 from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
-from fbench.datasets.kitti.rig import LIDAR
+from fbench.datasets.kitti.sensors import LIDAR, KittiParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.importing import FrameRange, ImportWish
 from fbench.replay.contracts.protocols import Recording

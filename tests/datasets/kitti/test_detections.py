@@ -7,7 +7,7 @@ import pytest
 
 from fbench.datasets.importing.run import ImportedLog, import_one
 from fbench.datasets.kitti import Kitti
-from fbench.datasets.kitti.files import KittiParams
+from fbench.datasets.kitti.sensors import KittiParams
 from fbench.pipelines.variants.recorded import Recorded
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog

@@ -16,7 +16,7 @@ from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError,
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.formats.open import open_boxes
-from fbench.replay.formats.table_columns import _MAX_AT_ONCE
+from fbench.replay.formats.table_files import _MAX_AT_ONCE
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import BoxWriter
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.importing.summary import BODY_T_OPTICAL, is_pinhole, is_rotation, mount_of
+from fbench.datasets.importing.files import BODY_T_OPTICAL, is_pinhole, is_rotation, mount_of
 from fbench.replay.geometry.transforms import pose_matrix
 
 TURN = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from fbench.datasets.importing.summary import counted, listed, listed_runs, runs
+from fbench.datasets.importing.files import counted, listed, listed_runs, runs
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.kitti import Kitti, raw
-from fbench.datasets.kitti.files import KittiParams
+from fbench.datasets.kitti.sensors import KittiParams
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.importing import FrameRange, ImportWish
 from fbench.replay.contracts.testing import check_importer
