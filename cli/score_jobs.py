@@ -80,7 +80,7 @@ def score_files(files: FileWish, wish: ProfileWish) -> int:
     found = evaluate(profile, remarks.watched(pair.sequences(compared(profile))))
     remarks.require_tracks()
     rows = only(found.scores(wish.resampling.how()), wish.classes)
-    odd = [f"{files.detections}: {line}" for line in pair.doubts.lines()]
+    odd = [f"{files.detections}: {line}" for line in pair.warnings.lines()]
     for line in (*odd, *remarks.lines(), *_told(pair.faults)):
         sys.stderr.write(f"{line}\n")
     what = f"{files.detections} against {files.truth}"

@@ -1,13 +1,13 @@
 """Truth of logs, for results in files."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fbench.metrics.files.nuscenes import Submission
 from fbench.metrics.files.side import Side, nothing
+from fbench.metrics.files.sources import Source
 from fbench.metrics.reference_runs.rows import Rows, both, objects_of, stacked
 from fbench.metrics.reference_runs.world import in_world
 from fbench.replay.contracts.errors import LogError, MetricError
@@ -15,7 +15,6 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64, Text
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.metadata import CAMERA0
-from fbench.replay.data.rig import LogInfo
 from fbench.replay.formats.export_request import ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import log_sequence
 from fbench.replay.formats.nuscenes import TOKENS, Sample
@@ -38,73 +37,48 @@ def logs_in(path: Path) -> list[Path]:
     return [own for own in sorted(path.iterdir()) if is_log(own)] if path.is_dir() else []
 
 
-@dataclass(frozen=True, eq=False)
-class LogTruth:
-    """Logs by their names, read one by one."""
-
-    path: Path
-    logs: Mapping[str, Path]
-    infos: Mapping[str, LogInfo]
-    faults: FaultLog = field(default_factory=FaultLog)
-    """Gets what is wrong with the logs."""
-    form: str = "log"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """In the order of files."""
-        return tuple(self.logs)
-
-    @property
-    def is_single(self) -> bool:
-        """Whether the name doesn't matter; the samples of nuScenes have names."""
-        return len(self.logs) == 1 and not self._is_nuscenes(self.names[0])
-
-    @property
-    def submission(self) -> Submission | None:
-        """What tells when and in which log the samples of a submission are; `None` where no log is of nuScenes."""
-        samples = {token: own for name in self.names if self._is_nuscenes(name) for token, own in self._samples(name)}
-        return Submission(self.path, {}, samples, are_ordered=True, has_stamps=True) if samples else None
-
-    def _samples(self, name: str) -> Iterator[tuple[str, Sample]]:
-        tokens = self.infos[name].metadata[TOKENS].split()
-        for truth in log_source(LogWish(self.logs[name])).open(FaultLog()).truths():
-            if truth.frame_number is not None and truth.frame_number < len(tokens):
-                yield tokens[truth.frame_number], Sample(truth.stamp_ns, name)
-
-    def read(self, name: str) -> Side:
-        """Read the truth of a log. Steps are frames by the numbers of their source, or stamps where it has none.
-
-        Raises:
-            LogError: where it can't be read.
-        """
-        is_nuscenes = self._is_nuscenes(name)
-        wish = ExportRequest("nuscenes" if is_nuscenes else "kitti-tracking", "truth")
-        sequence = log_sequence(log_source(LogWish(self.logs[name])), wish, LeftOut(), self.faults)
-        return _in_world(sequence) if is_nuscenes else _at_body(sequence)
-
-    def _is_nuscenes(self, name: str) -> bool:
-        return TOKENS in self.infos[name].metadata
-
-
-def open_logs(path: Path, logs: list[Path]) -> LogTruth:
+def open_logs(path: Path, logs: list[Path]) -> Source:
     """Open logs; nothing is read but what tells names, and whether there is truth. Those without any are left out.
+
+    Steps are frames by the numbers of their source, or stamps where it has none.
 
     Raises:
         LogError: where one can't be read, or two have one name.
         MetricError: where none has truth (GT001).
     """
     found: dict[str, Path] = {}
-    infos: dict[str, LogInfo] = {}
+    tokens: dict[str, list[str]] = {}
+    faults = FaultLog()
     for log in logs:
         reader = log_source(LogWish(log)).open(FaultLog())
         name = reader.info.name
         if name in found:
             raise LogError(f"{path}: {found[name].name} and {log.name} are both called '{name}'")
         if next(reader.truths(), None) is not None:
-            found[name], infos[name] = log, reader.info
+            found[name] = log
+            if TOKENS in reader.info.metadata:
+                tokens[name] = reader.info.metadata[TOKENS].split()
     if not found:
         raise MetricError(f"{path}: no truth, so there is nothing to score", "GT001")
-    return LogTruth(path, found, infos)
+
+    def read(name: str) -> Side:
+        request = ExportRequest("nuscenes" if name in tokens else "kitti-tracking", "truth")
+        sequence = log_sequence(log_source(LogWish(found[name])), request, LeftOut(), faults)
+        return _in_world(sequence) if name in tokens else _at_body(sequence)
+
+    def submission() -> Submission | None:
+        """What tells when and in which log the samples of a submission are."""
+        samples = {
+            own[truth.frame_number]: Sample(truth.stamp_ns, name)
+            for name, own in tokens.items()
+            for truth in log_source(LogWish(found[name])).open(FaultLog()).truths()
+            if truth.frame_number is not None and truth.frame_number < len(own)
+        }
+        return Submission(path, {}, samples, are_ordered=True, has_stamps=True) if samples else None
+
+    # The samples of nuScenes have names, so that the name of a log matters.
+    is_single = len(found) == 1 and not tokens
+    return Source(path, "log", tuple(found), is_single, read, submission, faults)
 
 
 def _at_body(sequence: BoxSequence) -> Side:

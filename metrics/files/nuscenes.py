@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.metrics.files.side import Doubt, Side, objects_of
+from fbench.metrics.files.side import InputWarning, Side, objects_of
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.formats.documents import items, mapping, member, read_json
 from fbench.replay.formats.nuscenes import (
@@ -22,7 +22,7 @@ from fbench.replay.formats.nuscenes import (
 )
 
 
-def doubts_about(token: str, boxes: Sequence[Mapping[str, Any]], scene: str) -> list[Doubt]:
+def find_warnings(token: str, boxes: Sequence[Mapping[str, Any]], scene: str) -> list[InputWarning]:
     """Return what is odd about the boxes under one sample."""
     where = f"{f'scene {scene}, ' if scene else ''}sample '{token[:40]}'"
     flat = [box for box in boxes if "tracking_name" not in box]
@@ -33,7 +33,7 @@ def doubts_about(token: str, boxes: Sequence[Mapping[str, Any]], scene: str) -> 
         "box with an attribute that nuScenes doesn't have": len(strange),
         "box without a velocity, which counts as unknown": sum(box.get("velocity") is None for box in flat),
     }  # fmt: skip
-    return [Doubt(what, num, where) for what, num in nums.items() if num]
+    return [InputWarning(what, num, where) for what, num in nums.items() if num]
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ class Submission:
         keys = np.array([self.samples[token].key for token in tokens], np.int64)
         if len(keys) and (np.diff(keys) == 0).any():
             raise LogError(f"{self.path}: two samples are at {keys[int(np.argmax(np.diff(keys) == 0))]}")
-        boxes, steps, ego_m, doubts = [], [], [], list[Doubt]()
+        boxes, steps, ego_m, warnings = [], [], [], list[InputWarning]()
         for token, key in zip(tokens, keys.tolist(), strict=True):
             at = f"{self.path}: sample '{token[:40]}'"
             found = [
                 (f"{at} box {i}", mapping(box, f"{at} box {i}")) for i, box in enumerate(items(self.results[token], at))
             ]
             boxes += found
-            doubts += doubts_about(token, [box for _, box in found], scene)
+            warnings += find_warnings(token, [box for _, box in found], scene)
             steps += [key] * len(found)
             ego_m.append(_ego(self.samples[token], [box for _, box in found]))
         ego = np.array(ego_m, np.float64).reshape(-1, 3)
@@ -96,7 +96,7 @@ class Submission:
             ego_m=None if np.isnan(ego).all() else ego,
             are_ordered=self.are_ordered,
             lists_frames=True,
-            doubts=tuple(doubts),
+            warnings=tuple(warnings),
         )
 
 

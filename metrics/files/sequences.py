@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from fbench.metrics.core.sequence import Sequence, Space
-from fbench.metrics.files.logs import LogTruth, logs_in, open_logs
-from fbench.metrics.files.side import Doubt, Doubts, Side, Where, joined, nothing, without_entry
-from fbench.metrics.files.sources import Source, SubmissionSource, images, submission, tables, texts
+from fbench.metrics.files.logs import logs_in, open_logs
+from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, find_missing_entries, join, nothing
+from fbench.metrics.files.sources import Source, open_images, open_submission_source, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.formats.open import recognised
@@ -45,12 +45,12 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
     if kind == "nuscenes":
         if len(files) > 1:
             raise ConfigError(f"{path}: {len(files)} files; name one submission")
-        return submission(next(iter(files.values())), like)
+        return open_submission_source(next(iter(files.values())), like)
     if kind == "kitti":
-        return images(path, files)
+        return open_images(path, files)
     if kind == "table":
-        return tables(path, files)
-    return texts(path, kind, files, is_truth, is_single=path.is_file() or _is_sequence(path))
+        return open_tables(path, files)
+    return open_texts(path, kind, files, is_truth, is_single=path.is_file() or _is_sequence(path))
 
 
 def _require_usable(path: Path, form: str | None) -> None:
@@ -80,8 +80,12 @@ def _files(path: Path) -> dict[str, Path]:
     inner = next((path / name for name in _INNER if (path / name).is_dir()), None)
     if inner is not None:
         return _files(inner)
-    folders = {folder.name: folder / "gt" / "gt.txt" for folder in _listed(path) if _is_sequence(folder)}
-    own = folders or {file.stem: file for file in _listed(path) if _is_boxes(file)}
+    folders = {folder.name: folder / "gt" / "gt.txt" for folder in _list_folder(path) if _is_sequence(folder)}
+    own = folders or {
+        file.stem: file
+        for file in _list_folder(path)
+        if file.is_file() and (file.suffix == ".txt" or file.suffix.lower() in SUFFIXES)
+    }
     if not own:
         raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, SEQUENCE/gt/gt.txt)")
     kinds = {file.suffix.lower() == ".txt" for file in own.values()}
@@ -90,15 +94,11 @@ def _files(path: Path) -> dict[str, Path]:
     return own
 
 
-def _listed(path: Path) -> list[Path]:
+def _list_folder(path: Path) -> list[Path]:
     try:
         return sorted(path.iterdir())
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
-
-
-def _is_boxes(file: Path) -> bool:
-    return file.is_file() and (file.suffix == ".txt" or file.suffix.lower() in SUFFIXES)
 
 
 def _is_sequence(path: Path) -> bool:
@@ -119,17 +119,13 @@ def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
     if len(found) > 1:
         (one, file), (other, second) = list(found.items())[:2]
         raise LogError(f"{path}: {file.name} is '{one}', but {second.name} is '{other}'; one folder, one form")
-    if found:
-        return _known(path, next(iter(found)))
+    for form in found:
+        if form not in FORMS:
+            raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
+        return form
     if like is None:
         raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
     return like.form
-
-
-def _known(path: Path, form: str) -> str:
-    if form not in FORMS:
-        raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
-    return form
 
 
 def _has_content(file: Path) -> bool:
@@ -206,7 +202,7 @@ class Pairing:
     notes: tuple[str, ...]
 
 
-def paired(truth: Source, estimates: Source, choice: Choice) -> Pairing:
+def pair_sequences(truth: Source, estimates: Source, choice: Choice) -> Pairing:
     """Match sequences by their names; two files that are one sequence each belong together whatever their names are.
 
     Raises:
@@ -224,21 +220,19 @@ def paired(truth: Source, estimates: Source, choice: Choice) -> Pairing:
     scored = [name for name in wanted if name in truth.names]
     without = [name for name in wanted if name not in truth.names]
     if not scored:
-        raise MetricError(f"{truth.path}: no truth for any sequence of {_who(estimates, lengths)}", "GT001")
-    notes = [f"no truth for {_pairing_listed(without)}: left out [GT001]"] if without else []
+        raise MetricError(
+            f"{truth.path}: no truth for any sequence of {'the seqmap' if lengths else estimates.path}", "GT001"
+        )
+    notes = [f"no truth for {_list_names(without)}: left out [GT001]"] if without else []
     absent = [name for name in scored if name not in estimates.names]
     if absent and choice.missing == "error":
         raise MetricError(
-            f"{estimates.path}: no results for {_pairing_listed(absent)}; add an empty file, or count them as "
+            f"{estimates.path}: no results for {_list_names(absent)}; add an empty file, or count them as "
             "misses with --missing empty"
         )
-    notes += [f"no results for {_pairing_listed(absent)}: all of its truth is missed"] if absent else []
+    notes += [f"no results for {_list_names(absent)}: all of its truth is missed"] if absent else []
     pairs = [Pair(n, n, n if n in estimates.names else None, lengths.get(n)) for n in scored]
     return Pairing(tuple(pairs), tuple(notes))
-
-
-def _who(estimates: Source, lengths: dict[str, int | None]) -> str:
-    return "the seqmap" if lengths else str(estimates.path)
 
 
 def _require_known(wanted: tuple[str, ...], known: tuple[str, ...]) -> None:
@@ -247,7 +241,7 @@ def _require_known(wanted: tuple[str, ...], known: tuple[str, ...]) -> None:
             raise ConfigError(f"--sequences {name}: no such sequence{did_you_mean(name, known)}")
 
 
-def _pairing_listed(names: list[str]) -> str:
+def _list_names(names: list[str]) -> str:
     shown = ", ".join(names[:_NAMED])
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {shown}{more}"
@@ -262,7 +256,7 @@ class FilePair:
     pairing: Pairing
     faults: FaultLog = field(default_factory=FaultLog)
     """Counts boxes that aren't finite, as sequences are read."""
-    doubts: Doubts = field(default_factory=Doubts)
+    warnings: InputWarnings = field(default_factory=InputWarnings)
     """Counts what is odd about the results, as sequences are read."""
 
     def sequences(self, space: Space = "both") -> Iterator[Sequence]:
@@ -284,9 +278,9 @@ class FilePair:
             estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
         else:
             estimates = self.estimates.read(pair.estimates)
-        self.doubts.add((*estimates.doubts, without_entry(truth, estimates, pair.name)))
+        self.warnings.add((*estimates.warnings, find_missing_entries(truth, estimates, pair.name)))
         where = Where(pair.name, str(self.truth.path), str(self.estimates.path))
-        return joined(truth, estimates, pair.num_frames, where, self.faults, space)
+        return join(truth, estimates, pair.num_frames, where, self.faults, space)
 
 
 def open_files(
@@ -312,13 +306,8 @@ def open_files(
     """
     true = open_source(truth, truth_form, is_truth=True)
     own = open_source(estimates, estimates_form, is_truth=False, like=true)
-    faults = true.faults if isinstance(true, LogTruth) else FaultLog()
-    pair = FilePair(true, own, paired(true, own, choice or Choice()), faults)
-    pair.doubts.add(_about(own))
+    pair = FilePair(true, own, pair_sequences(true, own, choice or Choice()), true.faults)
+    submission = own.submission()
+    if submission is not None and not submission.has_meta:
+        pair.warnings.add((InputWarning("submission without 'meta', which nuscenes-devkit refuses", 1, ""),))
     return pair
-
-
-def _about(estimates: Source) -> tuple[Doubt, ...]:
-    if isinstance(estimates, SubmissionSource) and not estimates.submission.has_meta:
-        return (Doubt("submission without 'meta', which nuscenes-devkit refuses", 1, ""),)
-    return ()

@@ -15,7 +15,7 @@ from fbench.replay.truth.labelling import TOLERANCE_NS
 
 
 @dataclass(frozen=True)
-class Doubt:
+class InputWarning:
     """One kind of oddity in one sequence."""
 
     what: str
@@ -26,18 +26,18 @@ class Doubt:
 
 
 @dataclass
-class Doubts:
+class InputWarnings:
     """Those of all sequences, by their kind."""
 
     nums: dict[str, int] = field(default_factory=dict)
     places: dict[str, str] = field(default_factory=dict)
 
-    def add(self, doubts: Iterable[Doubt]) -> None:
+    def add(self, warnings: Iterable[InputWarning]) -> None:
         """Count some."""
-        for doubt in doubts:
-            if doubt.num:
-                self.nums[doubt.what] = self.nums.get(doubt.what, 0) + doubt.num
-                self.places.setdefault(doubt.what, doubt.where)
+        for warning in warnings:
+            if warning.num:
+                self.nums[warning.what] = self.nums.get(warning.what, 0) + warning.num
+                self.places.setdefault(warning.what, warning.where)
 
     def lines(self) -> list[str]:
         """Return a line a kind, with the first place."""
@@ -72,8 +72,17 @@ class Side:
     """Whether keys follow time; tokens without a table of samples don't."""
     lists_frames: bool = False
     """Whether frames without boxes have an entry too, as in submissions and folders of images."""
-    doubts: tuple[Doubt, ...] = ()
+    warnings: tuple[InputWarning, ...] = ()
     """What is odd about these boxes, as results."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """Names for errors."""
+
+    sequence: str
+    truth: str
+    estimates: str
 
 
 def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
@@ -141,36 +150,28 @@ def _are_positive(sizes: Array) -> Bool:
     return positive
 
 
-def by_camera(steps: Steps, truth: Side, estimates: Side, where: tuple[str, str]) -> tuple[Steps, Objects, Objects]:
-    """Return steps and the objects of both sides, parted by camera where there are several and boxes are in images.
+def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -> tuple[Steps, Objects, Objects]:
+    """Steps and the objects of both sides, split by camera where there are several and boxes are in images.
 
     Where both sides have solids, these are what is scored, and cameras don't matter: rectangles are left out.
-
-    Raises:
-        LogError: where the camera of a rectangle isn't told, though there are several.
     """
-    cameras = _names(truth, estimates)
+    cameras: Text = np.unique(np.concatenate([truth.camera, estimates.camera]))
+    cameras = cameras[cameras != ""]
     if len(cameras) < 2:
         return steps, truth.objects, estimates.objects
     if has_solids(truth.objects) and has_solids(estimates.objects):
         return steps, replace(truth.objects, xyxy_px=None), replace(estimates.objects, xyxy_px=None)
     num = len(cameras)
-    parted = Steps(
+    split = Steps(
         np.repeat(steps.frame, num),
         np.repeat(steps.stamp_ns, num),
         np.tile(np.arange(num), len(steps)),
         tuple(cameras.tolist()) * len(steps),
     )
-    return parted, _parted(truth, cameras, where[0]), _parted(estimates, cameras, where[1])
+    return split, _split(truth, cameras, where.truth), _split(estimates, cameras, where.estimates)
 
 
-def _names(*sides: Side) -> Text:
-    found: Text = np.unique(np.concatenate([side.camera for side in sides]))
-    named: Text = found[found != ""]
-    return named
-
-
-def _parted(side: Side, cameras: Text, where: str) -> Objects:
+def _split(side: Side, cameras: Text, where: str) -> Objects:
     if not len(side.objects):
         return side.objects
     there_are = f"there are the cameras {', '.join(cameras.tolist())}; tell that of every box in a column 'camera'"
@@ -185,16 +186,7 @@ def _parted(side: Side, cameras: Text, where: str) -> Objects:
     return replace(objects[order], step=step[order])
 
 
-@dataclass(frozen=True)
-class Where:
-    """Names for errors."""
-
-    sequence: str
-    truth: str
-    estimates: str
-
-
-def joined(
+def join(
     truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog, space: Space = "both"
 ) -> Sequence:
     """Return one sequence of both sides.
@@ -213,18 +205,20 @@ def joined(
     """
     _require_alike(truth, estimates, where)
     frames = _frames(truth, estimates, num_frames, where)
-    own, num_strange = _on_frames(estimates, frames)
-    true = _on_frames(truth, frames)[0]
-    true, num_invalid = _real(true, where, faults, space)
+    own, num_strange = _place_on_frames(estimates, frames)
+    true = _place_on_frames(truth, frames)[0]
+    true, num_invalid = _drop_unreal(true, where, faults, space)
     num = int(unreal(own.objects, space).sum())
     if num:
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
-    true, own = _same_pixels(true, own)
-    steps = _steps(frames, truth)
-    steps, in_truth, in_estimates = by_camera(steps, true, own, (where.truth, where.estimates))
-    for side, objects in (("truth", in_truth), ("detections", in_estimates)):
-        _require_unique(steps, objects, where, side)
+    true, own = _align_pixels(true, own)
+    zeros = np.zeros(len(frames), np.int64)
+    steps = Steps(np.arange(len(frames)), frames, zeros) if truth.has_stamps else Steps(frames, zeros, zeros)
+    steps, in_truth, in_estimates = _split_by_camera(steps, true, own, where)
+    for file, objects in ((where.truth, in_truth), (where.estimates, in_estimates)):
+        _require_unique(steps, objects, f"{file}, sequence {where.sequence}")
     ego = _ego(truth, estimates, frames)
+    keys = steps.stamp_ns if truth.has_stamps else steps.frame
     return Sequence(
         where.sequence,
         steps,
@@ -232,9 +226,7 @@ def joined(
         in_estimates,
         num_unlabelled=num_strange,
         num_invalid_truth=num_invalid,
-        ego_m=None
-        if ego is None
-        else ego[np.searchsorted(frames, steps.stamp_ns if truth.has_stamps else steps.frame)],
+        ego_m=None if ego is None else ego[np.searchsorted(frames, keys)],
     )
 
 
@@ -264,7 +256,7 @@ def _frames(truth: Side, estimates: Side, num_frames: int | None, where: Where) 
     return np.arange(max(last, known) + 1 if told is None else told, dtype=np.int64)
 
 
-def _on_frames(side: Side, frames: Int64) -> tuple[Side, int]:
+def _place_on_frames(side: Side, frames: Int64) -> tuple[Side, int]:
     """Give steps their numbers; boxes of other frames are left out, and these frames counted."""
     objects = side.objects
     at = _nearest(objects.step, frames, TOLERANCE_NS if side.has_stamps else 0)
@@ -284,17 +276,17 @@ def _nearest(keys: Int64, frames: Int64, tolerance: int) -> Int64:
     return np.where(np.abs(keys - frames[at]) <= tolerance, at, -1).astype(np.int64)
 
 
-def without_entry(truth: Side, estimates: Side, sequence: str) -> Doubt:
+def find_missing_entries(truth: Side, estimates: Side, sequence: str) -> InputWarning:
     """Say which frames of the truth the results don't list, though they list those without boxes too."""
     what = "frame that the results have no entry for, so that all of its truth is missed"
     if truth.keys is None or estimates.keys is None or not estimates.lists_frames:
-        return Doubt(what, 0, "")
+        return InputWarning(what, 0, "")
     at = _nearest(truth.keys, estimates.keys, TOLERANCE_NS if truth.has_stamps else 0)
     missing = truth.keys[at < 0]
-    return Doubt(what, len(missing), f"sequence {sequence}, {missing[0]}" if len(missing) else "")
+    return InputWarning(what, len(missing), f"sequence {sequence}, {missing[0]}" if len(missing) else "")
 
 
-def _real(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Side, int]:
+def _drop_unreal(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Side, int]:
     bad = unreal(truth.objects, space)
     labels, counts = np.unique(truth.objects.label[bad], return_counts=True)
     for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
@@ -305,39 +297,28 @@ def _real(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Si
     return replace(truth, objects=truth.objects[~bad], camera=camera), int(bad.sum())
 
 
-def _same_pixels(truth: Side, estimates: Side) -> tuple[Side, Side]:
-    """Where both count pixels alike, positions stay as the files have them, bit for bit."""
+def _align_pixels(truth: Side, estimates: Side) -> list[Side]:
+    """Count pixels from 0, unless both count alike: then positions stay as the files have them, bit for bit."""
     if truth.first_pixel == estimates.first_pixel:
-        return truth, estimates
-    return _from_0(truth), _from_0(estimates)
+        return [truth, estimates]
+    return [
+        replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
+        if side.first_pixel and side.objects.xyxy_px is not None
+        else side
+        for side in (truth, estimates)
+    ]
 
 
-def _from_0(side: Side) -> Side:
-    if not side.first_pixel or side.objects.xyxy_px is None:
-        return side
-    return replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
-
-
-def _steps(frames: Int64, truth: Side) -> Steps:
-    zeros = np.zeros(len(frames), np.int64)
-    if truth.has_stamps:
-        return Steps(np.arange(len(frames)), frames, zeros)
-    return Steps(frames, zeros, zeros)
-
-
-def _require_unique(steps: Steps, objects: Objects, where: Where, side: str) -> None:
-    """Each class may have ids of its own, as where a tracker runs for each (KITTI); profiles look on by themselves."""
+def _require_unique(steps: Steps, objects: Objects, where: str) -> None:
+    """Each class may have ids of its own, as where a tracker runs for each (KITTI); profiles check on their own."""
     named = objects.track_id >= 0
     step, ids = objects.step[named], objects.track_id[named]
     kind = np.unique(objects.label[named], return_inverse=True)[1]
     order = np.lexsort((kind, ids, step))
-    alike = [np.diff(column[order]) == 0 for column in (step, ids, kind)]
-    twice = np.flatnonzero(np.all(alike, axis=0))
+    twice = np.flatnonzero(np.all([np.diff(column[order]) == 0 for column in (step, ids, kind)], axis=0))
     if len(twice):
         at = order[twice[0]]
-        file = where.truth if side == "truth" else where.estimates
-        frame = int(steps.frame[step[at]])
-        which = f"{file}, sequence {where.sequence}: id {ids[at]} twice in frame {frame}"
+        which = f"{where}: id {ids[at]} twice in frame {int(steps.frame[step[at]])}"
         raise MetricError(f"{which}; an id names one object of a frame", "GT003")
 
 

@@ -12,15 +12,15 @@ import pyarrow as pa
 from fbench.metrics.core.sequence import Objects
 from fbench.metrics.files.side import Side, nothing, objects_of
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
-from fbench.replay.data.arrays import Array, Bool, Int64, Text
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.rig import Mount, Rig
-from fbench.replay.formats.table import Rows, is_run_table, rows_of, spaces_of
+from fbench.replay.formats.table import is_run_table, rows_of, spaces_of
 from fbench.replay.formats.table_files import Key, TableFile, Values, key_of, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 
 SEQUENCE = "sequence"
 _DEFAULT_CAMERA = "image"
+_LEVELS = ("visibility", "occlusion", "truncation")
 _MAX_ROWS = 20_000_000
 """Rows of one sequence that are taken into memory."""
 _MAX_KEPT = 500_000
@@ -56,15 +56,12 @@ class Table:
         objects, order = objects_of({name: column[there] for name, column in columns.items()})
         return Side(
             _slim(objects),
-            keys if self._tells_empty(there) else None,
+            # With stamps, or with rows for empty frames, the table says which frames there are.
+            keys if not self.key.is_frame or not there.all() else None,
             not self.key.is_frame,
             camera=camera[there][order],
             space=str(frames[0]) if len(frames) else "",
         )
-
-    def _tells_empty(self, there: Bool) -> bool:
-        """With stamps, or with rows for empty frames, the table says which frames there are."""
-        return not self.key.is_frame or not there.all()
 
     @cached_property
     def _small(self) -> dict[str, pa.Table] | None:
@@ -100,21 +97,36 @@ class Table:
     def _part(self, values: Values) -> dict[str, Array]:
         rows = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates())
         size = len(values)
-        labels = values.texts("label") if "label" in values else np.full(size, "", "U1")
+        unknown, no_text = np.full(size, np.nan), np.full(size, "", "U1")
+        score = unknown
+        if "score" in values:
+            score, is_there = values.numbers("score")
+            score = np.where(is_there, score, 0.0)  # one that isn't finite stays so
         part: dict[str, Array] = {
             "step": self.key.read(values),
-            "label": np.array([text.lower() for text in labels.tolist()], np.str_),
+            "label": no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
-            "score": _score(values),
+            "score": score if "score" in values else np.zeros(size),
             "there": rows.has_solid | rows.has_flat,
-            "camera": np.full(size, "", "U1"),
+            "camera": no_text,
             "frame_id": _spread(rows.frames, rows.has_solid, ""),
-            **_flat(rows, size),
-            **_solid(rows, size),
-            **_extra(values),
+            "velocity_mps": np.full((size, 3), np.nan),
+            **{name: values.numbers(name)[0] if name in values else unknown for name in _LEVELS},
+            "ignore": values.flags("ignore") if "ignore" in values else np.zeros(size, bool),
+            "attribute": values.texts("attribute") if "attribute" in values else no_text,
+            "num_points": _num_points(values),
         }
+        if "label" in values:
+            part["label"] = np.array([text.lower() for text in values.texts("label").tolist()], np.str_)
         if rows.has_flat.any() and self.cameras:
             part["camera"] = _spread(rows.flats.camera, rows.has_flat, "")
+        if rows.solids.velocity_mps is not None:
+            part["velocity_mps"] = _spread(rows.solids.velocity_mps, rows.has_solid, np.nan)
+        for name in ("center_m", "size_lwh_m", "yaw_rad"):
+            part[name] = _spread(getattr(rows.solids, name), rows.has_solid, np.nan)
+        for name in ("xyxy_px", "distance_m", "range_rate_mps"):
+            column = getattr(rows.flats, name)
+            part[name] = unknown if column is None else _spread(column, rows.has_flat, np.nan)
         return part
 
     def _coordinates(self) -> CoordinateFrames:
@@ -150,14 +162,6 @@ def _distinct(file: TableFile, column: str) -> tuple[str, ...]:
     return tuple(name for name in found if name)
 
 
-def _score(values: Values) -> Array:
-    """A score that isn't there is 0; one that isn't finite stays so."""
-    if "score" not in values:
-        return np.zeros(len(values))
-    numbers, there = values.numbers("score")
-    return np.where(there, numbers, 0.0)
-
-
 def _spread(some: Array, rows: Bool, absent: Any) -> Array:
     """Values of some rows among all; the others have `absent`."""
     found = np.full((len(rows), *some.shape[1:]), absent, some.dtype)
@@ -165,44 +169,12 @@ def _spread(some: Array, rows: Bool, absent: Any) -> Array:
     return found
 
 
-def _flat(rows: Rows, size: int) -> dict[str, Array]:
-    flats: Boxes2D = rows.flats
-    unknown = np.full(size, np.nan)
-    told = {"distance_m": flats.distance_m, "range_rate_mps": flats.range_rate_mps}
-    return {
-        "xyxy_px": _spread(flats.xyxy_px, rows.has_flat, np.nan),
-        **{name: unknown if value is None else _spread(value, rows.has_flat, np.nan) for name, value in told.items()},
-    }
-
-
-def _solid(rows: Rows, size: int) -> dict[str, Array]:
-    solids: Boxes3D = rows.solids
-    velocity = np.full((size, 3), np.nan)
-    if solids.velocity_mps is not None:
-        velocity = _spread(solids.velocity_mps, rows.has_solid, np.nan)
-    return {
-        "center_m": _spread(solids.center_m, rows.has_solid, np.nan),
-        "size_lwh_m": _spread(solids.size_lwh_m, rows.has_solid, np.nan),
-        "yaw_rad": _spread(solids.yaw_rad, rows.has_solid, np.nan),
-        "velocity_mps": velocity,
-    }
-
-
-def _extra(values: Values) -> dict[str, Array]:
-    size = len(values)
+def _num_points(values: Values) -> Array:
+    """Points of all sensors that say how many (N,), -1 where none does."""
     points = [np.maximum(values.wholes(f"num_{s}_pts"), -1) for s in ("lidar", "radar") if f"num_{s}_pts" in values]
-    known: Int64 = np.stack(points).max(axis=0) if points else np.full(size, -1, np.int64)
-    total = np.where(known < 0, -1, np.maximum(points, 0).sum(axis=0)) if points else known
-    attribute: Text = values.texts("attribute") if "attribute" in values else np.full(size, "", "U1")
-    return {
-        **{n: values.numbers(n)[0] if n in values else np.full(size, np.nan) for n in _LEVELS},
-        "ignore": values.flags("ignore") if "ignore" in values else np.zeros(size, bool),
-        "attribute": attribute,
-        "num_points": total,
-    }
-
-
-_LEVELS = ("visibility", "occlusion", "truncation")
+    if not points:
+        return np.full(len(values), -1, np.int64)
+    return np.where(np.max(points, axis=0) < 0, -1, np.maximum(points, 0).sum(axis=0))
 
 
 def _slim(objects: Objects) -> Objects:

@@ -8,8 +8,7 @@ import numpy as np
 
 from fbench.metrics.core.sequence import Sequence, Space
 from fbench.metrics.files.sequences import FilePair
-from fbench.metrics.files.side import Doubt, Side, has_solids
-from fbench.metrics.files.sources import SubmissionSource
+from fbench.metrics.files.side import InputWarning, Side, has_solids
 from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, Facts, facts_of, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
@@ -54,8 +53,10 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
     if isinstance(profile, DefaultProfile) and not has_match:
         return replace(profile, match=_match_for(pair))
     if profile.name in NEEDS_WORLD or profile.name in NEEDS_TIME:
-        if profile.name == "nuscenes-detection" and isinstance(pair.estimates, SubmissionSource):
-            pair.doubts.add(_about_task(pair.estimates))
+        results = pair.estimates.submission() if profile.name == "nuscenes-detection" else None
+        if results is not None and results.task == "tracking":
+            what = "submission of tracking, whose boxes are taken as detections"
+            pair.warnings.add((InputWarning(what, 1, ""),))
         _require_samples(profile, pair, pair.truth.read(pair.pairing.pairs[0].truth))
     return profile
 
@@ -85,12 +86,6 @@ def compared(profile: AnyProfile) -> Space:
 
 def _space_of(match: Match) -> Space:
     return "2d" if match.likeness == "iou2d" else "3d"
-
-
-def _about_task(results: SubmissionSource) -> tuple[Doubt, ...]:
-    is_tracking = results.submission.task == "tracking"
-    what = "submission of tracking, whose boxes are taken as detections"
-    return (Doubt(what, 1, ""),) if is_tracking else ()
 
 
 def _match_for(pair: FilePair) -> Match:
