@@ -4,13 +4,14 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Protocol
 
 import numpy as np
 
 from fbench.datasets.importing.files import counted, listed, listed_runs, log_id, read_floats, read_image, runs
-from fbench.datasets.kitti.labels import CLASSES, Results, boxes_3d
+from fbench.datasets.kitti.labels import CLASSES, boxes_3d
+from fbench.datasets.kitti.object import ObjectFrames
 from fbench.datasets.kitti.sensors import LIDAR
+from fbench.datasets.kitti.tracking import TrackingFrames
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
@@ -87,71 +88,12 @@ FACTS = {
 """Metadata of both benchmarks."""
 
 
-class FrameSet(Protocol):
-    """The frames of one log."""
-
-    name: str
-    benchmark: Literal["tracking", "object"]
-    period_ns: int
-    """Between the stamps of frames that follow one another: none were published. That of frame N is N + 1 periods, as a
-    stamp of 0 is taken for one that wasn't set."""
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        """Numbers of the frames that are asked for, ascending."""
-        ...
-
-    @property
-    def files(self) -> Mapping[str, Mapping[int, Path]]:
-        """Files of these frames by sensor; sensors without any are absent."""
-        ...
-
-    @property
-    def rig(self) -> Rig:
-        """Sensors at the first frame."""
-        ...
-
-    @property
-    def results(self) -> Results | None:
-        """What another system made of the frames."""
-        ...
-
-    @property
-    def facts(self) -> Sequence[str]:
-        """What tells these files from others."""
-        ...
-
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """The benchmark's own facts."""
-        ...
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Lines for the summary."""
-        ...
-
-    def expected_size(self, sensor: str) -> tuple[int, int] | None:
-        """Size [px] that all images of a camera must have; `None` where each may have its own."""
-        ...
-
-    def rig_at(self, number: int, sizes_wh: Mapping[str, tuple[int, int]]) -> Rig:
-        """Sensors at a frame whose images have these sizes [px]."""
-        ...
-
-    def labels(self, number: int) -> Sequence[Labelled] | None:
-        """Labelled objects of a frame; `None` where it isn't labelled."""
-        ...
-
-    def pose(self, number: int, stamp_ns: int) -> Pose | None:
-        """The body's pose at a frame, where it is known."""
-        ...
-
-
 class BenchmarkRecording:
-    """See `Recording`. All items of a frame have the same made-up stamp."""
+    """See `Recording`. All items of a frame have the same made-up stamp: that of frame N is N + 1 periods, as
+    a stamp of 0 is taken for one that wasn't set.
+    """
 
-    def __init__(self, frames: FrameSet, wish: ImportWish) -> None:
+    def __init__(self, frames: TrackingFrames | ObjectFrames, wish: ImportWish) -> None:
         self.name, self._frames, self._wish = frames.name, frames, wish
         self._findings = Findings()
 
@@ -169,8 +111,8 @@ class BenchmarkRecording:
             "dataset": f"KITTI {frames.benchmark} benchmark", "benchmark": frames.benchmark,
             "frames": str(len(frames.numbers)), **FACTS, **frames.metadata,
         }  # fmt: skip
-        if (reference := _reference(frames.files)) is not None:
-            metadata["reference"] = reference
+        if frames.files:  # the sensor with the most frames, the first of several
+            metadata["reference"] = max(frames.files, key=lambda sensor: len(frames.files[sensor]))
         return LogInfo(self.name, log_id("kitti", facts, self._wish.frames), metadata)
 
     @property
@@ -238,8 +180,3 @@ class BenchmarkRecording:
         """What was found."""
         frames = self._frames
         return [*self._findings.lines(frames.numbers, frames.files), *frames.notes]
-
-
-def _reference(files: Mapping[str, Mapping[int, Path]]) -> str | None:
-    """The sensor with the most frames, the first of several."""
-    return max(files, key=lambda sensor: len(files[sensor]), default=None)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fbench.datasets.importing.files import require_folder
 from fbench.datasets.kitti import raw
-from fbench.datasets.kitti.benchmark import BenchmarkRecording, FrameSet
+from fbench.datasets.kitti.benchmark import BenchmarkRecording
 from fbench.datasets.kitti.labels import results_folder
 from fbench.datasets.kitti.object import ObjectFrames, has_frames
 from fbench.datasets.kitti.sensors import KittiParams, split_folders
@@ -20,7 +20,7 @@ from fbench.replay.contracts.importing import ImportWish
 from fbench.replay.contracts.protocols import Recording
 
 _DEFAULTS = KittiParams()
-_Open = Callable[[ImportWish, Path | None], FrameSet]
+_Open = Callable[[ImportWish, Path | None], TrackingFrames | ObjectFrames]
 
 
 class Kitti:
@@ -69,16 +69,8 @@ def _benchmarks(source: Path) -> Mapping[str, _Open]:
     for prefix, folder in split_folders(source).items():
         for sequence in sequences(folder):
             name = f"{prefix}{sequence}"
-            found[name] = partial(_tracking, name, folder, sequence)
+            found[name] = partial(TrackingFrames, name, folder, sequence)
         if has_frames(folder):
             name = prefix.rstrip("/") or folder.resolve().name
-            found[name] = partial(_object, name, folder)
+            found[name] = partial(ObjectFrames, name, folder)
     return found
-
-
-def _tracking(name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> FrameSet:
-    return TrackingFrames(name, folder, sequence, wish, detections)
-
-
-def _object(name: str, folder: Path, wish: ImportWish, detections: Path | None) -> FrameSet:
-    return ObjectFrames(name, folder, wish, detections)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Protocol
 
 from fbench.datasets.importing.files import numbered
 from fbench.datasets.kitti.sensors import bounded_lines, camera_name
@@ -125,8 +124,6 @@ def _numbers(row: Labelled) -> Iterator[float]:
 
 
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
-
-
 _SEQUENCE_FORMS: Mapping[str, tuple[Parse, bool]] = {
     "kitti-tracking": (tracking_label, False),
     "ab3dmot": (lambda line: parse_ab3dmot_row(line, CAMERA), True),
@@ -134,66 +131,30 @@ _SEQUENCE_FORMS: Mapping[str, tuple[Parse, bool]] = {
 """How a row is read, and whether commas part its columns."""
 
 
-class Results(Protocol):
-    """Results for one log."""
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Results of another system for one log."""
+
+    files: Sequence[Path]
+    rows: Callable[[int], Sequence[Labelled] | None]
+    """Objects of a frame; `None` where it has no results."""
+    has_3d: bool
+    """Whether there are 3D boxes at all."""
+    has_2d: bool
+    num_frames: int = 0
+    """Of a sequence: one more than the last frame of any row."""
 
     @property
     def facts(self) -> Sequence[str]:
-        """What tells them from others."""
-        ...
+        """What tells them from others: the digest of each file."""
+        return [f"{path.name} {digest_of(path)}" for path in self.files]
 
     def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
         """Boxes of one frame; `None` where the frame has no results, one part where all have none of that kind."""
-        ...
-
-
-@dataclass(frozen=True)
-class _Kinds:
-    """Which kinds of boxes the results have at all."""
-
-    has_3d: bool
-    has_2d: bool
-
-    def boxes(self, rows: Sequence[Labelled]) -> tuple[Boxes3D | None, Boxes2D | None]:
-        return boxes_3d(rows) if self.has_3d else None, flats(rows) if self.has_2d else None
-
-
-@dataclass(frozen=True, eq=False)
-class SequenceResults:
-    """Results of one sequence, all frames of which were looked at."""
-
-    path: Path
-    rows: SequenceRows
-    kinds: _Kinds
-
-    @property
-    def facts(self) -> Sequence[str]:
-        """Digest of the file."""
-        return [f"{self.path.name} {digest_of(self.path)}"]
-
-    def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
-        """See `Results`."""
-        return self.kinds.boxes(self.rows.frames.get(number, ()))
-
-
-@dataclass(frozen=True, eq=False)
-class FrameResults:
-    """Results of single frames."""
-
-    paths: Mapping[int, Path]
-    kinds: _Kinds
-    bad: BadInput
-
-    @property
-    def facts(self) -> Sequence[str]:
-        """Digest of each file."""
-        return [f"{path.name} {digest_of(path)}" for path in self.paths.values()]
-
-    def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
-        """See `Results`."""
-        if number not in self.paths:
+        rows = self.rows(number)
+        if rows is None:
             return None
-        return self.kinds.boxes(frame_rows(self.paths[number], object_label, self.bad))
+        return boxes_3d(rows) if self.has_3d else None, flats(rows) if self.has_2d else None
 
 
 def results_folder(folder: Path) -> Path:
@@ -210,7 +171,7 @@ def results_folder(folder: Path) -> Path:
     raise ConfigError(f"--detections {folder}: no file like 0000.txt (a sequence) or 000000.txt (a frame)")
 
 
-def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadInput) -> SequenceResults | None:
+def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadInput) -> Results | None:
     """Read the results of a sequence; `None` where there is no file of its name.
 
     Raises:
@@ -219,49 +180,48 @@ def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadIn
     path = folder / f"{sequence}.txt"
     if not path.is_file():
         return None
-    parse, comma = _form(path)
-    rows = sequence_rows(path, parse, frames, bad, comma)
-    return SequenceResults(path, rows, _kinds(chain.from_iterable(rows.frames.values())))
-
-
-def frame_results(folder: Path, frames: FrameRange, bad: BadInput) -> FrameResults | None:
-    """Find the results of single frames; `None` where there are none.
-
-    Raises:
-        LogError: naming file and row, where they can't be used.
-    """
-    paths = numbered(folder, (".txt",), OBJECT_DIGITS, frames)
-    if not paths:
-        return None
-    quiet = BadInput(skip=True)  # what is wrong is told when the frames are read
-    rows = chain.from_iterable(_quietly(path, quiet) for path in paths.values())
-    return FrameResults(paths, _kinds(rows), bad)
-
-
-def _quietly(path: Path, quiet: BadInput) -> Sequence[Labelled]:
+    is_empty = not head_of(path).strip()
     try:
-        return frame_rows(path, object_label, quiet)
-    except LogError:
-        return []
-
-
-def _form(path: Path) -> tuple[Parse, bool]:
-    if not head_of(path).strip():
-        return _SEQUENCE_FORMS["kitti-tracking"]
-    try:
-        return _SEQUENCE_FORMS[recognised(path)]
+        parse, comma = _SEQUENCE_FORMS["kitti-tracking" if is_empty else recognised(path)]
     except (KeyError, LogError) as error:
         raise LogError(
             f"{path}: no results of a sequence, expected KITTI's 17 or 18 columns (frame, id, class ...) or AB3DMOT's "
             "15 with commas between"
         ) from error
+    found = sequence_rows(path, parse, frames, bad, comma)
+    has_3d, has_2d = _find_kinds(chain.from_iterable(found.frames.values()))
+    return Results([path], lambda number: found.frames.get(number, ()), has_3d, has_2d, found.num_frames)
 
 
-def _kinds(rows: Iterable[Labelled]) -> _Kinds:
-    """Look until both kinds were met; without any row there may be both."""
+def frame_results(paths: Mapping[int, Path], bad: BadInput) -> Results | None:
+    """Open the results of single frames by their files; `None` where there are none.
+
+    Raises:
+        LogError: naming file and row, where they can't be used.
+    """
+    if not paths:
+        return None
+    quiet = BadInput(skip=True)  # what is wrong is reported when the frames are read
+
+    def rows(number: int, bad: BadInput) -> Sequence[Labelled] | None:
+        return frame_rows(paths[number], object_label, bad) if number in paths else None
+
+    def quiet_rows() -> Iterator[Labelled]:
+        for number in paths:
+            try:
+                yield from rows(number, quiet) or ()
+            except LogError:
+                continue
+
+    has_3d, has_2d = _find_kinds(quiet_rows())
+    return Results(list(paths.values()), lambda number: rows(number, bad), has_3d, has_2d)
+
+
+def _find_kinds(rows: Iterable[Labelled]) -> tuple[bool, bool]:
+    """Whether there are 3D boxes, and 2D ones, reading until both were met; without any row there may be both."""
     has_3d = has_2d = has_row = False
     for row in rows:
         has_row, has_3d, has_2d = True, has_3d or row.solid is not None, has_2d or row.flat is not None
         if has_3d and has_2d:
             break
-    return _Kinds(has_3d or not has_row, has_2d or not has_row)
+    return has_3d or not has_row, has_2d or not has_row

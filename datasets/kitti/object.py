@@ -6,10 +6,9 @@ A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KIT
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 from fbench.datasets.importing.files import file_facts, numbered
-from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, FrameResults, frame_results, frame_rows, object_label
+from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, Results, frame_results, frame_rows, object_label
 from fbench.datasets.kitti.sensors import (
     IMAGES,
     LIDAR,
@@ -42,9 +41,9 @@ def has_frames(folder: Path) -> bool:
 
 
 class ObjectFrames:
-    """All frames of a folder; see `FrameSet`. They aren't a sequence: each has its own calibration."""
+    """All frames of a folder. They aren't a sequence: each has its own calibration."""
 
-    benchmark: Literal["tracking", "object"] = "object"
+    benchmark = "object"
     period_ns = PERIOD_NS
     """So far apart that each frame is a segment of its own."""
 
@@ -53,7 +52,7 @@ class ObjectFrames:
 
     @cached_property
     def files(self) -> Mapping[str, Mapping[int, Path]]:
-        """See `FrameSet`."""
+        """Files of the chosen frames by sensor; sensors without any are absent."""
         found = {
             sensor: numbered(self.folder / inner, suffixes, OBJECT_DIGITS, self._wish.frames)
             for inner, (sensor, suffixes) in _FOLDERS.items()
@@ -73,12 +72,13 @@ class ObjectFrames:
         return found
 
     @cached_property
-    def results(self) -> FrameResults | None:
-        """See `FrameSet`."""
+    def results(self) -> Results | None:
+        """Another system's results."""
         if self._detections is None:
             return None
-        found = frame_results(self._detections, self._wish.frames, self._wish.bad)
-        for number in () if found is None else sorted(set(found.paths).difference(self.numbers)):
+        files = numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
+        found = frame_results(files, self._wish.bad)
+        for number in sorted(set(files).difference(self.numbers)):
             self._wish.bad.met(
                 LogError(f"{self._detections / f'{number:06d}.txt'}: no such frame in {self.folder}; "
                          "are the results of another set?")
@@ -102,11 +102,11 @@ class ObjectFrames:
         return self.rig_at(number, {sensor: size for sensor, size in sizes_wh.items() if size is not None})
 
     def expected_size(self, sensor: str) -> tuple[int, int] | None:
-        """See `FrameSet`: each frame has its own."""
+        """Size [px] that all images of a camera must have; `None`, as each frame has its own."""
         return None
 
     def rig_at(self, number: int, sizes_wh: Mapping[str, tuple[int, int]]) -> Rig:
-        """See `FrameSet`: all sensors of the set, also those that the frame has no file of."""
+        """Sensors at a frame whose images have these sizes [px]: all of the set, also those that it has no file of."""
         path, has_lidar = self._calibration_path(number), LIDAR in self.files
         calibration = read_calibration(path, self._cameras, has_lidar)
         sizes = {
@@ -132,34 +132,34 @@ class ObjectFrames:
         return self.folder / "calib" / f"{number:06d}.txt"
 
     def labels(self, number: int) -> Sequence[Labelled] | None:
-        """See `FrameSet`: a frame with a file is labelled, also where it is empty."""
+        """Labeled objects of a frame; `None` without a file, which may be empty."""
         path = self._label_files.get(number)
         return None if path is None else frame_rows(path, object_label, self._wish.bad)
 
     def pose(self, number: int, stamp_ns: int) -> Pose | None:
-        """See `FrameSet`: there is none."""
+        """The body's pose at a frame: never known."""
         return None
 
     @property
     def facts(self) -> Sequence[str]:
-        """See `FrameSet`."""
+        """What tells these files from others."""
         paths = [path for of_sensor in self.files.values() for path in of_sensor.values()]
         calibrations = map(self._calibration_path, self.numbers)
         return file_facts(self.folder, [*calibrations, *self._label_files.values(), *paths])
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """See `FrameSet`."""
+        """The benchmark's own facts."""
         about = {
             GAPS: MEANT,
             "stamps": "made up: frame N at N + 1 times 10 s; the frames are no sequence, each is a segment of its own",
             "truth.truncation": "share of the object outside of the image, 0 to 1",
         }
-        return about | ({} if self.results is None else {"detections": f"{len(self.results.paths)} files"})
+        return about | ({} if self.results is None else {"detections": f"{len(self.results.files)} files"})
 
     @property
     def notes(self) -> Sequence[str]:
-        """See `FrameSet`."""
+        """Lines for the summary."""
         notes = ["stamps: made up, 10 s apart: the frames are no sequence, each is a segment of its own"]
         if CAMERA not in self.files and _CAMERAS[CAMERA] in self._cameras:
             notes.append(f"{CAMERA}: without images, sizes are those of the days of recording by their focal lengths")

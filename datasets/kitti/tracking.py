@@ -9,14 +9,13 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 from fbench.datasets.importing.files import entries, file_facts, numbered
 from fbench.datasets.kitti.labels import (
     CAMERA,
     MAX_FRAMES,
     TRACKING_DIGITS,
-    SequenceResults,
+    Results,
     SequenceRows,
     sequence_results,
     sequence_rows,
@@ -101,9 +100,9 @@ def sequences(folder: Path) -> list[str]:
 
 
 class TrackingFrames:
-    """One sequence; see `FrameSet`."""
+    """One sequence."""
 
-    benchmark: Literal["tracking", "object"] = "tracking"
+    benchmark = "tracking"
     period_ns = PERIOD_NS
     """KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps."""
 
@@ -114,7 +113,7 @@ class TrackingFrames:
 
     @cached_property
     def files(self) -> Mapping[str, Mapping[int, Path]]:
-        """See `FrameSet`."""
+        """Files of the chosen frames by sensor; sensors without any are absent."""
         return {
             sensor: {number: path for number, path in paths.items() if number in self._wish.frames}
             for sensor, paths in self._all_files.items()
@@ -159,15 +158,15 @@ class TrackingFrames:
         return self.folder / LABELS / f"{self._sequence}.txt"
 
     @cached_property
-    def results(self) -> SequenceResults | None:
-        """See `FrameSet`; rows behind the last frame are those of another sequence."""
+    def results(self) -> Results | None:
+        """Another system's results; rows behind the last frame are those of another sequence."""
         if self._detections is None:
             return None
         found = sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
-        if found is not None and found.rows.num_frames > self._num_frames:
+        if found is not None and found.num_frames > self._num_frames:
             self._wish.bad.met(
                 LogError(
-                    f"{found.path}: has frame {found.rows.num_frames - 1}, but sequence {self._sequence} has "
+                    f"{found.files[0]}: has frame {found.num_frames - 1}, but sequence {self._sequence} has "
                     f"{self._num_frames} frames; are the results of another one?"
                 )
             )
@@ -190,7 +189,7 @@ class TrackingFrames:
 
     @cached_property
     def rig(self) -> Rig:
-        """See `FrameSet`."""
+        """Sensors at the first frame."""
         sizes_wh = {_CAMERAS[sensor]: self._sizes[sensor][0] for sensor in self._sizes}
         return rig_of(self._calibration, sizes_wh, LIDAR in self._all_files)
 
@@ -207,31 +206,31 @@ class TrackingFrames:
         return sizes
 
     def expected_size(self, sensor: str) -> tuple[int, int] | None:
-        """See `FrameSet`: that of the first image."""
+        """Size [px] that all images of a camera must have: that of the first one."""
         return self._sizes[sensor][0]
 
     def rig_at(self, number: int, sizes_wh: Mapping[str, tuple[int, int]]) -> Rig:
-        """See `FrameSet`: the same throughout."""
+        """Sensors at a frame: the same throughout."""
         return self.rig
 
     def labels(self, number: int) -> Sequence[Labelled] | None:
-        """See `FrameSet`: every frame of a sequence with a file is labelled."""
+        """Labeled objects of a frame: every frame of a sequence with a file is labeled, else `None`."""
         return None if self._rows is None else self._rows.frames.get(number, ())
 
     def pose(self, number: int, stamp_ns: int) -> Pose | None:
-        """See `FrameSet`."""
+        """The body's pose at a frame, where it is known."""
         return self._poses.pose(number, self._calibration, stamp_ns)
 
     @property
     def facts(self) -> Sequence[str]:
-        """See `FrameSet`."""
+        """What tells these files from others."""
         paths = [path for of_sensor in self.files.values() for path in of_sensor.values()]
         texts = (self._label_path, self._calibration_path, self._poses.path)
         return [self._sequence, str(self._num_frames), *file_facts(self.folder, [*texts, *paths])]
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """See `FrameSet`."""
+        """The benchmark's own facts."""
         about = {
             "sequence": self._sequence,
             "stamps": "made up: frame N at N + 1 times 0.1 s; the benchmark has none, KITTI recorded at 10 Hz",
@@ -239,11 +238,11 @@ class TrackingFrames:
             **{f"{sensor}.size": how for sensor, (_, how) in self._sizes.items()},
             **self._poses.metadata(self._calibration),
         }
-        return about | ({} if self.results is None else {"detections": self.results.path.name})
+        return about | ({} if self.results is None else {"detections": self.results.files[0].name})
 
     @property
     def notes(self) -> Sequence[str]:
-        """See `FrameSet`."""
+        """Lines for the summary."""
         notes = [f"{sensor}: {size[0]}x{size[1]} px, {how}" for sensor, (size, how) in self._sizes.items()]
         labelled = 0 if self._rows is None else self._rows.num_frames
         if 0 < self._num_by_files < labelled:

@@ -15,7 +15,6 @@ from fbench.datasets.nuscenes.tables import DataRow, Folder, Instant, PoseRow
 from fbench.datasets.nuscenes.truth import LABELS, SceneTruth
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput
-from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import KINDS, Rig
@@ -54,7 +53,18 @@ class Findings:
 
 def summary_lines(found: Findings, excerpt: Excerpt, rig: Rig, filtered: bool) -> list[str]:
     """Say what was found and what was odd."""
-    return [*_sensor_lines(found, excerpt, rig), *_radar_lines(found, rig, filtered), *_box_lines(found)]
+    lines = list(_sensor_lines(found, excerpt, rig))
+    if rig.sensors("radar") and filtered:
+        dropped = f"dropped {found.dropped} of {found.echoes} echoes"
+        lines.append(f"radar: the filter {dropped}; --set radar_filter=false keeps them")
+    if not found.labelled:
+        return [*lines, "boxes: none, the set isn't labelled"]
+    names, total = counted(found.categories), found.categories.total()
+    facts = f"{len(found.tracks)} tracks, {found.with_velocity} with velocity"
+    lines.append(f"boxes: {total}{f' ({names})' if names else ''}, {facts}")
+    if unknown := sorted(name for name in found.categories if name not in LABELS):
+        lines.append(f"categories that nuScenes lacks, taken as 'other': {', '.join(unknown)}")
+    return lines
 
 
 def _sensor_lines(found: Findings, excerpt: Excerpt, rig: Rig) -> Iterator[str]:
@@ -69,23 +79,6 @@ def _sensor_lines(found: Findings, excerpt: Excerpt, rig: Rig) -> Iterator[str]:
     yield f"poses: {found.poses}"
     gaps = [f"{name} {listed(numbers, _LISTED)}" for name, numbers in sorted(found.gaps.items())]
     yield f"samples without a keyframe: {'; '.join(gaps) or 'none'}"
-
-
-def _radar_lines(found: Findings, rig: Rig, filtered: bool) -> Iterator[str]:
-    if rig.sensors("radar") and filtered:
-        yield f"radar: the filter dropped {found.dropped} of {found.echoes} echoes; --set radar_filter=false keeps them"
-
-
-def _box_lines(found: Findings) -> Iterator[str]:
-    if not found.labelled:
-        yield "boxes: none, the set isn't labelled"
-        return
-    names, total = counted(found.categories), found.categories.total()
-    facts = f"{len(found.tracks)} tracks, {found.with_velocity} with velocity"
-    yield f"boxes: {total}{f' ({names})' if names else ''}, {facts}"
-    unknown = sorted(name for name in found.categories if name not in LABELS)
-    if unknown:
-        yield f"categories that nuScenes lacks, taken as 'other': {', '.join(unknown)}"
 
 
 REFERENCE = "LIDAR_TOP"
@@ -198,22 +191,15 @@ def _item(content: Content, event: _Event, found: Findings) -> Message | Truth:
         message = _message(content, event.row, event.frame_number, found)
         (found.sweeps if event.frame_number is None else found.keyframes)[event.name] += 1
         return message
-    if event.rank == _TRUTH and content.truth is not None and event.frame_number is not None:
-        return _truth(content.truth, event.stamp_us * _US, event.frame_number, event.row, found)
-    found.poses += 1
     stamp_ns = event.stamp_us * _US
-    return Pose(EGO, stamp_ns, stamp_ns, *_placed(event.row), event.frame_number)
-
-
-def _truth(truth: SceneTruth, stamp_ns: int, sample: int, pose: PoseRow, found: Findings) -> Truth:
-    boxes = truth.boxes(sample, pose_matrix(*_placed(pose)))
-    found.add_boxes(boxes)
-    return Truth(stamp_ns, stamp_ns, boxes, frame_number=sample)
-
-
-def _placed(pose: PoseRow) -> tuple[Float64, Float64]:
-    """Position [m] and quaternion x, y, z, w."""
-    return np.array([pose.x, pose.y, pose.z]), np.array([pose.qx, pose.qy, pose.qz, pose.qw])
+    position_m = np.array([event.row.x, event.row.y, event.row.z])
+    quaternion = np.array([event.row.qx, event.row.qy, event.row.qz, event.row.qw])
+    if event.rank == _TRUTH and content.truth is not None and event.frame_number is not None:
+        boxes = content.truth.boxes(event.frame_number, pose_matrix(position_m, quaternion))
+        found.add_boxes(boxes)
+        return Truth(stamp_ns, stamp_ns, boxes, frame_number=event.frame_number)
+    found.poses += 1
+    return Pose(EGO, stamp_ns, stamp_ns, position_m, quaternion, event.frame_number)
 
 
 def _message(

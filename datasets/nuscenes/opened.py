@@ -96,25 +96,21 @@ class Filling:
         database.fill("annotation", self._annotations(), path("sample_annotation"))
 
     def _data(self) -> Iterator[DataRow]:
-        for row, place in self._placed("sample_data"):
+        path = self._tables.folder.table("sample_data")
+        for row, (scene, sample) in self._chosen("sample_data"):
             try:
-                found = self._data_row(row, *place)
+                data = parsed(SampleData, row, path)
+                if not self._excerpts[scene].holds(sample, data.is_key_frame, data.timestamp):
+                    continue
+                sensor = self._tables.sensor(self._tables.calibration(data.calibrated_sensor_token))
             except LogError as error:
                 self._bad.met(error)
                 continue
-            if found is not None:
-                self._wanted[_slot(found.pose)] = 1
-                yield found
-
-    def _data_row(self, row: Mapping[str, Any], scene: int, sample: int) -> DataRow | None:
-        data = parsed(SampleData, row, self._tables.folder.table("sample_data"))
-        if not self._excerpts[scene].holds(sample, data.is_key_frame, data.timestamp):
-            return None
-        sensor = self._tables.sensor(self._tables.calibration(data.calibrated_sensor_token))
-        return DataRow(
-            scene, data.timestamp, sensor.channel, sample, data.is_key_frame, data.calibrated_sensor_token,
-            data.filename, data.width, data.height, data.token, data.ego_pose_token,
-        )  # fmt: skip
+            self._wanted[_slot(data.ego_pose_token)] = 1
+            yield DataRow(
+                scene, data.timestamp, sensor.channel, sample, data.is_key_frame, data.calibrated_sensor_token,
+                data.filename, data.width, data.height, data.token, data.ego_pose_token,
+            )  # fmt: skip
 
     def _poses(self) -> Iterator[PoseRow]:
         path = self._tables.folder.table("ego_pose")
@@ -130,7 +126,7 @@ class Filling:
 
     def _annotations(self) -> Iterator[AnnotationRow]:
         path = self._tables.folder.table("sample_annotation")
-        for row, (scene, sample) in self._placed("sample_annotation"):
+        for row, (scene, sample) in self._chosen("sample_annotation"):
             try:
                 box = parsed(Annotation, row, path)
             except LogError as error:
@@ -141,7 +137,7 @@ class Filling:
                 *box.translation, *box.size, *box.rotation, box.num_lidar_pts, box.num_radar_pts, box.prev, box.next,
             )  # fmt: skip
 
-    def _placed(self, table: str) -> Iterator[tuple[Mapping[str, Any], Place]]:
+    def _chosen(self, table: str) -> Iterator[tuple[Mapping[str, Any], Place]]:
         """Yield the rows of chosen scenes with their places."""
         path = self._tables.folder.table(table)
         for row in json_rows(path):
@@ -230,17 +226,22 @@ class NuScenesSet:
             raise self._error
         if self._database is None:
             try:
-                self._database = self._filled()
+                self._database = self._fill()
             except LogError as error:
                 self._error = error
                 raise
         return self._database
 
-    def _filled(self) -> Database:
-        excerpts = self._excerpts()
+    def _fill(self) -> Database:
+        excerpts: dict[int, Excerpt] = {}
+        for scene in map(self.scene, self._wish.names):
+            try:
+                excerpts[self.number(scene)] = self.excerpt(scene)
+            except LogError:
+                continue  # reported when it is this scene's turn
         places: dict[str, Place | None] = dict.fromkeys(self.samples.links)
-        for scene, excerpt in excerpts.items():
-            places.update((instant.token, (scene, sample)) for sample, instant in enumerate(excerpt.chain))
+        for number, excerpt in excerpts.items():
+            places.update((instant.token, (number, sample)) for sample, instant in enumerate(excerpt.chain))
         filling = Filling(self.tables, places, excerpts, self._wish.bad)
         database = Database()
         try:
@@ -250,14 +251,3 @@ class NuScenesSet:
             raise
         self.is_labelled = filling.num_annotations > 0
         return database
-
-    def _excerpts(self) -> dict[int, Excerpt]:
-        """Of the scenes that can be used; the others are told of when it is their turn."""
-        excerpts = {}
-        for name in self._wish.names:
-            scene = self.scene(name)
-            try:
-                excerpts[self.number(scene)] = self.excerpt(scene)
-            except LogError:
-                continue
-        return excerpts

@@ -4,7 +4,7 @@ Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html; fi
 https://github.com/nutonomy/nuscenes-devkit, `RadarPointCloud` in `utils/data_classes.py`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from fbench.datasets.importing.files import is_pinhole, read_bytes
 from fbench.datasets.nuscenes.tables import DataRow, Tables
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Bool, Float32
-from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
+from fbench.replay.data.rig import CameraModel, Mount, Rig
 
 _MEASURED = ("x", "y", "z", "rcs", "vx", "vy")
 _FLAGS = ("invalid_state", "dyn_prop", "ambig_state")
@@ -89,7 +89,7 @@ def _read_table(path: Path) -> Array:
         if not (0 <= num <= _MAX_ECHOES and [num] == [int(text) for text in header.get("POINTS", [str(num)])]):
             raise ValueError(f"WIDTH x HEIGHT is {num}, POINTS {' '.join(header.get('POINTS', []))}")
     except (KeyError, IndexError, ValueError) as error:
-        raise LogError(f"{path}: PCD header: {_said(error)}") from error
+        raise LogError(f"{path}: PCD header: {_describe(error)}") from error
     if header["DATA"] != ["binary"]:
         raise LogError(f"{path}: DATA {' '.join(header['DATA'])}, expected binary")
     if len(data) - begin < num * dtype.itemsize:
@@ -112,7 +112,7 @@ def _header(path: Path, data: bytes) -> tuple[dict[str, list[str]], int]:
     return lines, at
 
 
-def _said(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     missing = "no line " if isinstance(error, KeyError) and isinstance(error.args[0], str) else ""
     if isinstance(error, KeyError) and not missing:
         return f"unknown TYPE and SIZE {' '.join(error.args[0])}"
@@ -135,33 +135,23 @@ def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
                 f"{path}: {scene}: calibration or size of {row.channel} changes between '{first.token}' and "
                 f"'{row.token}'; import the parts one by one with --frames"
             )
-    kinds = _kinds(firsts, tables)
-    mounts = {name: _mount(kinds[name], row, tables) for name, row in firsts.items()}
-    cameras = {name: _camera(row, tables) for name, row in firsts.items() if kinds[name] == "camera"}
-    return Rig(dict(sorted(mounts.items())), dict(sorted(cameras.items())))
-
-
-def _kinds(rows: Mapping[str, DataRow], tables: Tables) -> dict[str, Kind]:
-    return {name: tables.sensor(tables.calibration(row.calibration)).modality for name, row in rows.items()}
+    mounts, cameras = {}, {}
+    for name, row in sorted(firsts.items()):
+        calibration = tables.calibration(row.calibration)
+        w, x, y, z = calibration.rotation
+        kind = tables.sensor(calibration).modality
+        mounts[name] = Mount(kind, np.array(calibration.translation), np.array([x, y, z, w]))
+        if kind == "camera":
+            cameras[name] = _camera(row, tables)
+    return Rig(mounts, cameras)
 
 
 def _setting(row: DataRow, tables: Tables) -> tuple[object, ...]:
     """What mustn't change; equal calibrations may have several rows."""
     calibration = tables.calibration(row.calibration)
     intrinsic = tuple(calibration.camera_intrinsic)
-    return (
-        calibration.translation,
-        calibration.rotation,
-        intrinsic,
-        row.width if intrinsic else 0,
-        row.height if intrinsic else 0,
-    )
-
-
-def _mount(kind: Kind, row: DataRow, tables: Tables) -> Mount:
-    calibration = tables.calibration(row.calibration)
-    w, x, y, z = calibration.rotation
-    return Mount(kind, np.array(calibration.translation), np.array([x, y, z, w]))
+    size = (row.width, row.height) if intrinsic else (0, 0)
+    return calibration.translation, calibration.rotation, intrinsic, size
 
 
 def _camera(row: DataRow, tables: Tables) -> CameraModel:

@@ -23,26 +23,6 @@ from fbench.datasets.nuscenes.rows import (
 )
 from fbench.replay.contracts.errors import ConfigError, LogError
 
-_TABLES = """
-CREATE TABLE data (scene INTEGER, stamp_us INTEGER, channel TEXT, sample INTEGER, is_key INTEGER, calibration TEXT,
-    filename TEXT, width INTEGER, height INTEGER, token TEXT, pose TEXT);
-CREATE TABLE pose (token TEXT, stamp_us INTEGER, x REAL, y REAL, z REAL, qw REAL, qx REAL, qy REAL, qz REAL);
-CREATE TABLE annotation (scene INTEGER, sample INTEGER, token TEXT, instance TEXT, attributes TEXT, visibility TEXT,
-    x REAL, y REAL, z REAL, width REAL, length REAL, height REAL, qw REAL, qx REAL, qy REAL, qz REAL,
-    num_lidar_pts INTEGER, num_radar_pts INTEGER, prev TEXT, next TEXT);
-"""
-_INSERTS = {
-    "data": "INSERT INTO data VALUES (?,?,?,?,?,?,?,?,?,?,?)",
-    "pose": "INSERT INTO pose VALUES (?,?,?,?,?,?,?,?,?)",
-    "annotation": "INSERT INTO annotation VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
-}
-_INDICES = {
-    "data": "CREATE INDEX data_scene ON data(scene)",
-    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
-    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
-}
-_BATCH = 10_000
-
 
 class PoseRow(NamedTuple):
     """A row of `ego_pose`; the quaternion is w, x, y, z."""
@@ -99,6 +79,19 @@ class AnnotationRow(NamedTuple):
     next: str
 
 
+_ROWS: dict[str, type[PoseRow | DataRow | AnnotationRow]] = {
+    "data": DataRow,
+    "pose": PoseRow,
+    "annotation": AnnotationRow,
+}
+_INDICES = {
+    "data": "CREATE INDEX data_scene ON data(scene)",
+    "pose": "CREATE UNIQUE INDEX pose_token ON pose(token)",
+    "annotation": "CREATE INDEX annotation_scene ON annotation(scene)",
+}
+_BATCH = 10_000
+
+
 class Database:
     """Rows by scene; gone when it is closed."""
 
@@ -107,7 +100,8 @@ class Database:
         self._sqlite = sqlite3.connect("", isolation_level=None, check_same_thread=False)
         for pragma in ("journal_mode=OFF", "synchronous=OFF", "cache_size=-65536"):  # KiB
             self._sqlite.execute(f"PRAGMA {pragma}")
-        self._sqlite.executescript(_TABLES)
+        for table, row in _ROWS.items():
+            self._sqlite.execute(f"CREATE TABLE {table} ({', '.join(row._fields)})")
 
     def close(self) -> None:
         """Remove all rows."""
@@ -121,9 +115,10 @@ class Database:
         """
         try:
             rest = iter(rows)
+            insert = f"INSERT INTO {table} VALUES ({','.join('?' * len(_ROWS[table]._fields))})"  # noqa: S608
             while batch := list(islice(rest, _BATCH)):
                 self._sqlite.execute("BEGIN")
-                self._sqlite.executemany(_INSERTS[table], batch)
+                self._sqlite.executemany(insert, batch)
                 self._sqlite.execute("COMMIT")
             self._sqlite.execute(_INDICES[table])
         except sqlite3.IntegrityError as error:
@@ -216,7 +211,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Tables:
-    """Rows by token; what isn't there is told when it is needed."""
+    """Rows by token; looking up one that isn't there raises `LogError`, naming its table."""
 
     folder: Folder
     sensors: Mapping[str, Sensor]
@@ -231,46 +226,26 @@ class Tables:
     """Levels by token."""
 
     def calibration(self, token: str) -> CalibratedSensor:
-        """Return where a sensor sits.
-
-        Raises:
-            LogError: where that isn't known.
-        """
-        return self._found(self.calibrations, token, "calibrated_sensor")
+        """Return where a sensor sits."""
+        return self._find(self.calibrations, token, "calibrated_sensor")
 
     def sensor(self, calibration: CalibratedSensor) -> Sensor:
-        """Return the sensor that a calibration is of.
-
-        Raises:
-            LogError: where it isn't known.
-        """
-        return self._found(self.sensors, calibration.sensor_token, "sensor")
+        """Return the sensor that a calibration is of."""
+        return self._find(self.sensors, calibration.sensor_token, "sensor")
 
     def category(self, instance: str) -> str:
-        """Return the name of an object's category.
-
-        Raises:
-            LogError: where it isn't known.
-        """
-        return self._found(self.categories, self._found(self.instances, instance, "instance"), "category")
+        """Return the name of an object's category."""
+        return self._find(self.categories, self._find(self.instances, instance, "instance"), "category")
 
     def attribute(self, token: str) -> str:
-        """Return its name.
-
-        Raises:
-            LogError: where it isn't known.
-        """
-        return self._found(self.attributes, token, "attribute")
+        """Return its name."""
+        return self._find(self.attributes, token, "attribute")
 
     def visibility(self, token: str) -> str:
-        """Return its level.
+        """Return its level."""
+        return self._find(self.visibilities, token, "visibility")
 
-        Raises:
-            LogError: where it isn't known.
-        """
-        return self._found(self.visibilities, token, "visibility")
-
-    def _found(self, rows: Mapping[str, T], token: str, table: str) -> T:
+    def _find(self, rows: Mapping[str, T], token: str, table: str) -> T:
         row = rows.get(token)
         if row is None:
             raise LogError(f"{self.folder.table(table)}: no row with token '{token}', which another table names")

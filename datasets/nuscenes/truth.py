@@ -55,7 +55,7 @@ MAX_STEP_US = 1_500_000
 _NAN = (np.nan, np.nan, np.nan)
 
 
-class _Told(NamedTuple):
+class _Facts(NamedTuple):
     """What other rows say about a box."""
 
     velocity_mps: tuple[float, float, float]
@@ -87,45 +87,45 @@ class SceneTruth:
 
         `track_id` counts the scene's instances from 1 in the order in which they appear. `visibility` is the middle
         of the set's bin, 0.2, 0.5, 0.7 or 0.9, NaN where there is none. `velocity_mps` is over ground, NaN where the
-        set tells none. Several attributes are parted by commas.
+        set gives none. Several attributes are separated by commas.
         """
-        rows, told = [], []
+        rows, facts = [], []
         for row in self._by_sample.get(sample, []):
             try:
-                told.append(self._told(row))
+                attributes = ",".join(self._tables.attribute(token) for token in row.attributes.split())
+                category = self._tables.category(row.instance)
+                facts.append(_Facts(self._velocity(row), category, attributes, self._visibility(row)))
                 rows.append(row)
             except LogError as error:
                 self._bad.met(error)
-        return moved(self._in_world(rows, told), inverse(world_T_body))
+        return moved(self._in_world(rows, facts), inverse(world_T_body))
 
     @property
     def _path(self) -> Path:
         return self._tables.folder.table("sample_annotation")
 
-    def _in_world(self, rows: Sequence[AnnotationRow], told: Sequence[_Told]) -> Boxes3D:
-        angles = _angles(rows)
-        categories = [own.category for own in told]
+    def _in_world(self, rows: Sequence[AnnotationRow], facts: Sequence[_Facts]) -> Boxes3D:
+        angles = np.zeros((0, 3))
+        if rows:
+            turns = Rotation.from_quat(np.array([(r.qx, r.qy, r.qz, r.qw) for r in rows]))
+            angles = np.asarray(turns.as_euler("ZYX", suppress_warnings=True), np.float64)
+        categories = [own.category for own in facts]
         return Boxes3D(
             center_m=np.array([(r.x, r.y, r.z) for r in rows]).reshape(-1, 3),
             size_lwh_m=np.array([(r.length, r.width, r.height) for r in rows]).reshape(-1, 3),
             yaw_rad=angles[:, 0],
             pitch_rad=angles[:, 1],
             roll_rad=angles[:, 2],
-            velocity_mps=np.array([own.velocity_mps for own in told]).reshape(-1, 3),
+            velocity_mps=np.array([own.velocity_mps for own in facts]).reshape(-1, 3),
             label=text_array([LABELS.get(name) or fbench_label(name) for name in categories]),
             track_id=np.array([self._tracks[row.instance] for row in rows], np.int64),
-            visibility=np.array([own.visibility for own in told]),
-            attribute=text_array([own.attributes for own in told]),
+            visibility=np.array([own.visibility for own in facts]),
+            attribute=text_array([own.attributes for own in facts]),
             num_lidar_pts=np.array([row.num_lidar_pts for row in rows], np.int64),
             num_radar_pts=np.array([row.num_radar_pts for row in rows], np.int64),
             ignore=np.array([name in IGNORED for name in categories], bool),
             source_label=text_array(categories),
         )
-
-    def _told(self, row: AnnotationRow) -> _Told:
-        category = self._tables.category(row.instance)
-        attributes = ",".join(self._tables.attribute(token) for token in row.attributes.split())
-        return _Told(self._velocity(row), category, attributes, self._visibility(row))
 
     def _visibility(self, row: AnnotationRow) -> float:
         if not row.visibility:
@@ -137,8 +137,8 @@ class SceneTruth:
         return (int(found[1]) + int(found[2])) / 200
 
     def _velocity(self, row: AnnotationRow) -> tuple[float, float, float]:
-        """Central difference, or one to the only neighbour; NaN where there is none, or it is too far away in time."""
-        before, after = self._neighbour(row, row.prev, is_next=False), self._neighbour(row, row.next, is_next=True)
+        """Central difference, or one to the only neighbor; NaN where there is none, or it is too far away in time."""
+        before, after = self._neighbor(row, row.prev, is_next=False), self._neighbor(row, row.next, is_next=True)
         first, last = before or row, after or row
         step_us = self._chain[last.sample].stamp_us - self._chain[first.sample].stamp_us
         num_steps = (before is not None) + (after is not None)
@@ -147,7 +147,7 @@ class SceneTruth:
         seconds = step_us / 1e6
         return (last.x - first.x) / seconds, (last.y - first.y) / seconds, (last.z - first.z) / seconds
 
-    def _neighbour(self, row: AnnotationRow, token: str, is_next: bool) -> AnnotationRow | None:
+    def _neighbor(self, row: AnnotationRow, token: str, is_next: bool) -> AnnotationRow | None:
         if not token:
             return None
         other = self._by_token.get(token)
@@ -160,11 +160,3 @@ class SceneTruth:
         if (other.sample > row.sample) != is_next or other.sample == row.sample:
             raise LogError(f"{link}, which isn't {'later' if is_next else 'earlier'}")
         return other
-
-
-def _angles(rows: Sequence[AnnotationRow]) -> Float64:
-    """Yaw, pitch, roll (N, 3) [rad] in the world."""
-    if not rows:
-        return np.zeros((0, 3))
-    xyzw = np.array([(r.qx, r.qy, r.qz, r.qw) for r in rows])
-    return np.asarray(Rotation.from_quat(xyzw).as_euler("ZYX", suppress_warnings=True), np.float64)
