@@ -3,9 +3,6 @@
 A row is `class truncated occluded alpha left top right bottom height width length x y z rotation_y [score]`; in the
 tracking benchmark frame and id come first. Location is the middle of the bottom in the camera's coordinates (x right,
 y down, z forward); `rotation_y` turns about y, 0 where the object faces x.
-
-Detections as AB3DMOT takes them (https://github.com/xinshuoweng/AB3DMOT) are the same numbers in another order,
-comma-separated.
 """
 
 import re
@@ -53,16 +50,10 @@ _NAMES = (
     "truncated", "occluded", "alpha", "left", "top", "right", "bottom", "height", "width", "length", "x", "y", "z",
     "rotation_y", "score",
 )  # fmt: skip
-_AB3DMOT_NAMES = (
-    "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
-)  # fmt: skip
-AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)
-"""Frame, number of the class, then these."""
-_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 _NUM_TRACKING, _NUM_OBJECT = 17, 15
 """Columns without a score."""
 _UNKNOWN_ALPHA = -10
-_COLUMNS_CAMERA = "image"
+COLUMNS_CAMERA = "image"
 
 
 def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
@@ -81,7 +72,7 @@ def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: i
     if len(numbers) not in (14, 15):
         raise LogError(f"{line.where}: {len(numbers)} numbers after the class, expected 14, or 15 with a score")
     v = {name: parse_number(text, line.where, name) for name, text in zip(_NAMES, numbers, strict=False)}
-    return _object(fields[0], v, camera, track_id)
+    return make_object(fields[0], v, camera, track_id)
 
 
 def parse_tracking_row(line: Line, camera: str) -> Labelled:
@@ -96,22 +87,8 @@ def parse_tracking_row(line: Line, camera: str) -> Labelled:
     return parse_object_row(line, line.fields[2:18], camera, max(whole(line.fields[1], line.where, "track id"), -1))
 
 
-def parse_ab3dmot_row(line: Line, camera: str) -> Labelled:
-    """Return the detection of a row of AB3DMOT's, its 3D box as in `parse_object_row`; it has no id.
-
-    Raises:
-        LogError: where a column is missing or isn't a number.
-    """
-    if len(line.fields) != AB3DMOT_COLUMNS:
-        names = ", ".join(("frame", "class", *_AB3DMOT_NAMES))
-        raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
-    kind = whole(line.fields[1], line.where, "class")
-    v = {n: parse_number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
-    return _object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
-
-
-def _object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
-    """The object of one row; `_columns` does the same with all rows of a file."""
+def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
+    """Return the object of a row by its class and numbers; `make_columns` does the same with all rows of a file."""
     dont_care = name == DONT_CARE
     size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
     flat = (v["left"], v["top"], v["right"], v["bottom"])
@@ -148,32 +125,11 @@ def read_tracking_columns(path: Path) -> Columns:
         if plain.width < _NUM_TRACKING:
             raise IrregularError
         score = plain.number(17) if plain.width > _NUM_TRACKING else None
-        return _columns(
-            _frames(plain), np.maximum(plain.wholes(1), -1), *plain.texts(2), plain.numbers(range(3, 17)), score
+        return make_columns(
+            frames_of(plain), np.maximum(plain.wholes(1), -1), *plain.texts(2), plain.numbers(range(3, 17)), score
         )
     except IrregularError:
-        return _columns_by_row(path, None, parse_tracking_row)
-
-
-def read_ab3dmot_columns(path: Path) -> Columns:
-    """Read detections of one sequence as AB3DMOT takes them; steps are frames.
-
-    Raises:
-        LogError: naming file, row and column of what can't be read.
-    """
-    try:
-        plain = read_plain(path, ",")
-        if plain is None:
-            return to_columns([], [])
-        if plain.width != AB3DMOT_COLUMNS:
-            raise IrregularError
-        kinds, which = np.unique(plain.wholes(1), return_inverse=True)
-        words = np.array([_AB3DMOT_CLASSES.get(int(kind), str(kind)) for kind in kinds], np.str_)
-        unknown = np.full(len(which), -1.0)
-        numbers = np.column_stack([unknown, unknown, plain.number(14), plain.numbers((2, 3, 4, 5, *range(7, 14)))])
-        return _columns(_frames(plain), unknown.astype(np.int64), words, which, numbers, plain.number(6))
-    except IrregularError:
-        return _columns_by_row(path, ",", parse_ab3dmot_row)
+        return columns_by_row(path, None, parse_tracking_row)
 
 
 def read_object_columns(files: Mapping[int, Path]) -> Columns:
@@ -195,35 +151,39 @@ def read_object_columns(files: Mapping[int, Path]) -> Columns:
             raise IrregularError
         score = plain.number(_NUM_OBJECT) if plain.width > _NUM_OBJECT else None
         ids = np.full(len(frames), -1)
-        return _columns(frames, ids, *plain.texts(0), plain.numbers(range(1, _NUM_OBJECT)), score)
+        return make_columns(frames, ids, *plain.texts(0), plain.numbers(range(1, _NUM_OBJECT)), score)
     except IrregularError:
         return _object_columns_by_row(files)
 
 
 def _object_columns_by_row(files: Mapping[int, Path]) -> Columns:
     rows = [(number, line) for number in sorted(files) for line in lines(files[number])]
-    objects = [parse_object_row(line, line.fields, _COLUMNS_CAMERA, None) for _, line in rows]
+    objects = [parse_object_row(line, line.fields, COLUMNS_CAMERA, None) for _, line in rows]
     return to_columns([number for number, _ in rows], objects)
 
 
-def _columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str], Labelled]) -> Columns:
+def columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str], Labelled]) -> Columns:
+    """Read a file of one sequence row by row, which names the row that is wrong."""
     steps, objects = [], []
     for line in lines(path, separator):
         # A frame may be written as 3.0.
         steps.append(frame_number(str(whole(line.fields[0], line.where, "frame")), line.where))
-        objects.append(parse(line, _COLUMNS_CAMERA))
+        objects.append(parse(line, COLUMNS_CAMERA))
     return to_columns(steps, objects)
 
 
-def _frames(plain: PlainText) -> Int64:
+def frames_of(plain: PlainText) -> Int64:
+    """Return the frame (N,) of each row."""
     frames = plain.wholes(0)
     if len(frames) and (frames.min() < 0 or frames.max() >= MAX_FRAMES):
         raise IrregularError
     return frames
 
 
-def _columns(frames: Int64, ids: Int64, words: Text, which: Int64, numbers: Float64, score: Float64 | None) -> Columns:
-    """Of rows whose class is `words[which]`, with numbers (N, 14) in the order of `_NAMES`."""
+def make_columns(
+    frames: Int64, ids: Int64, words: Text, which: Int64, numbers: Float64, score: Float64 | None
+) -> Columns:
+    """Return rows as columns; their classes are `words[which]`, and numbers (N, 14) in the order of `_NAMES`."""
     dont_care: Bool = words[which] == DONT_CARE
     truncated, occluded, alpha, *_, height, width, length, x, y, z, rotation = numbers.T
     has_flat = (numbers[:, 3:7] != -1).any(axis=1)
@@ -276,22 +236,13 @@ def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults
         ConfigError: where the camera isn't known, or the folder has several sequences.
         LogError: where a row can't be read.
     """
-    return _open_sequence(source, coordinates, None, parse_tracking_row)
+    return open_sequence(source, coordinates, None, parse_tracking_row)
 
 
-def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read detections of one sequence as AB3DMOT takes them: comma-separated, a row a box, coordinates those of KITTI.
-
-    Raises:
-        ConfigError: where the camera isn't known, or the folder has several sequences.
-        LogError: where a row can't be read.
-    """
-    return _open_sequence(source, coordinates, ",", parse_ab3dmot_row)
-
-
-def _open_sequence(
+def open_sequence(
     source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], Labelled]
 ) -> Iterator[Truth]:
+    """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame."""
     camera = _camera(source, coordinates)
     files = _text_files(source.path, "label_02")
     if len(files) > 1:
