@@ -23,6 +23,7 @@ def through(shared: Path, tmp_path: Path, results: str, form: str) -> Path:
     return tmp_path / "out"
 
 
+@pytest.mark.slow
 def test_tracks_in_2d_are_the_same_again(shared: Path, tmp_path: Path) -> None:
     out = through(shared, tmp_path, "trackers_2d/GT-SORT", "kitti-tracking") / "0012.txt"
     source = shared / "data/kitti_tracking/trackers_2d/GT-SORT/data/0012.txt"

@@ -1,11 +1,8 @@
 """Small files of boxes."""
 
-from collections.abc import Callable
-from pathlib import Path
+from tests.replay.formats.conftest import Write, write
 
-import pytest
-
-Write = Callable[[str, str], Path]
+__all__ = ["Write", "write"]
 CAR = "0 0 0.5 {left} 100 {right} 150 1.5 1.6 4.0 {x} 1.7 {z} 0.1"
 
 
@@ -19,16 +16,3 @@ def kitti_text(num_frames: int, score: float | None = None) -> str:
     """Two cars in each of some frames."""
     rows = [kitti_row(f, i, x=8.0 * i, score=score) for f in range(num_frames) for i in range(2)]
     return "\n".join(rows) + "\n"
-
-
-@pytest.fixture
-def write(tmp_path: Path) -> Write:
-    """Write a text under a path and return it."""
-
-    def to(name: str, text: str) -> Path:
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        return path
-
-    return to

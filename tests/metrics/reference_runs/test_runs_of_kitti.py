@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
-from tests.replay.export.made import rig, run_of, solids, stamp, sweeps, write_log
+from tests.replay.formats.exports import rig, run_of, solids, stamp, sweeps, write_log
 
 from fbench.metrics.profiles.catalog import PROFILES, profile_of
 from fbench.metrics.profiles.choose import run_sequence

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.replay.export.made import exported, run_of, stamp, sweeps, write_log
+from tests.replay.formats.exports import exported, run_of, stamp, sweeps, write_log
 
 from fbench.metrics.profiles.catalog import profile_of
 from fbench.metrics.profiles.choose import run_sequence

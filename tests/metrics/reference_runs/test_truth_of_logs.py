@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
 from tests.metrics.reference_runs.test_runs_of_nuscenes import drive, made_run
-from tests.replay.export.made import exported
+from tests.replay.formats.exports import exported
 
 from fbench.metrics.files.sequences import open_files, open_source
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError

@@ -289,11 +289,11 @@ CASES = [
 ]  # fmt: skip
 
 ELSEWHERE = {
-    "CFG003": "tests/replay/rigfiles/test_own.py::test_bad_files_are_refused_in_one_line",
+    "CFG003": "tests/replay/formats/test_rig_files.py::test_bad_files_are_refused_in_one_line",
     "DEC002": "tests/replay/cli/test_replay.py::test_corrupt_image_is_a_fault_of_its_frame",
     "DEC003": "tests/replay/logs/test_foreign.py::test_broken_clouds_are_counted",
     "GT001": "tests/replay/cli/test_score_files.py::test_truth_for_no_sequence_is_an_error",
-    "GT005": "tests/replay/boxfiles/test_openlabel.py::test_what_is_no_box_is_counted",
+    "GT005": "tests/replay/formats/test_openlabel.py::test_what_is_no_box_is_counted",
     "GT007": "tests/replay/logs/test_ros_rig.py::test_classes_that_mean_nothing_are_counted_once",
     "LIM004": "tests/replay/logs/parquet/test_limits.py::test_a_page_that_claims_gigabytes_is_refused",
     "TIM011": "tests/replay/logs/test_foreign.py::test_headers_without_stamps_are_told",

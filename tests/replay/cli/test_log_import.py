@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.replay.imports import toy
-from tests.replay.imports.toy import write_toy
+from tests.datasets.importing import toy
+from tests.datasets.importing.toy import write_toy
 
 TOY = f"{toy.__file__}:Toy"
 FIVE = ["a", "b", "c", "d", "e"]
@@ -266,7 +266,7 @@ def test_names_that_files_cannot_have(toys, tmp_path):
 UNRULY = f"""
 import sys
 sys.path.insert(0, {str(Path(toy.__file__).parents[3])!r})
-from tests.replay.imports.toy import Toy, ToyRecording
+from tests.datasets.importing.toy import Toy, ToyRecording
 
 class AtNames(Toy):
     def names(self, source): raise ZeroDivisionError("oh\\nno")

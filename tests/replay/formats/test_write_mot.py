@@ -4,7 +4,7 @@ import configparser
 
 import numpy as np
 import pytest
-from tests.replay.export.made import exported, flats, read, run_of, solids, stamp, sweeps, write_log
+from tests.replay.formats.exports import exported, flats, read, run_of, solids, stamp, sweeps, write_log
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.messages import Truth

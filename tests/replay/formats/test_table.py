@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.replay.boxfiles.made import S, coordinates, read
+from tests.replay.formats.box_files import S, coordinates, read
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
 from fbench.replay.contracts.faults import FaultLog
@@ -274,7 +274,7 @@ def test_too_many_rows_at_one_instant(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts kibibytes as Linux does")
 def test_a_million_rows_stream(tmp_path):
-    from tests.replay.boxfiles.made import coordinates
+    from tests.replay.formats.box_files import coordinates
 
     from fbench.replay.contracts.faults import FaultLog
     from fbench.replay.formats.open import open_boxes

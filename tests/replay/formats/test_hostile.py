@@ -1,4 +1,4 @@
-"""Files of boxes that are damaged, or written to do harm: one line, bounded memory, no hang."""
+"""Files that are damaged, or written to do harm."""
 
 import io
 import json
@@ -8,10 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tests.replay.boxfiles.made import read
+from tests.replay.formats.box_files import read
+from tests.replay.formats.test_kalibr import CAM
+from tests.replay.formats.test_urdf import ROBOT
 from tests.replay.mutations import complaint, mutated
 
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
+from fbench.replay.formats.rig_files import open_rig_file
 
 HEADER = "frame,x,y,z,length,width,height,yaw,label,track_id\n"
 ROW = "0,12,0,0.7,4,1.8,1.5,0,car,3\n"
@@ -95,6 +98,7 @@ def test_a_text_that_a_dictionary_repeats_is_not_repeated_in_memory(tmp_path):
             read(tmp_path / "a.parquet")
 
 
+@pytest.mark.slow
 def test_pages_that_unpack_to_gigabytes_are_refused_unread(tmp_path):
     content = parquet(table(2, label=["L" * 300_000_000, "x"]), compression="zstd", use_dictionary=False)
     assert len(content) < 100_000
@@ -145,3 +149,46 @@ def test_millions_of_frames_without_rows_are_refused(tmp_path):
     (tmp_path / "gt.txt").write_text("1,1,10,20,30,40,1,1,0.9\n9999999,1,10,20,30,40,1,1,0.9\n")
     with pytest.raises(LimitError, match="frames 2 to 9999998 have no row"):
         read(tmp_path / "gt.txt")
+
+
+OWN = """\
+[sensors.lidar]
+parent = "body"
+translation_m = [1.0, 0, 1.8]
+yaw_pitch_roll_deg = [1, 2, 3]
+[cameras.front]
+fx = 700.0
+fy = 700.0
+cx = 320.0
+cy = 240.0
+size_wh = [640, 480]
+distortion_model = "plumb_bob"
+distortion = [0.1, 0, 0, 0, 0]
+"""
+INFO = """\
+image_width: 640
+image_height: 480
+camera_name: front
+camera_matrix: {rows: 3, cols: 3, data: [700, 0, 320, 0, 700, 240, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+VALID_RIGS = {"a.toml": OWN, "a.urdf": ROBOT, "camchain.yaml": CAM.format(num=0), "front.yaml": INFO}
+
+
+@pytest.mark.parametrize("name", VALID_RIGS)
+def test_damaged_rig_files_are_read_or_refused_in_one_line(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(VALID_RIGS[name])
+    open_rig_file(path)
+    for content in mutated(VALID_RIGS[name].encode(), 200, seed=4):
+        path.write_bytes(content)
+        told = complaint(lambda: open_rig_file(path))
+        assert told.isprintable()
+        assert len(told) < 2000
+
+
+def test_keys_of_many_parts_are_refused_before_they_are_parsed(tmp_path):
+    (tmp_path / "a.toml").write_text(".".join("a" * 400_000) + " = 1")
+    with pytest.raises(ConfigError, match="line 1 has over 500 dots"):
+        open_rig_file(tmp_path / "a.toml")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.replay.export.made import (
+from tests.replay.formats.exports import (
     CAMERA,
     FORWARD,
     exported,

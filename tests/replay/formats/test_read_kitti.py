@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from tests.replay.boxfiles.made import FORWARD, form, read
+from tests.replay.formats.box_files import FORWARD, form, read
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
 from fbench.replay.contracts.faults import FaultLog

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.replay.boxfiles.made import form, read
+from tests.replay.formats.box_files import form, read
 
 from fbench.replay.contracts.errors import FbenchError
 

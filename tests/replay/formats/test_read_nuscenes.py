@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from tests.replay.boxfiles.made import form, read
+from tests.replay.formats.box_files import form, read
 
 from fbench.replay.contracts.errors import FbenchError, LimitError
 from fbench.replay.data.boxes import Boxes3D

@@ -1,7 +1,7 @@
 """What may be written where, and that nothing is left where an export fails."""
 
 import pytest
-from tests.replay.export.made import exported, run_of, solids, stamp, sweeps, write_log
+from tests.replay.formats.exports import exported, run_of, solids, stamp, sweeps, write_log
 
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.boxes import Boxes3D

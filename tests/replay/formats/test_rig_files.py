@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.replay.rigfiles.save import rig_toml
+from tests.replay.formats.rig_toml import rig_toml
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.rig import CameraModel, Mount, Rig

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.replay.export.made import exported, flats, poses, read, run_of, solids, stamp, sweeps, write_log
+from tests.replay.formats.exports import exported, flats, poses, read, run_of, solids, stamp, sweeps, write_log
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.boxes import Boxes3D

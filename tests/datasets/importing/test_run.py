@@ -1,13 +1,11 @@
-"""One import through the library: what importers may do wrong, and who writes when."""
-
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.replay.imports.toy import Toy, ToyParams, write_toy
+from tests.datasets.importing.toy import Toy, ToyParams, write_toy
 
-from fbench.datasets.importing.run import claimed, import_one, import_recordings
+from fbench.datasets.importing.run import NUM_AHEAD, ahead, claimed, import_one, import_recordings
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
@@ -238,3 +236,41 @@ def test_importers_that_do_not_conform(tmp_path: Path, make, message):
     write_toy(tmp_path, ["a", "b"])
     with pytest.raises((AssertionError, FbenchError), match=message):
         check_importer(make, tmp_path)
+
+
+def test_the_same_items_in_the_same_order():
+    assert list(ahead(iter(range(100)))) == list(range(100))
+    assert list(ahead(iter([]))) == []
+
+
+def test_no_more_than_so_many_are_taken_before_they_are_wanted():
+    taken = []
+
+    def numbers():
+        for i in range(100):
+            taken.append(i)
+            yield i
+
+    items = ahead(numbers())
+    assert next(items) == 0
+    del items
+    assert len(taken) <= NUM_AHEAD + 1
+
+
+def test_an_error_comes_where_its_item_would_have():
+    def broken():
+        yield 1
+        yield 2
+        raise ValueError("here")
+
+    items = ahead(broken())
+    assert [next(items), next(items)] == [1, 2]
+    with pytest.raises(ValueError, match="here"):
+        next(items)
+
+
+def test_one_thread_asks_for_all_and_ends_with_the_iteration():
+    names = list(ahead(threading.current_thread().name for _ in range(10)))
+    assert len(set(names)) == 1
+    assert names[0] != threading.current_thread().name
+    assert names[0] not in [thread.name for thread in threading.enumerate()]
