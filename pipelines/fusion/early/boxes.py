@@ -6,22 +6,13 @@ from itertools import pairwise
 import numpy as np
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud, Scene
-from fbench.pipelines.fusion.early.groups import Counts, Groups
-from fbench.pipelines.fusion.observations import CameraObservation, outline_overlaps
-from fbench.pipelines.fusion.sizes import SIZES
+from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed
+from fbench.pipelines.fusion.observations import outline_overlaps
+from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
-from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.vehicle import (
-    HEADINGS_RAD,
-    NEAR_M,
-    VehicleSize,
-    completed,
-    fit_rectangles,
-    half_turn,
-)
+from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, completed, fit_rectangles, half_turn
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
-from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import wrap_angle
 
 _SIDE = 1.25
@@ -34,20 +25,8 @@ _RAY_PENALTY = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """What boxes are fitted to."""
-
-    rig: Rig
-    cloud: FusedCloud
-    plane: Plane | None
-    sightings: tuple[CameraObservation, ...]
-    eye_m: Float64
-    """(2,) from where LiDARs look [m]."""
-
-
-@dataclass(frozen=True, eq=False)
 class Shapes:
-    """What the points of groups (M,) look like."""
+    """Shapes of the points of groups (M,)."""
 
     rectangles: Float64
     """(M, 6) as `fit_rectangles` gives them, around LiDAR and stereo where there are enough points of them."""
@@ -59,7 +38,7 @@ class Shapes:
     """(M,) height of the lowest [m]."""
 
 
-def shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> Shapes:
+def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> Shapes:
     """Fit rectangles: around points of LiDAR and stereo where a group has `least` of them, else around all."""
     dense = cloud.source[groups.rows] != int(Source.R)
     by_shape = counts.dense >= least
@@ -74,7 +53,7 @@ def shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> S
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class GroupBoxes:
     """Boxes of groups (M,)."""
 
     center_m: Float64
@@ -87,7 +66,7 @@ class Placed:
     """(M,) IoU of the projected box with the camera's, NaN without."""
 
 
-def placed(view: View, groups: Groups, shape: Shapes, label: Text, size: VehicleSize) -> Placed:
+def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> GroupBoxes:
     """Complete what is seen of groups to objects of their label's typical size.
 
     Which of the edges that are seen are sides can be told from their lengths only where one is long enough. For what a
@@ -95,99 +74,92 @@ def placed(view: View, groups: Groups, shape: Shapes, label: Text, size: Vehicle
     wide as the camera's box, with the object put behind its near side along the line of sight. The one that covers the
     camera's box best is taken.
     """
-    lwh = _typical(view, groups, label, size)
+    lwh = _typical_sizes(scene, seen, groups, label)
     lwh[:, 2] = np.maximum(lwh[:, 2], np.minimum(shape.top_m, _TALLEST_M))
     by_ray = np.zeros((len(groups), 2, 5))
-    for row in np.flatnonzero((groups.sighting >= 0) | ~shape.by_shape).tolist():
-        by_ray[row] = _along_ray(view, groups, row, lwh[row, :2])
-    guesses = [_by_shape(view, shape, lwh, swapped) for swapped in (False, True)]
-    table = np.concatenate([np.stack(guesses, axis=1), by_ray], axis=1)
-    z = _middle_z(view, groups, table[:, :, :2], lwh[:, 2])
-    overlap = _overlaps(view, groups, table, z, lwh[:, 2])
+    for row in np.flatnonzero((groups.observation >= 0) | ~shape.by_shape).tolist():
+        by_ray[row] = _guess_along_ray(scene, seen, groups, row, lwh[row, :2])
+    by_shape = []
+    extent = shape.rectangles[:, [2, 4]] - shape.rectangles[:, [1, 3]]
+    longer_is_side = extent.max(axis=1) > _SIDE * lwh[:, 1]
+    for swapped in (False, True):  # True: the less likely edge is the side
+        along_first = (extent[:, 0] > extent[:, 1]) == (longer_is_side != swapped)
+        whole = completed(shape.rectangles, along_first, scene.eye_m, lwh[:, :2])
+        by_shape.append(np.column_stack([whole.center_m, whole.size_lw_m, whole.yaw_rad]))
+    table = np.concatenate([np.stack(by_shape, axis=1), by_ray], axis=1)
+    z = _middle_z(scene, groups, table[:, :, :2], lwh[:, 2])
+    overlap = _overlaps(scene, seen, groups, table, z, lwh[:, 2])
     impossible = ~shape.by_shape[:, None] | (table[:, :2, 3] > _WIDEST * lwh[:, 1:2])
     penalty = np.column_stack([np.where(impossible, np.inf, 0.0), np.full((len(groups), 2), _RAY_PENALTY)])
     worth = overlap - penalty
-    seen = groups.sighting >= 0
-    choice = np.where(seen, np.argmax(worth, axis=1), np.where(shape.by_shape, 0, 2))
+    has_camera = groups.observation >= 0
+    choice = np.where(has_camera, np.argmax(worth, axis=1), np.where(shape.by_shape, 0, 2))
     rows = np.arange(len(groups))
     best = table[rows, choice]
-    return Placed(
+    return GroupBoxes(
         center_m=np.column_stack([best[:, :2], z[rows, choice]]),
         size_lwh_m=np.column_stack([best[:, 2:4], lwh[:, 2]]),
         yaw_rad=best[:, 4],
-        overlap=np.where(seen, overlap[rows, choice], np.nan),
+        overlap=np.where(has_camera, overlap[rows, choice], np.nan),
     )
 
 
-def _typical(view: View, groups: Groups, label: Text, size: VehicleSize) -> Float64:
+def _typical_sizes(scene: Scene, seen: Observed, groups: Groups, label: Text) -> Float64:
     """Typical length, width and height (M, 3) [m]: what a camera takes for a truck may be as low as a van."""
-    car = (size.length_m, size.width_m, size.height_m)
-    of = {name: car if name == "car" else SIZES[name].lwh_m for name in SIZES}
-    result = np.array([of[str(name)] for name in label], np.float64).reshape(-1, 3)
-    for row in np.flatnonzero((groups.sighting >= 0) & (label != "car")):
-        result[row] = view.sightings[groups.sighting[row]].size_lwh_m
+    size = scene.shapes.size
+    typical = {name: SIZES[name].lwh_m for name in SIZES} | {"car": (size.length_m, size.width_m, size.height_m)}
+    result = np.array([typical[str(name)] for name in label], np.float64).reshape(-1, 3)
+    for row in np.flatnonzero((groups.observation >= 0) & (label != "car")):
+        result[row] = seen.observations[groups.observation[row]].size_lwh_m
     return result
 
 
-def _by_shape(view: View, shape: Shapes, lwh: Float64, swapped: bool) -> Float64:
-    """Place, length, width and heading (M, 5) by the visible edges; `swapped`: the less likely one is the side."""
-    extent = shape.rectangles[:, [2, 4]] - shape.rectangles[:, [1, 3]]
-    longer_is_side = extent.max(axis=1) > _SIDE * lwh[:, 1]
-    along_first = (extent[:, 0] > extent[:, 1]) == (longer_is_side != swapped)
-    whole = completed(shape.rectangles, along_first, view.eye_m, lwh[:, :2])
-    return np.column_stack([whole.center_m, whole.size_lw_m, whole.yaw_rad])
-
-
-def _along_ray(view: View, groups: Groups, row: int, length_width: Float64) -> Float64:
-    """Two guesses (2, 5) as `_by_shape`, for an object whose near side is the nearest tenth of a group's points.
+def _guess_along_ray(scene: Scene, seen: Observed, groups: Groups, row: int, length_width: Float64) -> Float64:
+    """Two guesses (2, 5) of an object whose near side is the nearest tenth of a group's points: place, size, heading.
 
     The direction is that of a camera's box, where it shows the whole object.
     """
-    sighting = view.sightings[groups.sighting[row]] if groups.sighting[row] >= 0 else None
-    eye = view.eye_m if sighting is None else sighting.eye_m[:2]
-    ray = view.cloud.xyz[groups.rows[groups.first[row] : groups.first[row + 1]], :2] - eye
+    one = seen.observations[groups.observation[row]] if groups.observation[row] >= 0 else None
+    eye = scene.eye_m if one is None else one.eye_m[:2]
+    ray = scene.cloud.xyz[groups.rows[groups.first[row] : groups.first[row + 1]], :2] - eye
     distance, azimuth = np.sort(np.hypot(ray[:, 0], ray[:, 1])), np.arctan2(ray[:, 1], ray[:, 0])
     near = float(distance[len(distance) // 10])
     bearing = float(azimuth[0] + np.median(wrap_angle(azimuth - azimuth[0])))
     depth, beside, aspect = float(length_width.sum()) / 4, 0.0, np.array([-bearing, -bearing])
-    if sighting is not None:
-        bearing = bearing if sighting.cut and not sighting.beside_m else sighting.bearing_rad
-        depth, beside = sighting.depth_m, sighting.beside_m
-        aspect = np.array([-sighting.aspect_rad, sighting.aspect_rad])
+    if one is not None:
+        bearing = bearing if one.cut and not one.beside_m else one.bearing_rad
+        depth, beside = one.depth_m, one.beside_m
+        aspect = np.array([-one.aspect_rad, one.aspect_rad])
     forward, left = np.array([np.cos(bearing), np.sin(bearing)]), np.array([-np.sin(bearing), np.cos(bearing)])
     center = eye + forward * (near + depth) + left * beside
     return np.column_stack([np.tile([*center, *length_width], (2, 1)), half_turn(bearing + aspect)])
 
 
-def _middle_z(view: View, groups: Groups, center: Float64, height_m: Float64) -> Float64:
+def _middle_z(scene: Scene, groups: Groups, center: Float64, height_m: Float64) -> Float64:
     """Height of the middles (M, 4) [m] of boxes at (M, 4, 2): on the ground, where that isn't known, of the points."""
-    if view.plane is not None:
-        return view.plane.z_m(center.reshape(-1, 2)).reshape(center.shape[:2]) + height_m[:, None] / 2
-    z = view.cloud.xyz[groups.rows, 2]
+    if scene.plane is not None:
+        return scene.plane.z_m(center.reshape(-1, 2)).reshape(center.shape[:2]) + height_m[:, None] / 2
+    z = scene.cloud.xyz[groups.rows, 2]
     middle = [np.median(z[begin:end]) for begin, end in pairwise(groups.first)]
     return np.repeat(np.array(middle, np.float64)[:, None], center.shape[1], axis=1)
 
 
-def _overlaps(view: View, groups: Groups, table: Float64, z: Float64, height_m: Float64) -> Float64:
+def _overlaps(scene: Scene, seen: Observed, groups: Groups, table: Float64, z: Float64, height_m: Float64) -> Float64:
     """IoU (M, 4) of guessed boxes in the image with the camera's boxes; 0 where no camera saw the group."""
     result = np.zeros(table.shape[:2])
-    cameras = np.array([s.camera for s in view.sightings] or [""])[groups.sighting]
-    for name in np.unique(cameras[groups.sighting >= 0]):
-        rows = np.flatnonzero((cameras == name) & (groups.sighting >= 0))
+    cameras = np.array([s.camera for s in seen.observations] or [""])[groups.observation]
+    for name in np.unique(cameras[groups.observation >= 0]):
+        rows = np.flatnonzero((cameras == name) & (groups.observation >= 0))
         flat = table[rows].reshape(-1, 5)
         size = np.column_stack([flat[:, 2:4], np.repeat(height_m[rows], table.shape[1])])
         boxes = Boxes3D(np.column_stack([flat[:, :2], z[rows].ravel()]), size, flat[:, 4])
-        seen = np.array([view.sightings[i].xyxy_px for i in groups.sighting[rows]]).repeat(table.shape[1], axis=0)
-        overlap = outline_overlaps(view.rig, str(name), boxes, seen)
+        shown = np.array([seen.observations[i].xyxy_px for i in groups.observation[rows]])
+        overlap = outline_overlaps(scene.rig, str(name), boxes, shown.repeat(table.shape[1], axis=0))
         result[rows] = overlap.reshape(len(rows), -1)
     return result
 
 
-LONG_M = 7.0
-"""Objects longer than this [m] whose class neither cameras nor shapes tell are called trucks, others cars."""
-
-
-def judged(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float64, Text]:
+def classify_shapes(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float64, Text]:
     """Probability (M,) that groups are road users by the shape of their LiDAR and stereo points, NaN where they are too
     few, and labels (M,) by shape.
     """
@@ -195,8 +167,8 @@ def judged(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float64, Text]:
     rows = np.flatnonzero(shape.by_shape)
     if scene.plane is None or not len(rows):
         return probability, label
-    seen = Seen(_standing(scene, groups, rows), shape.rectangles[rows], scene.plane, scene.eye_m)
-    how = scene.lidar
+    seen = Seen(_sort_points(scene, groups, rows), shape.rectangles[rows], scene.plane, scene.eye_m)
+    how = scene.shapes
     boxes = road_users(seen, how.size, how.sizes) if how.judge == "model" else like_cars(seen, how.size, how.shape)
     if boxes.score is not None:
         probability[rows] = boxes.score
@@ -207,8 +179,8 @@ def judged(scene: Scene, groups: Groups, shape: Shapes) -> tuple[Float64, Text]:
     return probability, label
 
 
-def _standing(scene: Scene, groups: Groups, chosen: Int64) -> Standing:
-    """Points of LiDAR and stereo as they are judged: sorted by chosen group, those of no such group first."""
+def _sort_points(scene: Scene, groups: Groups, chosen: Int64) -> Standing:
+    """Points of LiDAR and stereo as they are classified: sorted by chosen group, those of no such group first."""
     cloud, number = scene.cloud, np.full(len(scene.cloud), -1)
     place = np.full(len(groups), -1)
     place[chosen] = np.arange(len(chosen))

@@ -189,5 +189,5 @@ class Scene:
     """(K, 3) LiDAR points above the height of cars [m]."""
     eye_m: Float64
     """(2,) from where the cloud is seen [m]."""
-    lidar: LidarParams
+    shapes: LidarParams
     """How shapes are classified, and what partly seen cars are completed to."""

@@ -13,7 +13,7 @@ from fbench.replay.data.boxes import Source
 from fbench.replay.geometry.kernels import kernel
 
 Reaching: TypeAlias = tuple[Int64, Float64, Float64, Float64, float, float]
-"""What tells neighbours: place, xy, reach, velocity and edge as of `connected`, and the longest reach."""
+"""Neighborhoods: place, xy, reach, velocity and edge as of `connect_cells`, and the longest reach."""
 
 
 @kernel
@@ -37,7 +37,7 @@ def _first_at_or_after(place: Int64, x: int, y: int) -> int:
 
 
 @kernel
-def _neighbours(i: int, reaching: Reaching, found: Int64) -> int:
+def _neighbors(i: int, reaching: Reaching, found: Int64) -> int:
     """Fill `found` with the cells within reach of cell `i`, itself included, and return how many there are."""
     place, xy, reach, velocity, edge, longest = reaching
     num = 0
@@ -58,14 +58,14 @@ def _neighbours(i: int, reaching: Reaching, found: Int64) -> int:
 
 
 @kernel
-def connected(
+def connect_cells(
     place: Int64, xy: Float64, weight: Float64, able: Bool, reach: Float64, velocity: Float64, edge: float
 ) -> tuple[Int64, Bool]:
     """Cluster cells: core are those of `able` (M,) that have at least a weight of 1 within reach; clusters are
     connected core cells.
 
     Takes cell numbers (M, 2) in lexicographic order, and for each cell its place (M, 2) [m], weight (M,), reach (M,)
-    [m] and velocity (M,) as a length [m], NaN where unknown. Two cells are neighbours where their distance is at most
+    [m] and velocity (M,) as a length [m], NaN where unknown. Two cells are neighbors where their distance is at most
     the mean of their reaches.
 
     Returns cluster numbers (M,), by the first core cell, -1 for noise, and which cells are core (M,). Border cells
@@ -75,8 +75,8 @@ def connected(
     reaching = (place, xy, reach, velocity, edge, reach.max() if num else 0.0)
     found = np.empty(num, np.int64)
     core = _cores(reaching, weight, able, found)
-    label = _numbered(_joined(reaching, core, found), core)
-    return _with_borders(reaching, core, label, found), core
+    label = _number_clusters(_link_cores(reaching, core, found), core)
+    return _add_borders(reaching, core, label, found), core
 
 
 @kernel
@@ -84,19 +84,19 @@ def _cores(reaching: Reaching, weight: Float64, able: Bool, found: Int64) -> Boo
     core = np.zeros(len(weight), np.bool_)
     for i in range(len(weight)):
         total = 0.0
-        for k in range(_neighbours(i, reaching, found)):
+        for k in range(_neighbors(i, reaching, found)):
             total += weight[found[k]]
         core[i] = able[i] and total >= 1.0 - 1e-9  # sums of shares are rounded
     return core
 
 
 @kernel
-def _joined(reaching: Reaching, core: Bool, found: Int64) -> Int64:
+def _link_cores(reaching: Reaching, core: Bool, found: Int64) -> Int64:
     """Lead each core cell towards the first of its cluster."""
     parent = np.arange(len(core))
     for i in range(len(core)):
         if core[i]:
-            for k in range(_neighbours(i, reaching, found)):
+            for k in range(_neighbors(i, reaching, found)):
                 if core[found[k]]:
                     a, b = _root(parent, i), _root(parent, found[k])
                     parent[max(a, b)] = min(a, b)
@@ -104,7 +104,7 @@ def _joined(reaching: Reaching, core: Bool, found: Int64) -> Int64:
 
 
 @kernel
-def _numbered(parent: Int64, core: Bool) -> Int64:
+def _number_clusters(parent: Int64, core: Bool) -> Int64:
     label, num_clusters = np.full(len(core), -1), 0
     for i in range(len(core)):
         if core[i]:
@@ -118,11 +118,11 @@ def _numbered(parent: Int64, core: Bool) -> Int64:
 
 
 @kernel
-def _with_borders(reaching: Reaching, core: Bool, label: Int64, found: Int64) -> Int64:
+def _add_borders(reaching: Reaching, core: Bool, label: Int64, found: Int64) -> Int64:
     result = label.copy()
     for i in range(len(core)):
         if not core[i]:
-            for k in range(_neighbours(i, reaching, found)):
+            for k in range(_neighbors(i, reaching, found)):
                 other = label[found[k]]
                 if core[found[k]] and (result[i] < 0 or other < result[i]):
                     result[i] = other
@@ -148,7 +148,7 @@ class DensityParams:
     seen_factor: float = 2.0
     """Points that a camera's box is given count so many times."""
     reach_m: float = 0.6
-    """Points of LiDAR and stereo nearer than this [m] to each other are neighbours."""
+    """Points of LiDAR and stereo nearer than this [m] to each other are neighbors."""
     reach_rad: float = 0.03
     """Beyond reach_m / this from the body's origin reaches grow with distance by this angle [rad], as the spacing of
     beams does."""
@@ -184,7 +184,7 @@ _PACE_MPS, _MOST_PACE = 1.0, 1000
 """Moving echoes in one cell are taken together where their velocities are in one step of this."""
 
 
-def clusters(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
+def cluster_cloud(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
     """Cluster a cloud; returns cluster numbers (N,), -1 for noise. `is_seen` (N,): a camera's box holds the point.
 
     Clusters are numbered by their first core cell, by x, then y. Points beyond 1000 km are noise.
@@ -211,7 +211,7 @@ def clusters(cloud: FusedCloud, is_seen: Bool, params: DensityParams) -> Int64:
     reach = _reaches(xy, is_echo, velocity, params)
     is_clutter = (cloud.source == int(Source.R)) & ~cloud.is_moving & ~is_seen
     able = np.bincount(cell, ~is_clutter[rows]) > 0
-    result[rows] = connected(numbers[first], xy, weight, able, reach, velocity, params.cell_m)[0][cell]
+    result[rows] = connect_cells(numbers[first], xy, weight, able, reach, velocity, params.cell_m)[0][cell]
     return result
 
 

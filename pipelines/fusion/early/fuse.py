@@ -5,14 +5,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.fusion.early.boxes import Placed, Shapes, View, judged, placed, shapes
+from fbench.pipelines.fusion.early.boxes import classify_shapes, fit_shapes, place_boxes
 from fbench.pipelines.fusion.early.cloud import EchoParams, FusedCloud, Scene
-from fbench.pipelines.fusion.early.density import DensityParams, clusters
-from fbench.pipelines.fusion.early.groups import Counts, Groups, Labels, SemanticsParams, counted, grouped, label_points
+from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud
+from fbench.pipelines.fusion.early.groups import (
+    Counts,
+    Groups,
+    Observed,
+    SemanticsParams,
+    count_points,
+    group_points,
+    label_points,
+)
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE
+from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
 from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.radar.radar import median_rate
-from fbench.replay.data.arrays import Array, Bool, Float64, Text
+from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 
 _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
@@ -20,7 +29,7 @@ _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
 
 @dataclass(frozen=True)
 class ExistenceParams:
-    """What speaks for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)).
+    """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)).
 
     The shape of LiDAR points has odds of its own, by the LiDAR's model.
     """
@@ -54,59 +63,11 @@ class ExistenceParams:
 
     def __post_init__(self) -> None:
         names = (
-            "camera", "camera_score", "overlap", "camera_shape", "camera_shapeless", "camera_points", "alone",
-            "shapeless", "unconfirmed", "unseen", "moving",
-        )  # fmt: skip
+            *("camera", "camera_score", "overlap", "camera_shape", "camera_shapeless", "camera_points"),
+            *("alone", "shapeless", "unconfirmed", "unseen", "moving"),
+        )
         require_ranges("fusion.existence", self, {"most_odds": (0.0, 30.0), "unseen_px": (0.1, 1e5)})
         require_ranges("fusion.existence", self, dict.fromkeys(names, (-1000.0, 1000.0)))
-
-
-@dataclass(frozen=True, eq=False)
-class Witnesses:
-    """What speaks for groups (M,)."""
-
-    camera_score: Float64
-    """Of the camera's box, NaN without."""
-    is_sure: Bool
-    """Whether the camera alone would report it."""
-    overlap: Float64
-    """IoU of the projected 3D box with the camera's, NaN without."""
-    height_px: Float64
-    """How high a car there looks in a working camera [px], 0 out of view."""
-    by_shape: Float64
-    """Probability of a road user by the shape of LiDAR and stereo points, NaN where they are too few."""
-    dense: Float64
-    """Points of LiDAR and stereo."""
-    moving: Float64
-    """Moving echoes."""
-    has_dense: bool
-    """Whether LiDAR or stereo delivered anything in this frame."""
-
-
-def existence(seen: Witnesses, params: ExistenceParams) -> Float64:
-    """Probability (M,) that groups are road users."""
-    by_shape, has_shape = _odds(seen.by_shape, params.most_odds), np.isfinite(seen.by_shape)
-    with_camera = (
-        params.camera
-        + params.camera_score * (_odds(seen.camera_score, params.most_odds) - _LEAST)
-        + params.overlap * (seen.overlap - 0.5)
-        + np.where(has_shape, params.camera_shape * by_shape, params.camera_shapeless)
-        + params.camera_points * np.log1p(seen.dense + seen.moving)
-    )
-    alone = (
-        np.where(has_shape, params.alone + by_shape, params.shapeless + params.unconfirmed * seen.has_dense)
-        + params.unseen * (1 - np.exp(-seen.height_px / params.unseen_px))
-        + params.moving * np.log1p(seen.moving)
-    )
-    confirmed = np.where(seen.is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
-    total = np.where(np.isfinite(seen.camera_score), confirmed, alone)
-    return np.asarray(1 / (1 + np.exp(-np.clip(total, -30.0, 30.0))), np.float64)
-
-
-def _odds(probability: Float64, most: float) -> Float64:
-    """Logarithm of odds (M,), NaN where the probability is."""
-    safe = np.clip(probability, 1e-9, 1 - 1e-9)
-    return np.asarray(np.clip(np.log(safe / (1 - safe)), -most, most), np.float64)
 
 
 @dataclass(frozen=True)
@@ -134,80 +95,90 @@ class EarlyParams:
     """Objects with a lower score are dropped."""
 
     def __post_init__(self) -> None:
-        ranges = {
-            "fit_points": (1.0, 1e6), "most_extent_m": (0.1, 1000.0), "merge_m": (0.0, 100.0), "min_score": (0.0, 1.0),
-            "camera_share": (0.0, 1.0),
-        }  # fmt: skip
+        ranges = {"fit_points": (1.0, 1e6), "most_extent_m": (0.1, 1000.0), "merge_m": (0.0, 100.0)}
+        ranges |= dict.fromkeys(("min_score", "camera_share"), (0.0, 1.0))
         require_ranges("fusion", self, ranges)
 
 
-@dataclass(frozen=True, eq=False)
-class Candidates:
-    """Groups of points that may be objects (M,), and what speaks for them."""
-
-    groups: Groups
-    counts: Counts
-    shape: Shapes
-    label: Text
-    placed: Placed
-    witnesses: Witnesses
-    range_rate_mps: Float64
-    """(M,) median radial velocity of moving echoes [m/s], NaN without."""
-
-
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:
-    """Find labelled objects with score, sources and, where radar measured it, velocity along the line of sight."""
-    found = candidates(scene, params)
-    score = existence(found.witnesses, params.existence)
-    boxes = _boxes(scene, found, score)
-    kept = _surest(boxes, score, params)
-    return boxes[kept]
+    """Find labeled objects with score, sources and, where radar measured it, velocity along the line of sight.
 
-
-def candidates(scene: Scene, params: EarlyParams) -> Candidates:
-    """Label, cluster and group the points of a scene, and fit a box to each group."""
+    Points take the labels of camera boxes and are clustered; a box is fitted to each group, whose probability to be a
+    road user follows from its shape, its points and the camera. Of objects in one place the surest stays.
+    """
     cloud = scene.cloud
-    labels = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
-    is_seen = labels.instance >= 0
-    cluster = clusters(cloud, is_seen, params.density)
-    groups = grouped(cloud, labels, cluster, params.density.weights(cloud, is_seen))
-    groups = groups.select((groups.sighting >= 0) | (_extent(cloud, groups) <= params.most_extent_m))
-    counts = counted(groups, cloud)
-    shape = shapes(cloud, groups, counts, params.fit_points)
-    by_shape, label = judged(scene, groups, shape)
-    label = _labels(groups, labels, label)
-    view = View(scene.rig, cloud, scene.plane, labels.sightings, scene.eye_m)
-    where = placed(view, groups, shape, label, scene.lidar.size)
-    witnesses = Witnesses(
-        camera_score=_camera_scores(groups, labels),
-        is_sure=np.array([s.is_sure for s in labels.sightings] + [False])[groups.sighting],
-        overlap=where.overlap,
-        height_px=groups.sums(labels.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1),
-        by_shape=by_shape,
-        dense=counts.dense,
-        moving=counts.moving,
-        has_dense=bool((cloud.source != int(Source.R)).any()),
+    seen = label_points(scene.rig, scene.cameras, cloud, scene.plane, params.semantics)
+    is_seen = seen.instance >= 0
+    cluster = cluster_cloud(cloud, is_seen, params.density)
+    groups = group_points(cloud, seen, cluster, params.density.weights(cloud, is_seen))
+    groups = groups.select((groups.observation >= 0) | (_extents(cloud, groups) <= params.most_extent_m))
+    counts = count_points(groups, cloud)
+    shape = fit_shapes(cloud, groups, counts, params.fit_points)
+    by_shape, label = classify_shapes(scene, groups, shape)
+    names = np.array([one.label for one in seen.observations] or [""], np.str_)
+    label = np.where(groups.observation >= 0, names[groups.observation], label)
+    boxes = place_boxes(scene, seen, groups, shape, label)
+    score = _existence(scene, seen, groups, counts, by_shape, boxes.overlap, params.existence)
+    bearing = np.arctan2(boxes.center_m[:, 1] - scene.eye_m[1], boxes.center_m[:, 0] - scene.eye_m[0])
+    rate = _rates(cloud, groups, counts)
+    found = Boxes3D(
+        center_m=boxes.center_m,
+        size_lwh_m=boxes.size_lwh_m,
+        yaw_rad=boxes.yaw_rad,
+        velocity_mps=np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate]),
+        label=label,
+        score=score,
+        sources=counts.sources,
     )
-    return Candidates(groups, counts, shape, label, where, witnesses, _rates(cloud, groups, counts))
+    return found[_surest(found, score, params)]
 
 
-def _extent(cloud: FusedCloud, groups: Groups) -> Float64:
+def _existence(
+    scene: Scene,
+    seen: Observed,
+    groups: Groups,
+    counts: Counts,
+    by_shape: Float64,
+    overlap: Float64,
+    params: ExistenceParams,
+) -> Float64:
+    """Probability (M,) that groups are road users, given that by shape alone (M,), NaN where they have none, and the
+    IoU (M,) of their projected box with the camera's, NaN without.
+    """
+    scores = np.array([one.score for one in seen.observations] or [np.nan])
+    camera_score = np.where(groups.observation >= 0, scores[groups.observation], np.nan)
+    is_sure = np.array([one.is_sure for one in seen.observations] + [False])[groups.observation]
+    height_px = groups.sums(seen.height_px[groups.rows]) / np.maximum(np.diff(groups.first), 1)
+    has_dense = bool((scene.cloud.source != int(Source.R)).any())
+    shape_odds, has_shape = _limited_odds(by_shape, params.most_odds), np.isfinite(by_shape)
+    with_camera = (
+        params.camera
+        + params.camera_score * (_limited_odds(camera_score, params.most_odds) - _LEAST)
+        + params.overlap * (overlap - 0.5)
+        + np.where(has_shape, params.camera_shape * shape_odds, params.camera_shapeless)
+        + params.camera_points * np.log1p(counts.dense + counts.moving)
+    )
+    alone = (
+        np.where(has_shape, params.alone + shape_odds, params.shapeless + params.unconfirmed * has_dense)
+        + params.unseen * saturate(height_px, params.unseen_px)
+        + params.moving * np.log1p(counts.moving)
+    )
+    confirmed = np.where(is_sure, with_camera, np.where(has_shape, np.fmax(with_camera, alone), alone))
+    total = np.where(np.isfinite(camera_score), confirmed, alone)
+    return probability_of(np.clip(total, -30.0, 30.0))
+
+
+def _limited_odds(probability: Float64, most: float) -> Float64:
+    """Logarithm of odds (M,), NaN where the probability is."""
+    return np.asarray(np.clip(log_odds(probability, 1e-9), -most, most), np.float64)
+
+
+def _extents(cloud: FusedCloud, groups: Groups) -> Float64:
     """Larger of the extents along x and y (M,) [m]."""
     if not len(groups):
         return np.zeros(0)
     xy, first = cloud.xyz[groups.rows, :2], groups.first[:-1]
     return np.asarray((np.maximum.reduceat(xy, first) - np.minimum.reduceat(xy, first)).max(axis=1), np.float64)
-
-
-def _labels(groups: Groups, labels: Labels, by_shape: Text) -> Text:
-    """Labels (M,): those of cameras, else by shape."""
-    names = np.array([sighting.label for sighting in labels.sightings] or [""], np.str_)
-    return np.where(groups.sighting >= 0, names[groups.sighting], by_shape)
-
-
-def _camera_scores(groups: Groups, labels: Labels) -> Float64:
-    scores = np.array([sighting.score for sighting in labels.sightings] or [np.nan])
-    return np.where(groups.sighting >= 0, scores[groups.sighting], np.nan)
 
 
 def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
@@ -220,26 +191,11 @@ def _rates(cloud: FusedCloud, groups: Groups, counts: Counts) -> Float64:
     return result
 
 
-def _boxes(scene: Scene, found: Candidates, score: Float64) -> Boxes3D:
-    center = found.placed.center_m
-    bearing = np.arctan2(center[:, 1] - scene.eye_m[1], center[:, 0] - scene.eye_m[0])
-    rate = found.range_rate_mps
-    return Boxes3D(
-        center_m=center,
-        size_lwh_m=found.placed.size_lwh_m,
-        yaw_rad=found.placed.yaw_rad,
-        velocity_mps=np.column_stack([rate * np.cos(bearing), rate * np.sin(bearing), 0 * rate]),
-        label=found.label,
-        score=score,
-        sources=found.counts.sources,
-    )
-
-
 def _surest(boxes: Boxes3D, score: Float64, params: EarlyParams) -> Array:
     """Rows of boxes that stay, by falling score; equal scores by place."""
     order = np.lexsort((*boxes.center_m.T[::-1], -score))
     order = order[score[order] >= max(params.min_score, np.finfo(np.float64).tiny)]
-    same = _one_object(boxes[order], params.merge_m)
+    same = _are_one(boxes[order], params.merge_m)
     kept: list[int] = []
     for row in range(len(order)):
         if not same[row, kept].any():
@@ -247,8 +203,8 @@ def _surest(boxes: Boxes3D, score: Float64, params: EarlyParams) -> Array:
     return order[kept]
 
 
-def _one_object(boxes: Boxes3D, merge_m: float) -> Bool:
-    """Tell which pairs (N, N) of boxes are one object: centres are near, or that of one lies in the other."""
+def _are_one(boxes: Boxes3D, merge_m: float) -> Bool:
+    """Which pairs (N, N) of boxes are one object: centers are near, or that of one lies in the other."""
     offset = boxes.center_m[None, :, :2] - boxes.center_m[:, None, :2]
     cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
     along = np.abs(offset[..., 0] * cos + offset[..., 1] * sin)

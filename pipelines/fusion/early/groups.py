@@ -45,11 +45,10 @@ class SemanticsParams:
 
 
 @dataclass(frozen=True, eq=False)
-class Labels:
-    """What cameras say about the points of a cloud."""
+class Observed:
+    """Observations of cameras, and which points of a cloud they show."""
 
-    sightings: tuple[CameraObservation, ...]
-    """Objects that cameras see."""
+    observations: tuple[CameraObservation, ...]
     instance: Int64
     """(N,) which of them a point belongs to, -1: none."""
     height_px: Float64
@@ -59,7 +58,7 @@ class Labels:
 
 def label_points(
     rig: Rig, cameras: Mapping[str, CameraDetections], cloud: FusedCloud, plane: Plane | None, params: SemanticsParams
-) -> Labels:
+) -> Observed:
     """Give points the camera boxes that they project into, where their depth fits.
 
     In each camera nearer objects take their points first, those that the camera is sure of before all others. An object
@@ -73,13 +72,13 @@ def label_points(
         uv, _ = project_body(rig, name, cloud.xyz)
         found = observe_camera(rig, name, cameras[name], plane, AssociationParams())
         view = _View(cloud, uv, rig, name)
-        for sighting in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
-            rows = view.take(sighting, params)
-            rows = rows[sighting.score > best[rows]]
-            instance[rows], best[rows] = len(known), sighting.score
-            known.append(sighting)
+        for one in sorted(found, key=lambda s: (not s.is_sure, s.near_m, *s.xyxy_px.tolist())):
+            rows = view.take(one, params)
+            rows = rows[one.score > best[rows]]
+            instance[rows], best[rows] = len(known), one.score
+            known.append(one)
         height = np.maximum(height, np.where(view.hidden(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
-    return Labels(tuple(known), instance, height)
+    return Observed(tuple(known), instance, height)
 
 
 def _car_heights(rig: Rig, camera: str, cloud: FusedCloud, uv: Float64) -> Float64:
@@ -105,23 +104,28 @@ class _View:
         self._hidden = np.zeros(len(self._rows), np.bool_)
         self._focal_px = float(rig.cameras[camera].K[0, 0])
 
-    def take(self, sighting: CameraObservation, params: SemanticsParams) -> Int64:
-        """Rows of the cloud that belong to a sighting; none where too little is there."""
-        inside = self._inside(sighting, params)
-        if sighting.is_sure:
-            self._hidden |= inside & (self._distance > sighting.near_m)
+    def take(self, one: CameraObservation, params: SemanticsParams) -> Int64:
+        """Rows of the cloud that belong to an observation; none where too little is there."""
+        left, top, right, bottom = one.xyxy_px
+        u, v = self._uv[:, 0], self._uv[:, 1]
+        aside = np.where(self._is_echo, params.radar_rad * self._focal_px, -params.inset * (right - left))
+        inside = (u > left - aside) & (u < right + aside)
+        # Radar is too poor at heights to ask for them.
+        inside &= ((v > top - params.margin_px) & (v < bottom + params.margin_px)) | self._is_echo
+        if one.is_sure:
+            self._hidden |= inside & (self._distance > one.near_m)
         rows: Int64 = np.flatnonzero(self._free & inside)
         distance = self._distance[rows]
-        deviation = np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std
+        deviation = np.log(np.maximum(distance, 0.1) / one.near_m) / one.std
         rows = rows[np.abs(deviation) < params.gate]
         rows = rows[np.argsort(self._distance[rows], kind="stable")]
         if not len(rows):
             return rows
         distance = self._distance[rows]
-        likelihood = np.exp(-0.5 * (np.log(np.maximum(distance, 0.1) / sighting.near_m) / sighting.std) ** 2)
+        likelihood = np.exp(-0.5 * (np.log(np.maximum(distance, 0.1) / one.near_m) / one.std) ** 2)
         worth = np.where(self._is_echo[rows] & ~self._moving[rows], params.echo_share, 1.0) * likelihood
         total = np.concatenate([[0.0], np.cumsum(worth)])
-        stop = np.searchsorted(distance, distance + 2 * sighting.depth_m + params.depth_margin_m)
+        stop = np.searchsorted(distance, distance + 2 * one.depth_m + params.depth_margin_m)
         support = total[stop] - total[:-1]
         begin = int(np.argmax(support))
         if support[begin] < params.least:
@@ -136,15 +140,6 @@ class _View:
         result[self._rows] = self._hidden
         return result
 
-    def _inside(self, sighting: CameraObservation, params: SemanticsParams) -> Bool:
-        """Which points lie in a box; radar is too poor at heights to ask for them."""
-        left, top, right, bottom = sighting.xyxy_px
-        u, v = self._uv[:, 0], self._uv[:, 1]
-        aside = np.where(self._is_echo, params.radar_rad * self._focal_px, -params.inset * (right - left))
-        wide = (u > left - aside) & (u < right + aside)
-        high = (v > top - params.margin_px) & (v < bottom + params.margin_px)
-        return np.asarray(wide & (high | self._is_echo), np.bool_)
-
 
 _LARGER = 1.3
 """So many times as long as the diagonal of a typical object a cluster of one may be."""
@@ -158,11 +153,11 @@ class Groups:
     """(P,) rows of the cloud, sorted by group."""
     first: Int64
     """(M + 1,) where in `rows` groups begin."""
-    sighting: Int64
-    """(M,) number of the sighting that a group shows, -1: no camera's box took it."""
+    observation: Int64
+    """(M,) number of the camera's observation that a group shows, -1: no camera's box took it."""
 
     def __len__(self) -> int:
-        return len(self.sighting)
+        return len(self.observation)
 
     @property
     def number(self) -> Int64:
@@ -176,25 +171,25 @@ class Groups:
     def select(self, keep: Array) -> "Groups":
         """Groups by mask (M,)."""
         sizes = np.diff(self.first)[keep]
-        return Groups(self.rows[keep[self.number]], np.concatenate([[0], np.cumsum(sizes)]), self.sighting[keep])
+        return Groups(self.rows[keep[self.number]], np.concatenate([[0], np.cumsum(sizes)]), self.observation[keep])
 
 
-def grouped(cloud: FusedCloud, labels: Labels, cluster: Int64, weight: Float64) -> Groups:
-    """Put points (N,) into groups: those of each sighting first, then those of each cluster that is left.
+def group_points(cloud: FusedCloud, seen: Observed, cluster: Int64, weight: Float64) -> Groups:
+    """Put points (N,) into groups: those of each observation first, then those of each cluster that is left.
 
-    A sighting's points are those in the cluster in which most of them lie, by `weight` (N,), the lowest number on ties;
-    points of no cluster count only where none of them has one. A cluster that is no larger than what a camera sees in
-    it isn't cut: it is all of the sighting that has most of it. In larger ones each sighting takes its own points.
+    An observation's points are those in the cluster in which most of them lie, by `weight` (N,), the lowest number on
+    ties; points of no cluster count only where none of them has one. A cluster that is no larger than what a camera
+    sees in it isn't cut: it is all of the observation that has most of it. In larger ones each takes its own points.
     """
-    num = len(labels.sightings)
+    num = len(seen.observations)
     group = np.where(cluster >= 0, cluster + num, -1)
     extent, is_taken = _diagonals(cloud, cluster), np.zeros(len(cloud) + 1, np.bool_)
-    own = _own_points(labels, cluster, weight)
+    own = _own_points(seen, cluster, weight)
     for one in sorted(own, key=lambda one: (-float(weight[own[one]].sum()), one)):
         rows, at = own[one], int(cluster[own[one][0]])
         if at >= 0 and is_taken[at]:
             continue
-        length, width = labels.sightings[one].size_lwh_m[:2]
+        length, width = seen.observations[one].size_lwh_m[:2]
         is_taken[at] = at >= 0 and extent[at] <= _LARGER * float(np.hypot(length, width))
         group[np.flatnonzero(cluster == at) if is_taken[at] else rows] = one
     rows = np.flatnonzero(group >= 0)
@@ -203,12 +198,12 @@ def grouped(cloud: FusedCloud, labels: Labels, cluster: Int64, weight: Float64) 
     return Groups(rows, np.append(first, len(rows)), np.where(names < num, names, -1))
 
 
-def _own_points(labels: Labels, cluster: Int64, weight: Float64) -> dict[int, Int64]:
-    """Points of each sighting that lie in one cluster, or in none."""
-    seen = np.flatnonzero(labels.instance >= 0)
+def _own_points(seen: Observed, cluster: Int64, weight: Float64) -> dict[int, Int64]:
+    """Points of each observation that lie in one cluster, or in none."""
+    shown = np.flatnonzero(seen.instance >= 0)
     result = {}
-    for one in np.unique(labels.instance[seen]).tolist():
-        rows = seen[labels.instance[seen] == one]
+    for one in np.unique(seen.instance[shown]).tolist():
+        rows = shown[seen.instance[shown] == one]
         in_cluster = rows[cluster[rows] >= 0]
         if len(in_cluster):
             best = int(np.argmax(np.bincount(cluster[in_cluster], weight[in_cluster])))
@@ -230,7 +225,7 @@ def _diagonals(cloud: FusedCloud, cluster: Int64) -> Float64:
 
 @dataclass(frozen=True, eq=False)
 class Counts:
-    """What groups (M,) consist of."""
+    """Numbers of points of groups (M,)."""
 
     dense: Float64
     """Points of LiDAR and stereo."""
@@ -242,12 +237,12 @@ class Counts:
     """uint8 bits of `Source`: of points, and of cameras."""
 
 
-def counted(groups: Groups, cloud: FusedCloud) -> Counts:
+def count_points(groups: Groups, cloud: FusedCloud) -> Counts:
     """Count the points of groups by sensor."""
     source, moving = cloud.source[groups.rows], cloud.is_moving[groups.rows]
     has = {bit: groups.sums(source == int(bit)) for bit in (Source.L, Source.R, Source.S)}
     num_moving = groups.sums(moving)
-    sources = np.where(groups.sighting >= 0, int(Source.C), 0)
+    sources = np.where(groups.observation >= 0, int(Source.C), 0)
     for bit, num in has.items():
         sources = sources | np.where(num > 0, int(bit), 0)
     return Counts(has[Source.L] + has[Source.S], num_moving, has[Source.R] - num_moving, sources.astype(np.uint8))

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.pipelines.early.clouds import L, R, S, joined, points, row
 
-from fbench.pipelines.fusion.early.density import DensityParams, clusters, connected
+from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud, connect_cells
 from fbench.replay.contracts.errors import ConfigError
 
 
 def found(cloud, is_seen=False, **params):
-    return clusters(cloud, np.full(len(cloud), is_seen), DensityParams(**params)).tolist()
+    return cluster_cloud(cloud, np.full(len(cloud), is_seen), DensityParams(**params)).tolist()
 
 
 def test_each_sensor_has_its_own_number_of_points():
@@ -96,7 +96,7 @@ def test_the_kernel_agrees_with_the_definition(num: int, seed: int, wide: float)
         if not core[i] else roots.index(group[i])
         for i in range(num)
     ]  # fmt: skip
-    label, is_core = connected(cells, xy, weight, able, reach, velocity, edge)
+    label, is_core = connect_cells(cells, xy, weight, able, reach, velocity, edge)
     assert is_core.tolist() == core.tolist()
     assert label.tolist() == expected
 

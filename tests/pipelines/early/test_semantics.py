@@ -39,7 +39,7 @@ def test_only_the_car_gets_the_label_not_what_stands_behind_it():
     assert in_box[len(car) :].sum() > 50
     assert found.instance[: len(car)].sum() == -(~in_box[: len(car)]).sum()
     assert (found.instance[len(car) :] == -1).all()
-    assert [s.label for s in found.sightings] == ["car"]
+    assert [s.label for s in found.observations] == ["car"]
 
 
 def test_how_well_a_camera_would_see_a_car():
@@ -89,4 +89,4 @@ def test_without_cameras_nothing_is_labelled():
 
 @pytest.mark.parametrize("label", ["other", "train"])
 def test_labels_without_a_typical_size_are_left_out(label: str):
-    assert labelled(points(L, car_back(20.0, 0.0)), seen(BOX, label=label)).sightings == ()
+    assert labelled(points(L, car_back(20.0, 0.0)), seen(BOX, label=label)).observations == ()
