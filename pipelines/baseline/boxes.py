@@ -29,7 +29,7 @@ class Extents:
     range_rate_mps: Float64
     """(N,) radial velocity as measured [m/s], positive when receding; NaN where nothing measured it."""
     label: Text
-    """(N,) of a camera; empty where none told."""
+    """(N,) of a camera; empty where unknown."""
     score: Float64
     """(N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score."""
     sources: Array
@@ -43,7 +43,7 @@ class Extents:
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
 
-def extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
+def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
     """Return boxes of which nothing is known but what is given."""
     num = len(low)
     unknown: dict[str, Any] = {
@@ -55,10 +55,10 @@ def extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> E
 
 def no_extents(num_axes: int) -> Extents:
     """Return no boxes."""
-    return extents(np.zeros((0, num_axes)), np.zeros((0, num_axes)), 0)
+    return make_extents(np.zeros((0, num_axes)), np.zeros((0, num_axes)), 0)
 
 
-def joined(parts: Sequence[Extents]) -> Extents:
+def join_extents(parts: Sequence[Extents]) -> Extents:
     """Put boxes one after the other."""
     return Extents(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Extents)})
 
@@ -75,7 +75,7 @@ def iou(a: Extents, b: Extents) -> Float64:
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class PlainCloud:
     """Points of one sensor, or of several."""
 
     xyz: Float64
@@ -85,51 +85,51 @@ class Cloud:
     source: Array
     """(N,) uint8, bits of `Source`."""
 
-    def __getitem__(self, rows: Array) -> "Cloud":
+    def __getitem__(self, rows: Array) -> "PlainCloud":
         """Select rows by mask or index array."""
-        return Cloud(self.xyz[rows], self.range_rate_mps[rows], self.source[rows])
+        return PlainCloud(self.xyz[rows], self.range_rate_mps[rows], self.source[rows])
 
 
-def cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None) -> Cloud:
+def make_cloud(xyz: Float64, source: int, range_rate_mps: Float64 | None = None) -> PlainCloud:
     """Return points (N, 3) of one kind of sensor."""
     rate = np.full(len(xyz), np.nan) if range_rate_mps is None else range_rate_mps
-    return Cloud(xyz, rate, np.full(len(xyz), source, np.uint8))
+    return PlainCloud(xyz, rate, np.full(len(xyz), source, np.uint8))
 
 
-def one_cloud(clouds: list[Cloud]) -> Cloud:
+def join_clouds(clouds: list[PlainCloud]) -> PlainCloud:
     """Put the points of several clouds into one."""
     columns = ([getattr(c, name) for c in clouds] for name in ("xyz", "range_rate_mps", "source"))
-    return Cloud(*(np.concatenate(column) for column in columns)) if clouds else cloud(np.zeros((0, 3)), 0)
+    return PlainCloud(*(np.concatenate(column) for column in columns)) if clouds else make_cloud(np.zeros((0, 3)), 0)
 
 
-def cropped(points: Cloud, params: PlainCropParams) -> Cloud:
+def crop(points: PlainCloud, params: PlainCropParams) -> PlainCloud:
     """Leave out ground, own vehicle, and what is too high or too far."""
     range_m, z = np.hypot(points.xyz[:, 0], points.xyz[:, 1]), points.xyz[:, 2]
     near = (range_m >= params.min_range_m) & (range_m <= params.max_range_m)
     return points[near & (z >= params.low_m) & (z <= params.high_m)]
 
 
-def space_clusters(points: Cloud, params: PlainClusterParams) -> Int64:
+def cluster_in_space(points: PlainCloud, params: PlainClusterParams) -> Int64:
     """Number the clusters (N,) of points in space; -1: none. See `dbscan` for their order."""
     return dbscan(points.xyz, params.eps_m, params.min_points)
 
 
-def image_clusters(uv_px: Float64, depth_m: Float64, params: PlainImageParams) -> Int64:
+def cluster_pixels(uv_px: Float64, depth_m: Float64, params: PlainImageParams) -> Int64:
     """Number the clusters (N,) of points at places (N, 2) [px] of an image and depths (N,) [m]; -1: none."""
     features = np.column_stack([uv_px, depth_m * params.depth_px_per_m])
     return dbscan(features, params.eps_px, params.min_points)
 
 
-def boxes(
-    points: Cloud, cluster: Int64, places: Float64, params: PlainSizeParams, label: Text | None = None
+def box_clusters(
+    points: PlainCloud, cluster: Int64, places: Float64, params: PlainSizeParams, label: Text | None = None
 ) -> Extents:
     """Return the extents of clusters (N,) that may be vehicles.
 
     Args:
-        points: Whose extents in space are judged.
+        points: Points whose extents in space say whether they may be vehicles.
         cluster: Number of the cluster of each; -1: none.
-        places: (N, D) what the extents are of: the points in space [m], or in an image [px].
-        params: What is judged.
+        places: (N, D) whose extents are returned: the points in space [m], or in an image [px].
+        params: Sizes of vehicles.
         label: (number of clusters,) of each cluster; `None`: there are none.
     """
     rows = members(cluster)
@@ -139,7 +139,7 @@ def boxes(
     rows = [rows[number] for number in kept]
     low, high = (np.array([reach(places[own], axis=0) for own in rows]) for reach in (np.min, np.max))
     middle = [(points.xyz[own].min(axis=0) + points.xyz[own].max(axis=0)) / 2 for own in rows]
-    return extents(
+    return make_extents(
         low, high, np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
         distance_m=np.sqrt(np.square(middle).sum(axis=1)),
         range_rate_mps=np.array([_mean_rate(points.range_rate_mps[own]) for own in rows]),
@@ -177,21 +177,21 @@ UNKNOWN = "car"
 def camera_extents(found: CameraDetections) -> Extents:
     """Boxes of one camera in its image."""
     low, high = found.xyxy_px[:, :2], found.xyxy_px[:, 2:]
-    return extents(low, high, Source.C, label=found.label.astype("U16"), score=found.score)
+    return make_extents(low, high, Source.C, label=found.label.astype("U16"), score=found.score)
 
 
-def projected(boxes: Extents, rig: Rig, camera: str) -> tuple[Extents, Bool]:
+def project_extents(boxes: Extents, rig: Rig, camera: str) -> tuple[Extents, Bool]:
     """Boxes in space as outlines in an image, and which of them (N,) show there."""
-    outline, seen = project_boxes(rig, camera, solid(boxes))
+    outline, seen = project_boxes(rig, camera, to_solid(boxes))
     return replace(boxes, low=outline[:, :2], high=outline[:, 2:])[seen], seen
 
 
-def solid(boxes: Extents) -> Boxes3D:
+def to_solid(boxes: Extents) -> Boxes3D:
     """Boxes in space, length along x and width along y, all with heading 0."""
     return Boxes3D((boxes.low + boxes.high) / 2, boxes.high - boxes.low, np.zeros(len(boxes)))
 
 
-def named(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections], min_iou: float) -> Extents:
+def label_boxes(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections], min_iou: float) -> Extents:
     """Give boxes in space the label of the camera's box that their outline in the image overlaps most.
 
     In the thesis a camera's boxes have no third dimension, so here they name what other sensors place, and what a
@@ -200,7 +200,7 @@ def named(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections], min
     label, sources = boxes.label.copy(), boxes.sources.copy()
     for camera in sorted(cameras):
         own = camera_extents(cameras[camera])
-        outline, seen = projected(boxes, rig, camera)
+        outline, seen = project_extents(boxes, rig, camera)
         if not len(own) or not len(outline):
             continue
         overlap = iou(outline, own)
@@ -212,7 +212,7 @@ def named(boxes: Extents, rig: Rig, cameras: Mapping[str, CameraDetections], min
     return replace(boxes, label=label, sources=sources)
 
 
-def painted(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]) -> Text:
+def label_points(xyz: Float64, rig: Rig, cameras: Mapping[str, CameraDetections]) -> Text:
     """Labels (N,) of the cameras' boxes into which points (N, 3) in body coordinates project; empty: none.
 
     Where boxes overlap the one with the highest score counts; of several cameras the first.
@@ -242,12 +242,12 @@ def cluster_labels(cluster: Int64, label: Text, least_share: float) -> Text:
     return result
 
 
-def with_camera(sources: Array, label: Text) -> Array:
+def add_camera(sources: Array, label: Text) -> Array:
     """Add the camera to the sources (N,) of what it named."""
     return np.asarray(np.where(label != "", sources | int(Source.C), sources), np.uint8)
 
 
-def merged(parts: Sequence[Extents], min_iou: float) -> Extents:
+def merge_boxes(parts: Sequence[Extents], min_iou: float) -> Extents:
     """Merge the boxes of sensors, one sensor after the other, into those that are there already.
 
     A box joins the one that it overlaps most, the first of several, where that is at least `min_iou`; else it stays by
@@ -259,16 +259,16 @@ def merged(parts: Sequence[Extents], min_iou: float) -> Extents:
     result = parts[0]
     for part in parts[1:]:
         if not len(result) or not len(part):
-            result = joined([result, part])
+            result = join_extents([result, part])
             continue
         overlap = iou(part, result)
         partner = np.argmax(overlap, axis=1)
         joins = overlap[np.arange(len(part)), partner] >= min_iou
-        result = joined([_with(result, part[joins], partner[joins]), part[~joins]])
+        result = join_extents([_complete(result, part[joins], partner[joins]), part[~joins]])
     return result
 
 
-def _with(boxes: Extents, others: Extents, partner: Int64) -> Extents:
+def _complete(boxes: Extents, others: Extents, partner: Int64) -> Extents:
     """Add what others know to the boxes (M,) that they join."""
     distance, rate, label = boxes.distance_m.copy(), boxes.range_rate_mps.copy(), boxes.label.copy()
     score, sources = boxes.score.copy(), boxes.sources.copy()

@@ -1,17 +1,17 @@
 """Observations that the baseline works on, timed: camera detections and the points of all sensors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.baseline.boxes import Cloud, cloud, cropped, one_cloud
-from fbench.pipelines.baseline.params import PlainCropParams, PlainParams, PlainSensor
+from fbench.pipelines.baseline.boxes import PlainCloud, crop, join_clouds, make_cloud
+from fbench.pipelines.baseline.params import PlainParams, PlainSensor
 from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
-from fbench.pipelines.sensors.stereo.stage import NOISE, StereoParams, StereoStage
+from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.frames import Fault, Frame
@@ -21,71 +21,14 @@ KINDS: tuple[Kind, ...] = ("lidar", "radar")
 """Sensors that measure points; stereo, which makes them of images, comes on top."""
 
 
-@dataclass(frozen=True)
-class Crops:
-    """Which points of each kind of sensor take part."""
-
-    lidar: PlainCropParams
-    radar: PlainCropParams
-    stereo: PlainCropParams
-
-
-class PointSensors:
-    """Gathers the points of LiDARs, radars and one stereo pair.
-
-    Args:
-        uses: Which kinds.
-        crops: Which points take part.
-        stereo: How stereo gives depth.
-
-    Raises:
-        LogError: where stereo is used and the rig has no pair.
-    """
-
-    def __init__(
-        self, rig: Rig, log_info: LogInfo, uses: Sequence[PlainSensor], crops: Crops, stereo: StereoParams
-    ) -> None:
-        self._rig, self._uses, self._crops = rig, uses, crops
-        self._ranges_m = dict.fromkeys(rig.sensors("lidar"), (0.0, np.inf))
-        self._stereo = StereoStage(rig, log_info.name, stereo) if "stereo" in uses else None
-
-    def clouds(
-        self, frame: Frame, clock: StageClock, faults: list[Fault], missing: dict[str, str]
-    ) -> dict[PlainSensor, Cloud]:
-        """Return what each kind sees, in the order LiDAR, radar, stereo; nothing where it didn't deliver.
-
-        Appends corrupt images to `faults`; where depth is noise the pair is put into `missing`, with the reason.
-        """
-        found = dict[PlainSensor, Cloud]()
-        with clock.stage("calibrate"):
-            if "lidar" in self._uses:
-                found["lidar"] = self._lidar(frame)
-            if "radar" in self._uses:
-                found["radar"] = self._radar(frame)
-        if self._stereo is not None:
-            view = self._stereo.view(frame, clock, faults)
-            found["stereo"] = cloud(view.xyz, Source.S)
-            missing |= dict.fromkeys((self._stereo.pair.left, self._stereo.pair.right), NOISE) if view.is_off else {}
-        with clock.stage("preprocess"):
-            return {kind: cropped(points, getattr(self._crops, kind)) for kind, points in found.items()}
-
-    def _lidar(self, frame: Frame) -> Cloud:
-        points = lidar_points(self._rig, frame, self._ranges_m)
-        return cloud(np.zeros((0, 3)) if points is None else points, Source.L)
-
-    def _radar(self, frame: Frame) -> Cloud:
-        scans = radar_scans(self._rig, frame, {})
-        return one_cloud([cloud(scan.xyz, Source.R, scan.radial_velocity_mps) for scan in scans or ()])
-
-
 @dataclass(frozen=True, eq=False)
-class PlainSeen:
-    """What the sensors of one frame gave."""
+class PlainObservations:
+    """Observations of the sensors of one frame."""
 
     cameras: Mapping[str, CameraDetections]
     """By camera name; a camera that failed isn't in it."""
-    clouds: Mapping[PlainSensor, Cloud]
-    """By kind of sensor, in the order LiDAR, radar, stereo."""
+    clouds: Mapping[PlainSensor, PlainCloud]
+    """By kind of sensor, in the order LiDAR, radar, stereo; empty where it didn't deliver."""
     faults: tuple[Fault, ...]
     missing: Mapping[str, str]
     """Cameras whose depth is noise."""
@@ -116,12 +59,25 @@ class PlainSensors:
             settings.own(kind, getattr(params, kind), ())
         if self.with_camera:
             self.cameras.start(rig, log_info, settings)
-        crops = Crops(params.lidar.crop, params.radar.crop, params.stereo.crop)
-        self._points = PointSensors(rig, log_info, params.uses, crops, params.depth)
+        self._rig, self._ranges_m = rig, dict.fromkeys(rig.sensors("lidar"), (0.0, np.inf))
+        self._stereo = StereoStage(rig, log_info.name, params.depth) if "stereo" in params.uses else None
 
-    def view(self, frame: Frame, clock: StageClock) -> PlainSeen:
+    def view(self, frame: Frame, clock: StageClock) -> PlainObservations:
         """Return what is seen in one frame; what a missing sensor would have given isn't there."""
-        faults, missing = list[Fault](), dict[str, str]()
+        params, faults, missing = self._params, list[Fault](), dict[str, str]()
         cameras = self.cameras.view(frame, clock, faults)
-        clouds = self._points.clouds(frame, clock, faults, missing)
-        return PlainSeen(cameras, clouds, tuple(faults), missing)
+        found = dict[PlainSensor, PlainCloud]()
+        with clock.stage("calibrate"):
+            if "lidar" in params.uses:
+                points = lidar_points(self._rig, frame, self._ranges_m)
+                found["lidar"] = make_cloud(np.zeros((0, 3)) if points is None else points, Source.L)
+            if "radar" in params.uses:
+                scans = radar_scans(self._rig, frame, {}) or ()
+                found["radar"] = join_clouds([make_cloud(s.xyz, Source.R, s.radial_velocity_mps) for s in scans])
+        if self._stereo is not None:
+            view, pair = self._stereo.view(frame, clock, faults), self._stereo.pair
+            found["stereo"] = make_cloud(view.xyz, Source.S)
+            missing |= dict.fromkeys((pair.left, pair.right), NOISE) if view.is_off else {}
+        with clock.stage("preprocess"):
+            clouds = {kind: crop(cloud, getattr(params, kind).crop) for kind, cloud in found.items()}
+        return PlainObservations(cameras, clouds, tuple(faults), missing)

@@ -7,15 +7,15 @@ import numpy as np
 
 from fbench.pipelines.baseline.boxes import (
     UNKNOWN,
-    Cloud,
     Extents,
-    boxes,
+    PlainCloud,
+    box_clusters,
     camera_extents,
-    image_clusters,
-    merged,
+    cluster_in_space,
+    cluster_pixels,
+    merge_boxes,
     no_extents,
-    projected,
-    space_clusters,
+    project_extents,
 )
 from fbench.pipelines.baseline.observations import KINDS, PlainSensors
 from fbench.pipelines.baseline.params import (
@@ -65,7 +65,7 @@ class Plain2DParams(PlainParams):
 
 
 class Plain2D(TrackingPipeline[Boxes2D]):
-    """Boxes in the images of all cameras; labelled where cameras are used."""
+    """Boxes in the images of all cameras; labeled where cameras are used."""
 
     def __init__(self, params: Plain2DParams = Plain2DParams()) -> None:
         super().__init__(Tracker2D(params.tracking), params.detect_every)
@@ -103,7 +103,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
             found = concatenate([self._merged(name, seen.cameras.get(name), parts[name]) for name in self._images])
         return Detected(found, seen.faults, seen.missing)
 
-    def _early(self, clouds: Mapping[PlainSensor, Cloud], clock: StageClock) -> dict[str, list[Extents]]:
+    def _early(self, clouds: Mapping[PlainSensor, PlainCloud], clock: StageClock) -> dict[str, list[Extents]]:
         """Boxes of each kind of sensor, clustered in the image, by camera."""
         found: dict[str, list[Extents]] = {name: [] for name in self._images}
         for kind, points in clouds.items():
@@ -113,23 +113,23 @@ class Plain2D(TrackingPipeline[Boxes2D]):
                     uv, depth = project_body(self._rig, name, points.xyz)
                     shown = in_image(self._rig.cameras[name], uv)
                     uv, depth = uv[shown], depth[shown]
-                    parts.append(boxes(points[shown], image_clusters(uv, depth, own.image), uv, own.size))
+                    parts.append(box_clusters(points[shown], cluster_pixels(uv, depth, own.image), uv, own.size))
         return found
 
-    def _late(self, clouds: Mapping[PlainSensor, Cloud], clock: StageClock) -> dict[str, list[Extents]]:
+    def _late(self, clouds: Mapping[PlainSensor, PlainCloud], clock: StageClock) -> dict[str, list[Extents]]:
         """Boxes of each kind of sensor, clustered in space and projected, by camera."""
         found: dict[str, list[Extents]] = {name: [] for name in self._images}
         for kind, points in clouds.items():
             own: PlainImageSensorParams = getattr(self._params, kind)
             with clock.stage(f"detect.{kind}"):
-                solids = boxes(points, space_clusters(points, own.cluster), points.xyz, own.size)
+                solids = box_clusters(points, cluster_in_space(points, own.cluster), points.xyz, own.size)
                 for name, parts in found.items():
-                    parts.append(projected(solids, self._rig, name)[0])
+                    parts.append(project_extents(solids, self._rig, name)[0])
         return found
 
     def _merged(self, camera: str, seen: CameraDetections | None, parts: list[Extents]) -> Boxes2D:
         first = no_extents(2) if seen is None else camera_extents(seen)
-        found = merged([first, *parts], self._params.fusion.min_iou)
+        found = merge_boxes([first, *parts], self._params.fusion.min_iou)
         return Boxes2D(
             camera=np.full(len(found), camera),
             xyxy_px=np.column_stack([found.low, found.high]),

@@ -7,18 +7,18 @@ import numpy as np
 
 from fbench.pipelines.baseline.boxes import (
     UNKNOWN,
-    Cloud,
     Extents,
-    boxes,
+    PlainCloud,
+    add_camera,
+    box_clusters,
+    cluster_in_space,
     cluster_labels,
-    merged,
-    named,
+    join_clouds,
+    label_boxes,
+    label_points,
+    merge_boxes,
     no_extents,
-    one_cloud,
-    painted,
-    solid,
-    space_clusters,
-    with_camera,
+    to_solid,
 )
 from fbench.pipelines.baseline.observations import KINDS, PlainSensors
 from fbench.pipelines.baseline.params import (
@@ -65,7 +65,7 @@ class Plain3DParams(PlainParams):
 
 
 class Plain3D(TrackingPipeline[Boxes3D]):
-    """Boxes along the axes in space, from clusters of points; labelled where cameras are used."""
+    """Boxes along the axes in space, from clusters of points; labeled where cameras are used."""
 
     def __init__(self, params: Plain3DParams = Plain3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)
@@ -96,30 +96,30 @@ class Plain3D(TrackingPipeline[Boxes3D]):
         return Detected(self._reported(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
 
     def _early(
-        self, clouds: Mapping[PlainSensor, Cloud], cameras: Mapping[str, CameraDetections], clock: StageClock
+        self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
-        params, points = self._params, one_cloud(list(clouds.values()))
+        params, points = self._params, join_clouds(list(clouds.values()))
         with clock.stage("fuse"):
-            cluster = space_clusters(points, params.cluster)
-            label = cluster_labels(cluster, painted(points.xyz, self._rig, cameras), params.fusion.label_share)
-            found = boxes(points, cluster, points.xyz, params.size, label)
-            return replace(found, sources=with_camera(found.sources, found.label))
+            cluster = cluster_in_space(points, params.cluster)
+            label = cluster_labels(cluster, label_points(points.xyz, self._rig, cameras), params.fusion.label_share)
+            found = box_clusters(points, cluster, points.xyz, params.size, label)
+            return replace(found, sources=add_camera(found.sources, found.label))
 
     def _late(
-        self, clouds: Mapping[PlainSensor, Cloud], cameras: Mapping[str, CameraDetections], clock: StageClock
+        self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
     ) -> Extents:
         parts = [no_extents(3)]
         for kind, points in clouds.items():
             own = getattr(self._params, kind)
             with clock.stage(f"detect.{kind}"):
-                parts.append(boxes(points, space_clusters(points, own.cluster), points.xyz, own.size))
+                parts.append(box_clusters(points, cluster_in_space(points, own.cluster), points.xyz, own.size))
         with clock.stage("fuse"):
             min_iou = self._params.fusion.min_iou
-            return named(merged(parts, min_iou), self._rig, cameras, min_iou)
+            return label_boxes(merge_boxes(parts, min_iou), self._rig, cameras, min_iou)
 
     def _reported(self, found: Extents) -> Boxes3D:
         label = np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None
         return replace(
-            solid(found), label=label, score=found.score, sources=found.sources,
+            to_solid(found), label=label, score=found.score, sources=found.sources,
             velocity_mps=np.full((len(found), 3), np.nan),
         )  # fmt: skip

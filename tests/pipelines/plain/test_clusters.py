@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.pipelines.baseline.boxes import boxes, cloud, cropped, image_clusters, members, one_cloud, space_clusters
+from fbench.pipelines.baseline.boxes import (
+    box_clusters,
+    cluster_in_space,
+    cluster_pixels,
+    crop,
+    join_clouds,
+    make_cloud,
+    members,
+)
 from fbench.pipelines.baseline.params import PlainClusterParams, PlainCropParams, PlainImageParams, PlainSizeParams
 from fbench.replay.data.boxes import Source
 
@@ -23,12 +31,12 @@ def box(length, width, height, num=20, x=10.0):
 def test_which_points_take_part():
     xyz = np.array([[3, 0, 1.0], [2.9, 0, 1], [0, 100, 1], [0, 100.1, 1], [9, 0, 0.3], [9, 0, 0.29], [9, 0, 3.5],
                     [9, 0, 3.51]])  # fmt: skip
-    np.testing.assert_array_equal(cropped(cloud(xyz, Source.L), PlainCropParams()).xyz, xyz[[0, 2, 4, 6]])
+    np.testing.assert_array_equal(crop(make_cloud(xyz, Source.L), PlainCropParams()).xyz, xyz[[0, 2, 4, 6]])
 
 
 def test_a_box_is_the_extent_of_a_cluster():
-    points = cloud(LINE, Source.R, np.array([3.0, np.nan, 9.0, 5.0]))
-    found = boxes(points, space_clusters(points, PAIR), LINE, ANY)
+    points = make_cloud(LINE, Source.R, np.array([3.0, np.nan, 9.0, 5.0]))
+    found = box_clusters(points, cluster_in_space(points, PAIR), LINE, ANY)
     np.testing.assert_array_equal(found.low, [[10, 0, 0.6]])
     np.testing.assert_array_equal(found.high, [[10.8, 0.6, 1.2]])
     np.testing.assert_allclose(found.distance_m, [np.sqrt(10.4**2 + 0.3**2 + 0.9**2)])
@@ -39,23 +47,23 @@ def test_a_box_is_the_extent_of_a_cluster():
 def test_height_tells_clusters_apart():
     """x, y and z count: what is over another, too."""
     above = LINE + np.array([0, 0, 3.0])
-    points = cloud(np.concatenate([LINE, above]), Source.L)
-    assert space_clusters(points, PAIR).tolist() == [0, 0, -1, 0, 1, 1, -1, 1]
+    points = make_cloud(np.concatenate([LINE, above]), Source.L)
+    assert cluster_in_space(points, PAIR).tolist() == [0, 0, -1, 0, 1, 1, -1, 1]
 
 
 def test_in_an_image_depth_tells_clusters_apart():
     uv = np.array([[100.0, 50], [104, 50], [102, 52], [101, 51]])
     params = PlainImageParams(eps_px=10, min_points=2, depth_px_per_m=5)
-    assert image_clusters(uv, np.array([20.0, 20, 30, 30]), params).tolist() == [0, 0, 1, 1]
-    assert image_clusters(uv, np.array([20.0, 20, 21, 21]), params).tolist() == [0, 0, 0, 0]
-    assert image_clusters(uv, np.array([20.0, 20, 90, 30]), params).tolist() == [0, 0, -1, -1]
+    assert cluster_pixels(uv, np.array([20.0, 20, 30, 30]), params).tolist() == [0, 0, 1, 1]
+    assert cluster_pixels(uv, np.array([20.0, 20, 21, 21]), params).tolist() == [0, 0, 0, 0]
+    assert cluster_pixels(uv, np.array([20.0, 20, 90, 30]), params).tolist() == [0, 0, -1, -1]
 
 
 def test_outlines_are_of_places_while_sizes_are_judged_in_space():
     uv = np.column_stack([np.arange(4.0), np.arange(4.0) * 2])
-    found = boxes(cloud(LINE, Source.L), np.array([0, 0, -1, 0]), uv, ANY)
+    found = box_clusters(make_cloud(LINE, Source.L), np.array([0, 0, -1, 0]), uv, ANY)
     np.testing.assert_array_equal(np.column_stack([found.low, found.high]), [[0, 0, 3, 6]])
-    none = boxes(cloud(LINE, Source.L), np.array([0, 0, -1, 0]), uv, PlainSizeParams(least_points=4))
+    none = box_clusters(make_cloud(LINE, Source.L), np.array([0, 0, -1, 0]), uv, PlainSizeParams(least_points=4))
     assert none.low.shape == (0, 2)
 
 
@@ -80,25 +88,29 @@ def test_sizes_of_vehicles(shape, num, kept):
     length, width, height = shape
     xyz = box(length, width, height, num)
     limits = PlainSizeParams(10, 1.0, 12.0, 6.0, 0.3, 3.0)
-    assert len(boxes(cloud(xyz, Source.L), np.zeros(num, np.int64), xyz, limits)) == kept
+    assert len(box_clusters(make_cloud(xyz, Source.L), np.zeros(num, np.int64), xyz, limits)) == kept
 
 
 def test_sources_of_a_merged_cloud():
-    both = one_cloud(
-        [cloud(LINE[:1], Source.L), cloud(LINE[1:2], Source.R, np.array([2.0])), cloud(LINE[2:], Source.S)]
+    both = join_clouds(
+        [
+            make_cloud(LINE[:1], Source.L),
+            make_cloud(LINE[1:2], Source.R, np.array([2.0])),
+            make_cloud(LINE[2:], Source.S),
+        ]
     )
-    found = boxes(both, space_clusters(both, PAIR), both.xyz, ANY)
+    found = box_clusters(both, cluster_in_space(both, PAIR), both.xyz, ANY)
     assert found.sources.tolist() == [Source.L | Source.R | Source.S]
     assert found.range_rate_mps.tolist() == [2.0]
 
 
 def test_nothing_at_all():
-    empty = one_cloud([])
-    assert len(boxes(empty, space_clusters(empty, PAIR), empty.xyz, ANY)) == 0
-    assert boxes(empty, image_clusters(np.zeros((0, 2)), np.zeros(0), PlainImageParams()), np.zeros((0, 2)),
+    empty = join_clouds([])
+    assert len(box_clusters(empty, cluster_in_space(empty, PAIR), empty.xyz, ANY)) == 0
+    assert box_clusters(empty, cluster_pixels(np.zeros((0, 2)), np.zeros(0), PlainImageParams()), np.zeros((0, 2)),
                  ANY).low.shape == (0, 2)  # fmt: skip
-    far = cloud(LINE, Source.L)
-    assert len(boxes(far, space_clusters(far, PlainClusterParams(0.01, 2)), LINE, ANY)) == 0
+    far = make_cloud(LINE, Source.L)
+    assert len(box_clusters(far, cluster_in_space(far, PlainClusterParams(0.01, 2)), LINE, ANY)) == 0
 
 
 def test_members():
@@ -111,7 +123,7 @@ def test_the_order_of_points_changes_nothing(seed):
     rng = np.random.default_rng(seed)
     xyz, rate = rng.normal(0, 2, (60, 3)), rng.normal(0, 5, 60)
     order = rng.permutation(60)
-    a, b = cloud(xyz, Source.R, rate), cloud(xyz[order], Source.R, rate[order])
-    first, second = (boxes(c, space_clusters(c, PlainClusterParams(0.8, 3)), c.xyz, ANY) for c in (a, b))
+    a, b = make_cloud(xyz, Source.R, rate), make_cloud(xyz[order], Source.R, rate[order])
+    first, second = (box_clusters(c, cluster_in_space(c, PlainClusterParams(0.8, 3)), c.xyz, ANY) for c in (a, b))
     for name in ("low", "high", "distance_m", "range_rate_mps", "sources"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))

@@ -4,14 +4,14 @@ import numpy as np
 from tests.pipelines.frames import rig
 
 from fbench.pipelines.baseline.boxes import (
+    add_camera,
     camera_extents,
     cluster_labels,
-    extents,
-    named,
-    painted,
-    projected,
-    solid,
-    with_camera,
+    label_boxes,
+    label_points,
+    make_extents,
+    project_extents,
+    to_solid,
 )
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Source
@@ -23,38 +23,38 @@ SEEN = CameraDetections(
     np.array(["car", "truck", "bus"]),
 )  # fmt: skip
 LOW = np.array([[50.0, -2, -1], [50, 6, -1], [-60, -2, -1]])
-AHEAD = extents(LOW, LOW + np.array([[1, 4, 2], [1, 2, 2], [10, 4, 2]]), int(Source.L))
+AHEAD = make_extents(LOW, LOW + np.array([[1, 4, 2], [1, 2, 2], [10, 4, 2]]), int(Source.L))
 
 
 def test_an_outline_in_the_image():
-    outline, seen = projected(AHEAD, RIG, "cam")
+    outline, seen = project_extents(AHEAD, RIG, "cam")
     assert seen.tolist() == [True, False, False]
     np.testing.assert_allclose(np.column_stack([outline.low, outline.high]), [[9.5, 9.5, 49.5, 29.5]])
 
 
 def test_boxes_are_along_the_axes():
-    boxes = solid(AHEAD)
+    boxes = to_solid(AHEAD)
     np.testing.assert_array_equal(boxes.center_m[0], [50.5, 0, 0])
     np.testing.assert_array_equal(boxes.size_lwh_m[0], [1, 4, 2])
     assert not boxes.yaw_rad.any()
 
 
 def test_a_camera_names_what_it_overlaps_most():
-    found = named(AHEAD, RIG, {"cam": SEEN}, 0.5)
+    found = label_boxes(AHEAD, RIG, {"cam": SEEN}, 0.5)
     assert found.label.tolist() == ["car", "", ""]
     assert found.sources.tolist() == [Source.C | Source.L, Source.L, Source.L]
     truck = CameraDetections(SEEN.xyxy_px[1:2], SEEN.score[1:2], SEEN.label[1:2])  # a half of the outline
-    assert named(AHEAD, RIG, {"cam": truck}, 0.5).label.tolist() == ["truck", "", ""]
-    assert named(AHEAD, RIG, {"cam": truck}, 0.51).label.tolist() == ["", "", ""]
+    assert label_boxes(AHEAD, RIG, {"cam": truck}, 0.5).label.tolist() == ["truck", "", ""]
+    assert label_boxes(AHEAD, RIG, {"cam": truck}, 0.51).label.tolist() == ["", "", ""]
     nothing = CameraDetections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, "U1"))
-    assert named(AHEAD, RIG, {"cam": nothing}, 0.5).label.tolist() == ["", "", ""]
-    assert named(AHEAD[:0], RIG, {"cam": SEEN}, 0.5).label.tolist() == []
+    assert label_boxes(AHEAD, RIG, {"cam": nothing}, 0.5).label.tolist() == ["", "", ""]
+    assert label_boxes(AHEAD[:0], RIG, {"cam": SEEN}, 0.5).label.tolist() == []
 
 
 def test_points_get_the_label_of_the_surest_box_around_their_pixel():
     xyz = np.array([[50.0, 1, 0], [50, -1, 0], [50, -4, 0], [50, -1, 4], [-50, 1, 0], [100, -1, 0]])
-    assert painted(xyz, RIG, {"cam": SEEN}).tolist() == ["truck", "car", "", "", "", "car"]
-    assert painted(xyz, RIG, {}).tolist() == [""] * 6
+    assert label_points(xyz, RIG, {"cam": SEEN}).tolist() == ["truck", "car", "", "", "", "car"]
+    assert label_points(xyz, RIG, {}).tolist() == [""] * 6
 
 
 def test_a_cluster_is_called_what_most_of_its_points_are():
@@ -66,7 +66,7 @@ def test_a_cluster_is_called_what_most_of_its_points_are():
 
 
 def test_sources_of_what_has_a_name():
-    assert with_camera(np.array([2, 6], np.uint8), np.array(["", "car"])).tolist() == [2, 7]
+    assert add_camera(np.array([2, 6], np.uint8), np.array(["", "car"])).tolist() == [2, 7]
 
 
 def test_boxes_of_a_camera():
