@@ -182,7 +182,7 @@ class CityRecording:
             city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig
         )  # fmt: skip
         counts: Counter[str] = Counter()
-        yield from _ordered(periods(spec, city, around, self.num_threads or _num_processors()), counts)
+        yield from _ordered(periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0))), counts)
         self._lines = [*self._head(), _world_line(city), *_count_lines(spec, counts)]
 
     def summary(self) -> Sequence[str]:
@@ -243,7 +243,3 @@ def _count_lines(spec: CitySpec, counts: Counter[str]) -> list[str]:
         f"messages: {messages}{lost}",
         f"truth: {counts['3d boxes']} boxes at {counts['instants']} instants{images}",
     ]
-
-
-def _num_processors() -> int:
-    return len(os.sched_getaffinity(0))

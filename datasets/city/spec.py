@@ -123,7 +123,10 @@ class CitySpec:
     @property
     def metadata(self) -> dict[str, str]:
         """What the log says of its making."""
-        weather = {f"weather.{name}": _shortest(value) for name, value in asdict(self.condition.weather).items()}
+        weather = {
+            f"weather.{name}": np.format_float_positional(value, trim="-")
+            for name, value in asdict(self.condition.weather).items()
+        }
         return {
             "dataset": "fbench city (simulated)",
             "licence": "made by fbench; free of rights",
@@ -135,17 +138,11 @@ class CitySpec:
             REFERENCE: self.rig.reference,
             "stamps": "when measured; a LiDAR's when its turn ends",
             **weather,
-            **{f"lidar.{name}.motion": _motion(spec.motion) for name, spec in sorted(self.rig.lidars.items())},
+            **{
+                f"lidar.{name}.motion": ("in the sweep" if spec.motion else "frozen at the stamp")
+                for name, spec in sorted(self.rig.lidars.items())
+            },
         }
-
-
-def _shortest(value: float) -> str:
-    """All digits that tell a number from its neighbours, and no more."""
-    return np.format_float_positional(value, trim="-")
-
-
-def _motion(is_in_sweep: bool) -> str:
-    return "in the sweep" if is_in_sweep else "frozen at the stamp"
 
 
 def world_name(text: str) -> WorldName:

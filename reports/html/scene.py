@@ -33,7 +33,11 @@ def box_rows(boxes: Boxes | None, rig: Rig, cameras: list[str]) -> list[dict[str
     drawable, _ = finite(boxes)
     sound = boxes[drawable]
     geometry = iter(_rows_3d(sound, rig, cameras) if isinstance(sound, Boxes3D) else _rows_2d(sound, rig))
-    return [_common(boxes, i) | (next(geometry) if drawable[i] else _invalid()) for i in range(len(boxes))]
+    return [
+        _common(boxes, i)
+        | (next(geometry) if drawable[i] else {"invalid": True, "seen": {}, "distance": None, "speed": None})
+        for i in range(len(boxes))
+    ]
 
 
 def _common(boxes: Boxes, i: int) -> dict[str, Any]:
@@ -46,10 +50,6 @@ def _common(boxes: Boxes, i: int) -> dict[str, Any]:
         "predicted": bool(_value(boxes.predicted, i)),
         "ignore": bool(_value(boxes.ignore, i)),
     }
-
-
-def _invalid() -> dict[str, Any]:
-    return {"invalid": True, "seen": {}, "distance": None, "speed": None}
 
 
 def _value(array: Array | None, i: int) -> Any:

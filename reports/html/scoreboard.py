@@ -96,16 +96,13 @@ def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
     """Join the scores of all runs by metric, class, slice and matching."""
     scored = [(run.folder / "scores.json").is_file() for run in runs]
     columns = [
-        {_key(score): score for score in run.scores} if has else {} for run, has in zip(runs, scored, strict=True)
+        {(score.metric, score.class_, score.slice, score.matching): score for score in run.scores} if has else {}
+        for run, has in zip(runs, scored, strict=True)
     ]
     keys = dict.fromkeys(key for column in columns for key in column)
     lines = [_line(key, [column.get(key) for column in columns], scored) for key in keys]
     unscored = [label for label, has in zip(labels, scored, strict=True) if not has]
     return Scoreboard(_boards(lines), _parts(lines), lines, unscored)
-
-
-def _key(score: Score) -> Key:
-    return score.metric, score.class_, score.slice, score.matching
 
 
 def _line(key: Key, scores: Sequence[Score | None], scored: Sequence[bool]) -> Line:

@@ -151,7 +151,11 @@ class Measured:
             except LogError as error:
                 self.gaps.append(str(error))
                 continue
-            found = [(s, stereo_view(s, pair, how)) for s in self.material.samples if _has(s, pair)]
+            found = [
+                (s, stereo_view(s, pair, how))
+                for s in self.material.samples
+                if (pair.left in s.cameras and pair.right in s.cameras)
+            ]
             self._judge_stereo(pair, how, [view for _, view in found])
             for sample, view in found:
                 index, text = sample.frame.index, f"Stereo of {pair.left} and {pair.right}: {view.caption}."
@@ -174,7 +178,3 @@ class Measured:
         self.verdicts.append(
             Verdict(about, "stereo", base, share < 0.2 or bool(errors and errors[len(errors) // 2] > 0.1))
         )
-
-
-def _has(sample: Sample, pair: Pair) -> bool:
-    return pair.left in sample.cameras and pair.right in sample.cameras

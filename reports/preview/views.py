@@ -143,7 +143,11 @@ def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
     for points in sample.placed("lidar"):
         color = of_sensor(lidars.index(points.sensor))
         _draw_points(picture, ground, points, np.full((len(points.xyz), 3), color, np.uint8), 1)
-    _draw_boxes(picture, ground, sample)
+    boxes = boxes3d(sample.truth)
+    for eight, center in zip(corners(boxes), boxes.center_m, strict=True):
+        draw.path(picture, ground.to_picture(eight[_FOOTPRINT, :2]), TRUTH)
+        front = (eight[0, :2] + eight[2, :2]) / 2
+        draw.path(picture, ground.to_picture(np.stack([center[:2], front])), TRUTH)
     for points in sample.placed("radar"):
         _draw_points(picture, ground, points, of_speed(points.speed_mps), 4)
     draw_sensors(picture, ground.to_picture, sample.rig)
@@ -225,14 +229,6 @@ def _write_rings(picture: Pixels, labels: Sequence[tuple[str, Float64]]) -> None
 def _draw_points(picture: Pixels, ground: Ground, points: Points, colors: Colors, radius: int) -> None:
     uv = ground.to_picture(points.xyz[:, :2])
     draw.disks(picture, uv, np.full(len(uv), radius), colors, rim=radius > 1)
-
-
-def _draw_boxes(picture: Pixels, ground: Ground, sample: Sample) -> None:
-    boxes = boxes3d(sample.truth)
-    for eight, center in zip(corners(boxes), boxes.center_m, strict=True):
-        draw.path(picture, ground.to_picture(eight[_FOOTPRINT, :2]), TRUTH)
-        front = (eight[0, :2] + eight[2, :2]) / 2
-        draw.path(picture, ground.to_picture(np.stack([center[:2], front])), TRUTH)
 
 
 def _draw_axes(picture: Pixels, ground: Ground) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
 from fbench.datasets.city.instant import Instant
-from fbench.datasets.city.motion import EGO, BodyStates
+from fbench.datasets.city.motion import EGO
 from fbench.datasets.city.rig import CameraSpec
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64
@@ -199,19 +199,14 @@ def add_streaks(linear: Float32, now: Instant, model: CameraModel, light: Light)
     num = int(rng.poisson(expected))
     diameter_mm = np.minimum(_SMALLEST_MM + rng.exponential(1 / slope_per_mm, num), 5.0)
     place = rng.uniform(-_REACH_M, _REACH_M, (num, 3))
-    drift = _drift_mps(now.states)
+    cos, sin = math.cos(now.states.yaw_rad[EGO]), math.sin(now.states.yaw_rad[EGO])
+    vx, vy = now.states.velocity_mps[EGO, :2]
+    drift = np.array([-(cos * vx + sin * vy), -(cos * vy - sin * vx)])
     bright = _LIGHT * np.array(light.horizon) * light.exposure
     center = now.body_T_sensor[:3, 3]
     rotation, K = np.ascontiguousarray(now.body_T_sensor[:3, :3]), model.K
     place = center + (place - center + _REACH_M) % (2 * _REACH_M) - _REACH_M  # the same rain around every camera
     _draw(linear, place - center, diameter_mm, drift, rotation, K[0, 0], K[0, 2], K[1, 2], bright)
-
-
-def _drift_mps(states: BodyStates) -> Float64:
-    """How fast still air passes the ego vehicle (2,), in its axes x and y."""
-    cos, sin = math.cos(states.yaw_rad[EGO]), math.sin(states.yaw_rad[EGO])
-    vx, vy = states.velocity_mps[EGO, :2]
-    return np.array([-(cos * vx + sin * vy), -(cos * vy - sin * vx)])
 
 
 @kernel

@@ -106,7 +106,13 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     light, model = light_of(now.weather), spec.model()
     caster, states, eye = now.caster, now.states, Eye(model, now.world_T_sensor)
     lamps = lamps_of(caster.actors, states, now.street_lamps_m, light)
-    scene = Scene(light, surfaces_of(caster, states, light), lamps, 1 / float(model.K[0, 0]), _salt(now.seed))
+    scene = Scene(
+        light,
+        surfaces_of(caster, states, light),
+        lamps,
+        1 / float(model.K[0, 0]),
+        int(generator(now.seed, "camera", "clouds").integers(1 << 30)),
+    )
     uv = eye.pixels()
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
@@ -146,7 +152,3 @@ def _with_truth(image: Image, rgb: Array, samples: Samples, depth_m: Float32) ->
         image, rgb, depth_m.reshape(height, width), hits.body.reshape(height, width),
         samples.material.reshape(height, width), hits.normal.reshape(height, width, 3), hits.alone,
     )  # fmt: skip
-
-
-def _salt(seed: int) -> int:
-    return int(generator(seed, "camera", "clouds").integers(1 << 30))

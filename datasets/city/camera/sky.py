@@ -115,9 +115,11 @@ def light_of(weather: Weather) -> Light:
     share = 0.8 * clear * (1 - exp(-max(weather.sun_elevation_deg, 0.0) / 10)) if elevation > 0 else 0.0
     direct = total * share / max(sin(elevation), 0.05)
     diffuse = total * (1 - share)
-    azimuth, warm = radians(weather.sun_azimuth_deg), _warmth(weather.sun_elevation_deg)
+    azimuth, warm = radians(weather.sun_azimuth_deg), exp(-max(weather.sun_elevation_deg + 2, 0.0) / 9)
     tint = _mix((1.0, 1.0, 1.0), (0.80, 0.98, 1.25), clear)
-    exposure = _duskiness(weather.lux) * _exposure(diffuse + 0.5 * direct * (0.4 + sin(max(elevation, 0.0))))
+    exposure = (1 - 0.62 * math.exp(-(math.log10(max(weather.lux, 1e-3) / 150) ** 2))) * _exposure(
+        diffuse + 0.5 * direct * (0.4 + sin(max(elevation, 0.0)))
+    )
     return Light(
         sun=(cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)),
         direct=_times(_mix((1.04, 1.0, 0.93), (1.45, 0.92, 0.45), warm), direct),
@@ -149,22 +151,12 @@ def _clearness(weather: Weather, extinction: float) -> float:
     return (0.7 if below else share) * exp(-300 * max(0.0, extinction - 5e-4)) * (0.0 if weather.rain_mm_h > 0 else 1.0)
 
 
-def _warmth(elevation_deg: float) -> float:
-    """How red the sun is, 0 high to 1 at the horizon."""
-    return exp(-max(elevation_deg + 2, 0.0) / 9)
-
-
 def _exposure(illuminance: float) -> float:
     """Bring the illuminance of the scene, and of its street lamps by night, to about the same level in the image.
 
     A little less in little light, as cameras do. A function of the weather alone, so that stereo pairs agree.
     """
     return 1.15 * math.pow(illuminance + _LIT_STREET_LUX / DAYLIGHT_LUX, -0.90)
-
-
-def _duskiness(lux: float) -> float:
-    """Return how much darker than day images of twilight are: lamps are to stand out before it is night."""
-    return 1 - 0.62 * math.exp(-(math.log10(max(lux, 1e-3) / 150) ** 2))
 
 
 def _mix(a: Rgb, b: Rgb, share: float) -> Rgb:

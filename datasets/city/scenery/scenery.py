@@ -91,7 +91,10 @@ def scenery(layout: Layout, seed: int) -> Mesh:
     for (kind, size, look), indices in groups.items():
         rng = generator(seed, "scenery", kind, look)
         made = tree(look % SPECIES, num_leaves, rng) if kind == "tree" else _MAKERS[kind](size, look, rng)
-        mesh = _shrunk(kind, made, size)
+        reach = np.abs(made.vertices_m.astype(np.float64)).max(axis=0)
+        allowed = np.asarray(size) * np.array([1.0 if kind == "lamp_post" else 0.5, 0.5, 1.0])
+        vertices = (made.vertices_m * np.minimum(1.0, allowed / reach)).astype(np.float32)
+        mesh = Mesh(vertices, made.triangles, made.material, made.color, made.lamp)
         parts.append(_placed(mesh, [layout.placements[i] for i in indices], size, rng))
     return merged(parts)
 
@@ -105,14 +108,6 @@ def _look(placement: Placement, index: int) -> tuple[Kind, Three, int]:
         size = _UNIT
     size = (round(size[0], 2), round(size[1], 2), round(size[2], 2))
     return kind, size, placement.variant % _LOOKS[kind]
-
-
-def _shrunk(kind: Kind, mesh: Mesh, size_lwh_m: Three) -> Mesh:
-    """Scale a thing down along the axes in which its box is too small for it."""
-    reach = np.abs(mesh.vertices_m.astype(np.float64)).max(axis=0)
-    allowed = np.asarray(size_lwh_m) * np.array([1.0 if kind == "lamp_post" else 0.5, 0.5, 1.0])
-    vertices = (mesh.vertices_m * np.minimum(1.0, allowed / reach)).astype(np.float32)
-    return Mesh(vertices, mesh.triangles, mesh.material, mesh.color, mesh.lamp)
 
 
 def _placed(mesh: Mesh, placements: Sequence[Placement], size: Three, rng: np.random.Generator) -> Mesh:

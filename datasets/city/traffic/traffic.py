@@ -28,17 +28,13 @@ def decide(net: Network, state: State, sizes: Float64, step: int, step_s: float)
     num_changed = change_lanes(roads, net.gates, state.movers, state.way, taken, step)
     if num_changed:
         extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
-    _give_rights(net, state, taken, lights, step_s)
-    accelerate(roads, net.gates, lights, state.movers, state.way, taken)
-    state.counters[CHANGE] += num_changed
-    state.counters[EMERGENCY] += _stop_before_touching(net, state, sizes, step_s)
-
-
-def _give_rights(net: Network, state: State, taken: Occupancy, lights: Array, step_s: float) -> None:
     take_back(net.lanes, lights, state.movers, state.way)
     held = holders(net.lanes, state.movers, state.way)
     asking = asking_movers(net.roads, net.gates, lights, state.movers, state.way, taken, step_s)
     give_rights(net.lanes, net.gates, net.conflicts, lights, state.movers, state.way, taken, held, asking)
+    accelerate(roads, net.gates, lights, state.movers, state.way, taken)
+    state.counters[CHANGE] += num_changed
+    state.counters[EMERGENCY] += _stop_before_touching(net, state, sizes, step_s)
 
 
 def _stop_before_touching(net: Network, state: State, sizes: Float64, step_s: float) -> int:

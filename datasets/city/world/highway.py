@@ -183,7 +183,9 @@ _STANDING_M = 14.0
 def highway_layout(seed: int) -> Layout:
     """Lay out the ring: two straights of 0.9 km and two half circles."""
     no_signals = SignalPlan(60.0, np.zeros(0), np.zeros(0))
-    bays_m = _drawn_bays(seed)
+    draw = generator(seed, "highway layout", "bays")
+    spacing = LENGTH_M / _BAYS
+    bays_m = np.array([[(k + float(draw.uniform(0.1, 0.9))) * spacing, side] for side in (-1, 1) for k in range(_BAYS)])
     city_map = CityMap(
         "highway",
         joined(highway_lanes()),
@@ -193,13 +195,6 @@ def highway_layout(seed: int) -> Layout:
         highway_lamps_m(seed, bays_m),
     )
     return Layout(city_map, tuple(highway_patches(seed, bays_m)), tuple(highway_furniture(seed, bays_m)))
-
-
-def _drawn_bays(seed: int) -> Float64:
-    """Middles along the ring and sides (B, 2): -1 outside, where traffic goes counter-clockwise, 1 inside."""
-    draw = generator(seed, "highway layout", "bays")
-    spacing = LENGTH_M / _BAYS
-    return np.array([[(k + float(draw.uniform(0.1, 0.9))) * spacing, side] for side in (-1, 1) for k in range(_BAYS)])
 
 
 def _parkings(bays_m: Float64) -> tuple[Parking, ...]:
