@@ -4,9 +4,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from fbench.datasets.city.bodies import parts as trim
 from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import axle
+from fbench.datasets.city.bodies.parts import (
+    axle,
+    door_lines,
+    grille,
+    handles,
+    headlights,
+    mirrors,
+    plate,
+    tail_lamps,
+    underbody,
+)
 from fbench.datasets.city.bodies.shell import (
     BLACK,
     BUSES,
@@ -57,20 +66,20 @@ def _profile(draw: np.random.Generator) -> Profile:
 def _chassis(hull: Hull) -> list[Mesh]:
     p = hull.profile
     wheels = [part for s in p.axles for part in axle(p.length_m / 2 - s, 1.24, p.wheel_radius_m, 0.29, STEEL)]
-    return [trim.underbody(p, 0.9, 1.0), *wheels, box((-0.3, 0.0, p.top[4][1] + 0.1), (3.0, 1.7, 0.22), _WHITE)]
+    return [underbody(p, 0.9, 1.0), *wheels, box((-0.3, 0.0, p.top[4][1] + 0.1), (3.0, 1.7, 0.22), _WHITE)]
 
 
 def _front(hull: Hull) -> list[Mesh]:
     p, half = hull.profile, hull.flat_half_m(at_nose=True)
     x, top = p.length_m / 2 - 0.3, p.top[2][1]
     return [
-        *trim.headlights(hull, (0.62, 0.82), 0.62, 0.14),
+        *headlights(hull, (0.62, 0.82), 0.62, 0.14),
         hull.front((-0.55 * half, 0.55 * half), (0.66, 0.78), LINE),
         hull.front((-half, half), (0.32, 0.5), DARK),
-        trim.plate(p.length_m / 2 + 0.014, 0.44),
+        plate(p.length_m / 2 + 0.014, 0.44),
         box((x - 0.12, 0.0, top + 0.14), (0.3, 1.9, 0.26), LINE),
         box((x - 0.11, 0.0, top + 0.14), (0.3, 1.3, 0.13), _SIGN),
-        trim.mirrors(p.length_m / 2 + 0.02, half - 0.02, top - 0.35, (0.14, 0.24, 0.4), BLACK),
+        mirrors(p.length_m / 2 + 0.02, half - 0.02, top - 0.35, (0.14, 0.24, 0.4), BLACK),
     ]
 
 
@@ -79,11 +88,11 @@ def _rear(hull: Hull) -> list[Mesh]:
     top = p.top[-1][1]
     return [
         hull.rear((-0.8 * half, 0.8 * half), (1.65, top - 0.12), GLASS),
-        *trim.tail_lamps(hull, (0.75, 1.25), 0.88, 0.06),
+        *tail_lamps(hull, (0.75, 1.25), 0.88, 0.06),
         hull.rear((-0.6 * half, 0.6 * half), (0.85, 1.3), DARK),
         *(hull.rear((-0.58 * half, 0.58 * half), (z, z + 0.03), LINE, 0.01) for z in (0.92, 1.02, 1.12, 1.22)),
         hull.rear((-half, half), (0.34, 0.55), DARK),
-        trim.plate(-p.length_m / 2 - 0.014, 0.68),
+        plate(-p.length_m / 2 - 0.014, 0.68),
     ]
 
 
@@ -150,18 +159,18 @@ def _vans_chassis(hull: Hull, rim: Skin) -> list[Mesh]:
     p = hull.profile
     outer = p.width_m / 2 - 0.03
     wheels = [part for s in p.axles for part in axle(p.length_m / 2 - s, outer, p.wheel_radius_m, _TYRE_M, rim)]
-    return [trim.underbody(p, outer - _TYRE_M - 0.02, p.mid_m), *wheels]
+    return [underbody(p, outer - _TYRE_M - 0.02, p.mid_m), *wheels]
 
 
 def _vans_front(hull: Hull) -> list[Mesh]:
     p, half = hull.profile, hull.flat_half_m(at_nose=True)
     top = p.top[0][1]
     return [
-        *trim.headlights(hull, (top - 0.22, top - 0.05), 0.64, 0.3),
-        trim.grille(hull, 0.58 * half, (top - 0.2, top - 0.05), 2, CHROME),
+        *headlights(hull, (top - 0.22, top - 0.05), 0.64, 0.3),
+        grille(hull, 0.58 * half, (top - 0.2, top - 0.05), 2, CHROME),
         hull.front((-half, half), (0.24, 0.46), DARK),
         hull.side((0.0, 0.4), (0.24, 0.46), DARK),
-        trim.plate(p.length_m / 2 + 0.014, 0.5),
+        plate(p.length_m / 2 + 0.014, 0.5),
     ]
 
 
@@ -171,10 +180,10 @@ def _vans_rear(hull: Hull) -> list[Mesh]:
     pane = ((0.05, 0.8 * half), (belt, min(top - 0.12, belt + 0.6)))
     sides = [hull.rear((min(a, b), max(a, b)), pane[1], GLASS) for a, b in (pane[0], (-pane[0][1], -pane[0][0]))]
     return [
-        *sides, *trim.tail_lamps(hull, (0.72, 1.2), 0.86, 0.07),
+        *sides, *tail_lamps(hull, (0.72, 1.2), 0.86, 0.07),
         hull.rear((-0.012, 0.012), (0.5, top - 0.05), BLACK, 0.004),
         hull.rear((-half, half), (0.27, 0.46), DARK, 0.05), hull.rear((-half, half), (0.46, 0.47), BLACK),
-        trim.plate(-p.length_m / 2 - 0.016, 0.78),
+        plate(-p.length_m / 2 - 0.016, 0.78),
     ]  # fmt: skip
 
 
@@ -186,9 +195,9 @@ def _vans_sides(hull: Hull, minibus: bool) -> list[Mesh]:
     x = p.length_m / 2 - front - 0.05
     low = p.sill_m + 0.12
     return [
-        *trim.door_lines(hull, (front - 0.03, door + 0.04, back + 0.04), (low, belt - 0.01)),
+        *door_lines(hull, (front - 0.03, door + 0.04, back + 0.04), (low, belt - 0.01)),
         hull.side((1.4, back), (low - 0.014, low + 0.006), BLACK, 0.004),
         hull.side((1.35, p.length_m - 1.45), (p.mid_m - 0.09, p.mid_m - 0.01), DARK, 0.02),
-        *trim.handles(hull, (door - 0.2, door + 0.12), belt - 0.14, BLACK),
-        trim.mirrors(x, p.width_m / 2 - 0.06, belt + 0.16, (0.14, 0.24, 0.3), BLACK),
+        *handles(hull, (door - 0.2, door + 0.12), belt - 0.14, BLACK),
+        mirrors(x, p.width_m / 2 - 0.06, belt + 0.16, (0.14, 0.24, 0.3), BLACK),
     ]

@@ -5,9 +5,18 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies import parts as trim
 from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import axle
+from fbench.datasets.city.bodies.parts import (
+    axle,
+    door_lines,
+    grille,
+    handles,
+    headlights,
+    mirrors,
+    plate,
+    tail_lamps,
+    underbody,
+)
 from fbench.datasets.city.bodies.shell import BLACK, CARS, CHROME, DARK, STEEL, body, linear, pick
 from fbench.datasets.city.mesh import Body, Mesh, Skin, box
 
@@ -98,7 +107,7 @@ def _chassis(hull: Hull, rim: Skin) -> list[Mesh]:
     p = hull.profile
     outer = p.width_m / 2 - 0.025
     wheels = [wheel for s in p.axles for wheel in axle(p.length_m / 2 - s, outer, p.wheel_radius_m, _TYRE_M, rim)]
-    return [trim.underbody(p, outer - _TYRE_M - 0.02, p.mid_m), *wheels]
+    return [underbody(p, outer - _TYRE_M - 0.02, p.mid_m), *wheels]
 
 
 def _front(hull: Hull) -> list[Mesh]:
@@ -106,11 +115,11 @@ def _front(hull: Hull) -> list[Mesh]:
     top, half = p.top[0][1], hull.flat_half_m(at_nose=True)
     low = p.sill_m + 0.06
     return [
-        *trim.headlights(hull, (top - 0.165, top - 0.055), 0.6, 0.34),
-        trim.grille(hull, 0.54 * half, (top - 0.17, top - 0.06), 1, CHROME),
+        *headlights(hull, (top - 0.165, top - 0.055), 0.6, 0.34),
+        grille(hull, 0.54 * half, (top - 0.17, top - 0.06), 1, CHROME),
         hull.front((-0.8 * half, 0.8 * half), (low, low + 0.15), BLACK),
         hull.side((0.0, 0.16), (low, low + 0.12), BLACK),
-        trim.plate(p.length_m / 2 + 0.012, low + 0.2),
+        plate(p.length_m / 2 + 0.012, low + 0.2),
     ]
 
 
@@ -119,10 +128,10 @@ def _rear(hull: Hull) -> list[Mesh]:
     top, half = p.top[-1][1], hull.flat_half_m(at_nose=False)
     lamps = (top - 0.25, top - 0.08)
     return [
-        *trim.tail_lamps(hull, lamps, 0.62, 0.2),
+        *tail_lamps(hull, lamps, 0.62, 0.2),
         hull.rear((-0.85 * half, 0.85 * half), (p.sill_m + 0.03, p.sill_m + 0.16), BLACK),
         hull.rear((-0.95 * half, 0.95 * half), (top - 0.31, top - 0.298), BLACK, 0.004),
-        trim.plate(-p.length_m / 2 - 0.012, top - 0.2),
+        plate(-p.length_m / 2 - 0.012, top - 0.2),
     ]
 
 
@@ -132,11 +141,11 @@ def _sides(hull: Hull, paint: Skin) -> list[Mesh]:
     belt = p.belt[2][1]
     low, high = p.sill_m + 0.1, belt - 0.01
     x = p.length_m / 2 - front - 0.02
-    side = trim.mirrors(x, p.width_m / 2 - 0.05, belt + 0.07, (0.13, 0.19, 0.13), paint)
+    side = mirrors(x, p.width_m / 2 - 0.05, belt + 0.07, (0.13, 0.19, 0.13), paint)
     return [
-        *trim.door_lines(hull, (front - 0.03, pillar + 0.03, rear + 0.02), (low, high)),
+        *door_lines(hull, (front - 0.03, pillar + 0.03, rear + 0.02), (low, high)),
         hull.side((front - 0.03, rear + 0.03), (low - 0.012, low + 0.006), BLACK, 0.004),
-        *trim.handles(hull, (pillar - 0.2, rear - 0.2), belt - 0.11, paint),
+        *handles(hull, (pillar - 0.2, rear - 0.2), belt - 0.11, paint),
         side,
     ]
 

@@ -4,9 +4,18 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies import parts as trim
 from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import axle
+from fbench.datasets.city.bodies.parts import (
+    BRAKELIGHT,
+    TAILLIGHT,
+    axle,
+    door_lines,
+    grille,
+    handles,
+    headlights,
+    mirrors,
+    plate,
+)
 from fbench.datasets.city.bodies.shell import (
     BLACK,
     CHROME,
@@ -59,19 +68,19 @@ def _face(hull: Hull) -> list[Mesh]:
     p, half = hull.profile, hull.flat_half_m(at_nose=True)
     return [
         hull.front((-half, half), (0.4, 0.78), DARK), hull.side((0.0, 0.5), (0.4, 0.7), DARK),
-        *trim.headlights(hull, (0.56, 0.76), 0.66, 0.1),
-        trim.grille(hull, 0.75 * half, (0.85, 1.36), 3, CHROME),
-        trim.plate(p.length_m / 2 + 0.014, 0.52),
+        *headlights(hull, (0.56, 0.76), 0.66, 0.1),
+        grille(hull, 0.75 * half, (0.85, 1.36), 3, CHROME),
+        plate(p.length_m / 2 + 0.014, 0.52),
     ]  # fmt: skip
 
 
 def _cab_sides(hull: Hull) -> list[Mesh]:
     p = hull.profile
     return [
-        *trim.door_lines(hull, (0.42, 1.4), (1.15, 2.3)),
-        *trim.handles(hull, (1.15,), 1.45, BLACK),
+        *door_lines(hull, (0.42, 1.4), (1.15, 2.3)),
+        *handles(hull, (1.15,), 1.45, BLACK),
         both(box((p.length_m / 2 - 0.55, 1.14, 0.55), (0.5, 0.12, 0.06), LINE)),
-        trim.mirrors(p.length_m / 2 - 0.3, p.width_m / 2 - 0.02, 2.0, (0.14, 0.22, 0.55), BLACK),
+        mirrors(p.length_m / 2 - 0.3, p.width_m / 2 - 0.02, 2.0, (0.14, 0.22, 0.55), BLACK),
     ]
 
 
@@ -104,8 +113,8 @@ def rear_end(x_m: float) -> list[Mesh]:
     bar = box((x_m + 0.1, 0.0, 0.56), (0.1, 2.3, 0.14), DARK)
     beam = box((x_m + 0.08, 0.0, 0.82), (0.1, 2.36, 0.22), BLACK)
     lamps = [_facing_back(x_m + 0.025, rows, (0.73, 0.93), skin)
-             for rows, skin in (((0.72, 0.95), trim.TAILLIGHT), ((0.96, 1.15), trim.BRAKELIGHT))]  # fmt: skip
-    return [bar, beam, *lamps, trim.plate(x_m + 0.02, 0.82)]
+             for rows, skin in (((0.72, 0.95), TAILLIGHT), ((0.96, 1.15), BRAKELIGHT))]  # fmt: skip
+    return [bar, beam, *lamps, plate(x_m + 0.02, 0.82)]
 
 
 def _facing_back(x: float, y: tuple[float, float], z: tuple[float, float], skin: Skin) -> Mesh:

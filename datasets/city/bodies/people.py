@@ -5,8 +5,25 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies import figure as pose
-from fbench.datasets.city.bodies.figure import Looks, Pose, figure, rings, upright
+from fbench.datasets.city.bodies.figure import (
+    ANKLE,
+    FOOT,
+    FOREARM,
+    HIP,
+    HIP_HALF,
+    SHANK,
+    SHOULDER,
+    SHOULDER_HALF,
+    THIGH,
+    UPPER_ARM,
+    Looks,
+    Pose,
+    figure,
+    pair,
+    rings,
+    turned,
+    upright,
+)
 from fbench.datasets.city.bodies.shell import HAIR, SKINS, TOPS, TROUSERS, body, linear, pick, shell, tube
 from fbench.datasets.city.mesh import Body, Mesh, Skin
 from fbench.replay.data.arrays import Array, Float64
@@ -38,18 +55,18 @@ def walking(walk: Walk, phase: float) -> Pose:
     h, at = walk.height_m, np.array([phase, phase + 0.5]) % 1.0
     swing = np.sin(2 * np.pi * at)
     thigh, knee = 0.04 - walk.stride_rad * swing, _knee(at)
-    hips = pose.pair(0.0, pose.HIP_HALF * walk.breadth * h, pose.HIP * h)
-    knees = hips + pose.turned(thigh, pose.THIGH * h)
-    ankles = knees + pose.turned(thigh - knee, pose.SHANK * h)
+    hips = pair(0.0, HIP_HALF * walk.breadth * h, HIP * h)
+    knees = hips + turned(thigh, THIGH * h)
+    ankles = knees + turned(thigh - knee, SHANK * h)
     down = np.radians(np.interp(at, _FOOT_AT, _FOOT_DEG))
     toes = ankles + _sole(down, h)
     pelvis = hips.mean(0)
-    spine = np.array([np.sin(walk.lean_rad), 0, np.cos(walk.lean_rad)]) * (pose.SHOULDER - pose.HIP) * h
+    spine = np.array([np.sin(walk.lean_rad), 0, np.cos(walk.lean_rad)]) * (SHOULDER - HIP) * h
     neck = pelvis + spine
-    shoulders = neck + pose.pair(walk.lean_rad - 0.02 * swing * h, pose.SHOULDER_HALF * walk.breadth * h, 0.0)
+    shoulders = neck + pair(walk.lean_rad - 0.02 * swing * h, SHOULDER_HALF * walk.breadth * h, 0.0)
     arm = 0.02 + walk.arm_rad * swing
-    elbows = shoulders + pose.turned(arm, pose.UPPER_ARM * h) + pose.pair(0.0, 0.018 * h, 0.0)
-    wrists = elbows + pose.turned(arm + 0.25 + 0.25 * np.maximum(swing, 0), pose.FOREARM * h)
+    elbows = shoulders + turned(arm, UPPER_ARM * h) + pair(0.0, 0.018 * h, 0.0)
+    wrists = elbows + turned(arm + 0.25 + 0.25 * np.maximum(swing, 0), FOREARM * h)
     head = neck + np.array([0.02 + 0.3 * walk.lean_rad, 0, 0.115]) * h
     return Pose(h, pelvis, neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
 
@@ -63,7 +80,7 @@ def _knee(at: Float64) -> Float64:
 
 def _sole(down_rad: Array, height_m: float) -> Float64:
     """From ankle to the tip of the sole (N, 3), for feet that point down by angles (N,)."""
-    forward, below = 0.72 * pose.FOOT * height_m, pose.ANKLE * height_m
+    forward, below = 0.72 * FOOT * height_m, ANKLE * height_m
     cos, sin = np.cos(down_rad), np.sin(down_rad)
     return np.asarray(np.column_stack([forward * cos - below * sin, 0 * cos, -forward * sin - below * cos]), np.float64)
 

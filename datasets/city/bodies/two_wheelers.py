@@ -5,9 +5,25 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies import figure as pose
-from fbench.datasets.city.bodies import parts as trim
-from fbench.datasets.city.bodies.figure import Looks, Pose, figure
+from fbench.datasets.city.bodies.figure import (
+    ANKLE,
+    FOOT,
+    FOREARM,
+    HIP,
+    HIP_HALF,
+    SHANK,
+    SHOULDER,
+    SHOULDER_HALF,
+    SIDES,
+    THIGH,
+    UPPER_ARM,
+    Looks,
+    Pose,
+    bent,
+    figure,
+    pair,
+)
+from fbench.datasets.city.bodies.parts import BRAKELIGHT, HEADLIGHT, TAILLIGHT, TURN
 from fbench.datasets.city.bodies.people import draw_looks
 from fbench.datasets.city.bodies.shell import (
     BLACK,
@@ -34,13 +50,13 @@ def sitting(height_m: float, pelvis: Array, lean_rad: float, wrists: Array, ankl
     """Return the joints of someone who sits at `pelvis` (3,), leans forward, and holds hands and feet (2, 3) there."""
     h = height_m
     up = np.array([np.sin(lean_rad), 0.0, np.cos(lean_rad)])
-    neck = pelvis + (pose.SHOULDER - pose.HIP) * h * up
-    shoulders = neck + pose.pair(0.01 * h, pose.SHOULDER_HALF * h, 0.0)
-    hips = pelvis + pose.pair(0.0, pose.HIP_HALF * h, 0.0)
+    neck = pelvis + (SHOULDER - HIP) * h * up
+    shoulders = neck + pair(0.01 * h, SHOULDER_HALF * h, 0.0)
+    hips = pelvis + pair(0.0, HIP_HALF * h, 0.0)
     knees, elbows = np.empty((2, 3)), np.empty((2, 3))
-    for i, side in enumerate(pose.SIDES):
-        knees[i] = pose.bent(hips[i], ankles[i], pose.THIGH * h, pose.SHANK * h, np.array([1.0, 0.25 * side, 0.3]))
-        elbows[i] = pose.bent(shoulders[i], wrists[i], pose.UPPER_ARM * h, pose.FOREARM * h,
+    for i, side in enumerate(SIDES):
+        knees[i] = bent(hips[i], ankles[i], THIGH * h, SHANK * h, np.array([1.0, 0.25 * side, 0.3]))
+        elbows[i] = bent(shoulders[i], wrists[i], UPPER_ARM * h, FOREARM * h,
                               np.array([-0.3, 0.7 * side, -0.7]))  # fmt: skip
     head = neck + np.array([0.03 + 0.06 * np.sin(lean_rad), 0.0, 0.11]) * h
     return Pose(h, np.asarray(pelvis, np.float64), neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
@@ -140,16 +156,16 @@ def make_bicycle(draw: np.random.Generator) -> Body:
 
 def _pelvis(height_m: float) -> Float64:
     """Where the legs nearly reach the lower pedal."""
-    leg = 0.965 * (pose.THIGH + pose.SHANK) * height_m
+    leg = 0.965 * (THIGH + SHANK) * height_m
     back = 0.2
-    ankle = _CRANK + np.array([-0.06, 0, -_CRANK_M + pose.ANKLE * height_m + 0.03])
+    ankle = _CRANK + np.array([-0.06, 0, -_CRANK_M + ANKLE * height_m + 0.03])
     return np.asarray(ankle + np.array([-back, 0, np.sqrt(leg**2 - back**2)]), np.float64)
 
 
 def _pedals(phase: float) -> Float64:
     """Middles of the pedals (2, 3): the left one is in front at 0 and goes down."""
     angle = np.array([np.pi / 2, -np.pi / 2]) + 2 * np.pi * phase
-    return _CRANK + _CRANK_M * np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)]) + pose.pair(0.0, 0.12, 0.0)
+    return _CRANK + _CRANK_M * np.column_stack([np.sin(angle), 0 * angle, np.cos(angle)]) + pair(0.0, 0.12, 0.0)
 
 
 def _frame(pelvis: Float64, paint: Skin) -> list[Mesh]:
@@ -169,15 +185,15 @@ def _frame(pelvis: Float64, paint: Skin) -> list[Mesh]:
         both(tube(bar, np.array([0.014, 0.014, 0.014, 0.017]), 5, [CHROME, CHROME, BLACK])),
         tube(saddle + np.array([(-0.15, 0, 0), (0, 0, 0), (0.13, 0, -0.01)]),
              np.array([(0.085, 0.03), (0.06, 0.028), (0.02, 0.018)]), 6, [BLACK]),
-        box((0.39, 0.0, 0.95), (0.06, 0.06, 0.06), trim.HEADLIGHT),
-        box((-0.46, 0.0, 0.75), (0.03, 0.07, 0.05), trim.TAILLIGHT),
-        box((-0.46, 0.0, 0.69), (0.03, 0.07, 0.04), trim.BRAKELIGHT),
+        box((0.39, 0.0, 0.95), (0.06, 0.06, 0.06), HEADLIGHT),
+        box((-0.46, 0.0, 0.75), (0.03, 0.07, 0.05), TAILLIGHT),
+        box((-0.46, 0.0, 0.69), (0.03, 0.07, 0.04), BRAKELIGHT),
     ]  # fmt: skip
 
 
 def _drive(phase: float) -> list[Mesh]:
     parts = [tube([_CRANK - (0, 0.06, 0), _CRANK - (0, 0.05, 0)], np.array([0.09, 0.09]), 12, [CHROME])]
-    for pedal, side in zip(_pedals(phase), pose.SIDES, strict=True):
+    for pedal, side in zip(_pedals(phase), SIDES, strict=True):
         start, end = _CRANK + np.array([0, 0.07 * side, 0]), pedal - np.array([0, 0.05 * side, 0])
         x, y, z = (float(v) for v in pedal)
         parts += [tube([start, end], np.array([0.014, 0.012]), 4, [CHROME]), box((x, y, z), (0.09, 0.1, 0.02), BLACK)]
@@ -187,9 +203,9 @@ def _drive(phase: float) -> list[Mesh]:
 def _rider(rider: Rider, phase: float) -> list[Mesh]:
     h, pedals = rider.height_m, _pedals(phase)
     pelvis = _pelvis(h)
-    ankles = pedals + pose.pair(-0.06, 0.0, pose.ANKLE * h + 0.015)
-    toes = ankles + pose.pair(0.72 * pose.FOOT * h, 0.0, -pose.ANKLE * h)
-    wrists = _BAR + pose.pair(-0.11, 0.25, 0.035)
+    ankles = pedals + pair(-0.06, 0.0, ANKLE * h + 0.015)
+    toes = ankles + pair(0.72 * FOOT * h, 0.0, -ANKLE * h)
+    wrists = _BAR + pair(-0.11, 0.25, 0.035)
     at = sitting(h, pelvis, rider.lean_rad, wrists, ankles, toes)
     parts = figure(at, rider.looks)
     return [*parts, open_helmet(at, rider.helmet)] if rider.helmet is not None else parts
@@ -258,11 +274,11 @@ def _lamps() -> list[Mesh]:
     rear_guard = tube([(-0.78, 0, 0.78), (-0.98, 0, 0.58)], np.array([(0.09, 0.015), (0.07, 0.015)]), 4, [BLACK])
     return [
         tube([(0.4, 0, 0.93), (0.54, 0, 0.93), (0.6, 0, 0.93)], np.array([0.07, 0.1, 0.1]), 8, [DARK]),
-        tube([(0.6, 0, 0.93), (0.615, 0, 0.93)], np.array([0.09, 0.085]), 8, [trim.HEADLIGHT]),
-        box((-0.9, 0.0, 0.8), (0.05, 0.16, 0.05), trim.TAILLIGHT),
-        box((-0.9, 0.0, 0.85), (0.05, 0.16, 0.05), trim.BRAKELIGHT),
-        both(box((0.5, 0.2, 0.9), (0.06, 0.08, 0.05), trim.TURN)),
-        both(box((-0.85, 0.16, 0.78), (0.06, 0.08, 0.05), trim.TURN)),
+        tube([(0.6, 0, 0.93), (0.615, 0, 0.93)], np.array([0.09, 0.085]), 8, [HEADLIGHT]),
+        box((-0.9, 0.0, 0.8), (0.05, 0.16, 0.05), TAILLIGHT),
+        box((-0.9, 0.0, 0.85), (0.05, 0.16, 0.05), BRAKELIGHT),
+        both(box((0.5, 0.2, 0.9), (0.06, 0.08, 0.05), TURN)),
+        both(box((-0.85, 0.16, 0.78), (0.06, 0.08, 0.05), TURN)),
         rear_guard, box((-0.99, 0.0, 0.66), (0.012, 0.2, 0.2), PLATE),
     ]  # fmt: skip
 
@@ -274,7 +290,7 @@ def _motorcycles_rider(draw: np.random.Generator) -> list[Mesh]:
                     girth=float(draw.uniform(1.1, 1.35)), long_hair=False)  # fmt: skip
     h = float(draw.uniform(1.66, 1.88))
     pelvis = np.array([-0.24, 0.0, 0.87 + 0.055 * h])
-    ankles = pose.pair(-0.08, 0.19, 0.36)
-    toes = ankles + pose.pair(0.72 * pose.FOOT * h, 0.0, -pose.ANKLE * h)
-    at = sitting(h, pelvis, float(draw.uniform(0.28, 0.42)), pose.pair(0.22, 0.35, 1.09), ankles, toes)
+    ankles = pair(-0.08, 0.19, 0.36)
+    toes = ankles + pair(0.72 * FOOT * h, 0.0, -ANKLE * h)
+    at = sitting(h, pelvis, float(draw.uniform(0.28, 0.42)), pair(0.22, 0.35, 1.09), ankles, toes)
     return [*figure(at, looks, with_head=False), full_helmet(at, Skin("paint", pick(draw, _HELMETS)), GLASS)]
