@@ -21,9 +21,9 @@ from rich.console import Console
 from rich.progress import track
 
 from fbench.datasets.city.recording import Cities, CityRecording
+from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.datasets.city.suite import SEEDS
 from fbench.metrics.core.sequence import Objects, Steps
 from fbench.metrics.core.sequence import Sequence as Drive
 from fbench.metrics.profiles.coco.profile import CocoProfile

@@ -8,14 +8,13 @@ import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from fbench.datasets.city.instant import EGO, BodyStates, Hits, RayCaster, Rays
 from fbench.datasets.city.measure import Slot, Surroundings, measure
 from fbench.datasets.city.mesh import Actor, Mesh, merged, moved
-from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import Hits, RayCaster, Rays
 from fbench.datasets.city.recording import CityRecording, build_city
+from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec
-from fbench.datasets.city.suite import SEEDS
 from fbench.datasets.city.world.urban import layout
 from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32

@@ -9,9 +9,9 @@ import numpy as np
 from made_city import images_and_truth
 
 from fbench.datasets.city.recording import CityRecording
+from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.datasets.city.suite import SEEDS
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.boxes import VEHICLES, Boxes2D

@@ -115,7 +115,7 @@ def _line(one: Exported) -> str:
 
 
 if TYPE_CHECKING:
-    from fbench.reports.preview.content import Content
+    from fbench.reports.preview.collect import Content
 
 TIMEOUT_NS = 1_000_000_000
 """So long a frame waits for its sensors: also what a replay would find too late is drawn, as wrong stamps make it."""

@@ -30,7 +30,7 @@ from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Results, table_rows
 
 if TYPE_CHECKING:
-    from fbench.datasets.city.suite import Scene, Split
+    from fbench.datasets.city.request import Scene, Split
 
 SHORT_S, FULL_S = 1.5, 10.0
 """Length of each log of the short version and of the full suite."""
@@ -72,7 +72,7 @@ def experiment(wish: DemoWish) -> Experiment:
     Raises:
         ConfigError: where options don't fit.
     """
-    from fbench.datasets.city.suite import experiment_spec
+    from fbench.datasets.city.request import experiment_spec
 
     usual = SHORT_S if wish.split is None else FULL_S
     seconds = usual if wish.seconds is None else wish.seconds
@@ -115,7 +115,7 @@ def _finish(what: Experiment, done: list[tuple[Drive, CellResult]]) -> int:
 
 
 def _scenes(wish: DemoWish) -> "list[tuple[Scene, int]]":
-    from fbench.datasets.city.suite import DEMO, EXPERIMENT, SEEDS
+    from fbench.datasets.city.request import DEMO, EXPERIMENT, SEEDS
 
     if wish.split is None:
         if wish.num_seeds is not None:

@@ -172,7 +172,7 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
 
 def _learnt(drives: Sequence[Drive]) -> Iterator[tuple[str, str]]:
     """Figures of a detector on what it learnt from are better than others, and must say so."""
-    from fbench.datasets.city.suite import TRAINING_SEEDS
+    from fbench.datasets.city.request import TRAINING_SEEDS
 
     learnt = sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS))
     if learnt:

@@ -17,9 +17,8 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.logs.convert.target import Target
 
 if TYPE_CHECKING:
-    from fbench.datasets.city.request import CityWish
+    from fbench.datasets.city.request import CityWish, Split
     from fbench.datasets.city.spec import CitySpec
-    from fbench.datasets.city.suite import Split
 
 _SUITE, _TRAINING = "suite", "training"
 _NOT_OF_A_SUITE = (("condition", "clear", "--condition"), ("seed", 0, "--seed"))
@@ -104,7 +103,7 @@ def _one_log(job: SimulateJob) -> tuple["CitySpec", Path]:
 
 
 def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
-    from fbench.datasets.city.suite import SEEDS, SUITE
+    from fbench.datasets.city.request import SEEDS, SUITE
 
     for field, default, option in _NOT_OF_A_SUITE:
         if getattr(job.wish, field) != default:
@@ -118,8 +117,7 @@ def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
 
 
 def _training_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
-    from fbench.datasets.city.request import CityWish
-    from fbench.datasets.city.suite import training_logs
+    from fbench.datasets.city.request import CityWish, training_logs
 
     if job.wish != CityWish(_TRAINING) or job.split is not None:
         raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")

@@ -1,6 +1,6 @@
-"""Making of one message: a pure function of the world, the instant and the sensor."""
+"""Messages and ground truth of one instant, as pure functions of the world, the instant and the sensor."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import assert_never
@@ -8,17 +8,17 @@ from typing import assert_never
 import numpy as np
 
 from fbench.datasets.city.camera.picture import picture
-from fbench.datasets.city.instant import Instant
-from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.rays.hits import RayCaster
+from fbench.datasets.city.instant import EGO, BodyStates, Instant, RayCaster, Rays
 from fbench.datasets.city.rig import POSE, CameraSpec, LidarSpec, RadarSpec, RigSpec, SensorSpec
 from fbench.datasets.city.sensors.lidar import sweep
 from fbench.datasets.city.sensors.radar import scan
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.weather import Weather
-from fbench.replay.data.arrays import Array, Float64, Int64
-from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Rig
+from fbench.replay.geometry.transforms import wrap_angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,3 +185,173 @@ def _instant(around: Surroundings, states: BodyStates, slot: Slot) -> Instant:
         around.caster, states, around.weather, around.street_lamps_m, around.seed, slot.sensor,
         around.rig.body_T_sensor(slot.sensor), slot.stamp_ns, slot.log_ns,
     )  # fmt: skip
+
+
+EYE_M = 1.8
+"""Height of the point above the ego vehicle's middle from which bodies are looked at."""
+_GRID = 12
+"""Rays across a body, in both directions."""
+
+
+def visible_shares(caster: RayCaster, states: BodyStates, bodies: Int64, range_m: float) -> Float64:
+    """Return the visible share (B,) of each of `bodies` (B,), 0 to 1, in clear air.
+
+    Of the rays over a body's outline that would hit it if it were alone, the share that do; seen from `EYE_M` above
+    the middle of the ego vehicle. A body that no ray of its grid hits counts as unseen.
+    """
+    if not len(bodies):
+        return np.zeros(0)
+    origin = states.position_m[EGO] + [0.0, 0.0, EYE_M]
+    directions = np.concatenate([_rays_over(caster, states, int(i), origin) for i in bodies])
+    owner = np.repeat(bodies, _GRID * _GRID)
+    hits = caster.cast(Rays(origin[None], directions, range_m), states)
+    alone = {body: rays[owner[rays] == body] for body, rays in hits.alone}
+    return np.array([_share(hits.body, alone.get(int(i)), int(i)) for i in bodies])
+
+
+def _share(hit: Array, rays: Int64 | None, body: int) -> float:
+    return float((hit[rays] == body).mean()) if rays is not None and len(rays) else 0.0
+
+
+def _rays_over(caster: RayCaster, states: BodyStates, i: int, origin: Float64) -> Float32:
+    """Unit vectors (`_GRID` squared, 3) evenly over the angles that the box of body `i` takes."""
+    length, width, height = caster.actors[i].body.size_lwh_m
+    to_body, cos, sin = states.position_m[i] - origin, np.cos(states.yaw_rad[i]), np.sin(states.yaw_rad[i])
+    x, y = _outermost(-cos * to_body[0] - sin * to_body[1], sin * to_body[0] - cos * to_body[1], length, width)
+    x, y = x * cos - y * sin + to_body[0], x * sin + y * cos + to_body[1]
+    heading = np.arctan2(to_body[1], to_body[0])
+    azimuth = (np.arctan2(y, x) - heading + np.pi) % (2 * np.pi) - np.pi
+    altitude = np.arctan2(to_body[2] + np.array([[0.0], [height]]), np.hypot(x, y))
+    steps = (np.arange(_GRID) + 0.5) / _GRID
+    across = heading + azimuth.min() + steps * (azimuth.max() - azimuth.min())
+    up = altitude.min() + steps * (altitude.max() - altitude.min())
+    a, e = np.meshgrid(across, up)
+    rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1)
+    return rays.reshape(-1, 3).astype(np.float32)
+
+
+def _outermost(x_m: float, y_m: float, length_m: float, width_m: float) -> tuple[Float64, Float64]:
+    """Corners of a footprint, and its point nearest to (x, y), where its box looks tallest: (5,) each, in its axes."""
+    x, y = length_m / 2, width_m / 2
+    return np.array([-x, -x, x, x, np.clip(x_m, -x, x)]), np.array([-y, y, -y, y, np.clip(y_m, -y, y)])
+
+
+MIN_PIXELS = 30
+MIN_VISIBLE = 0.1
+"""Bodies of which an image shows less, in pixels or as a share, are ignored there: nobody could find them."""
+
+
+def truth_at(
+    caster: RayCaster, states: BodyStates, stamp_ns: int, measured: Sequence[Measured], range_m: float
+) -> Truth:
+    """Return all bodies within `range_m` [m] of the ego vehicle and all that images show.
+
+    Boxes are in body coordinates at `stamp_ns`, velocities over ground in body axes. Bodies that can't be seen from the
+    ego vehicle in clear air, whatever its sensors, are marked as ignored.
+
+    Args:
+        caster: The world.
+        states: All bodies at the stamp.
+        stamp_ns: The instant.
+        measured: The messages that belong to it.
+        range_m: How far away bodies are told of.
+    """
+    offset = states.position_m[:, :2] - states.position_m[EGO, :2]
+    near = np.sqrt((offset * offset).sum(axis=1)) <= range_m
+    near[EGO] = False
+    boxes = _boxes3d(caster, states, np.flatnonzero(near), measured, range_m)
+    images = [m for m in measured if m.seen is not None]
+    return Truth(stamp_ns, stamp_ns, boxes, _boxes2d(caster, states, images) if images else None)
+
+
+def _boxes3d(
+    caster: RayCaster, states: BodyStates, bodies: Int64, measured: Sequence[Measured], range_m: float
+) -> Boxes3D:
+    visibility = visible_shares(caster, states, bodies, 2 * range_m)
+    num_lidar, num_radar = (_num_points(measured, kind, len(caster.actors))[bodies] for kind in (PointCloud, RadarScan))
+    labels = _labels(caster, bodies)
+    return Boxes3D(
+        center_m=_centers(caster, states, bodies),
+        size_lwh_m=np.array([caster.actors[i].body.size_lwh_m for i in bodies], np.float64).reshape(-1, 3),
+        yaw_rad=wrap_angle(states.yaw_rad[bodies] - states.yaw_rad[EGO]),
+        velocity_mps=_in_body(states, states.velocity_mps[bodies]),
+        label=labels,
+        track_id=bodies,
+        visibility=visibility,
+        attribute=_attributes(caster, states, bodies),
+        num_lidar_pts=num_lidar,
+        num_radar_pts=num_radar,
+        ignore=visibility == 0,
+        source_label=labels,
+    )
+
+
+def _num_points(measured: Sequence[Measured], kind: type[PointCloud | RadarScan], num_actors: int) -> Int64:
+    total = np.zeros(num_actors, np.int64)
+    for one in measured:
+        if isinstance(one.message, kind):
+            total += one.num_points
+    return total
+
+
+def _labels(caster: RayCaster, bodies: Int64) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+    return np.array([caster.actors[i].body.label for i in bodies], np.str_)
+
+
+def _attributes(caster: RayCaster, states: BodyStates, bodies: Int64) -> np.ndarray[tuple[int, ...], np.dtype[np.str_]]:
+    moves = (states.velocity_mps[bodies] != 0).any(axis=1)
+    names = [
+        "parked" if caster.actors[i].parked else "moving" if m else "stopped"
+        for i, m in zip(bodies, moves, strict=True)
+    ]
+    return np.array(names, np.str_)
+
+
+def _centers(caster: RayCaster, states: BodyStates, bodies: Int64) -> Float64:
+    """Middles of boxes (B, 3) in body coordinates."""
+    half = np.array([[0, 0, caster.actors[i].body.size_lwh_m[2] / 2] for i in bodies], np.float64).reshape(-1, 3)
+    return _in_body(states, states.position_m[bodies] + half - states.position_m[EGO])
+
+
+def _in_body(states: BodyStates, xyz: Float64) -> Float64:
+    """Turn vectors (B, 3) from the world's axes into those of the ego vehicle."""
+    cos, sin = np.cos(states.yaw_rad[EGO]), np.sin(states.yaw_rad[EGO])
+    x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]
+    return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=1)
+
+
+def _boxes2d(caster: RayCaster, states: BodyStates, images: Sequence[Measured]) -> Boxes2D:
+    pairs = [
+        (one.message.sensor, one.seen) for one in images if one.seen is not None and isinstance(one.message, Image)
+    ]
+    seen = [part for _, part in pairs]
+    bodies = np.concatenate([part.body for part in seen])
+    labels = _labels(caster, bodies)
+    shares = np.concatenate([part.num_visible / part.num_full for part in seen])
+    distance, range_rate = _distances(caster, states, bodies)
+    return Boxes2D(
+        camera=np.array([name for name, part in pairs for _ in part.body], np.str_),
+        xyxy_px=np.concatenate([part.full_px for part in seen]),
+        visible_xyxy_px=np.concatenate([part.visible_px for part in seen]),
+        label=labels,
+        track_id=bodies,
+        distance_m=distance,
+        range_rate_mps=range_rate,
+        visibility=shares,
+        ignore=_is_hidden(seen, shares),
+        source_label=labels,
+    )
+
+
+def _is_hidden(seen: Sequence[Seen2D], shares: Float64) -> Bool:
+    num = np.concatenate([part.num_visible for part in seen])
+    hidden: Bool = (num < MIN_PIXELS) | (shares < MIN_VISIBLE)
+    return hidden
+
+
+def _distances(caster: RayCaster, states: BodyStates, bodies: Int64) -> tuple[Float64, Float64]:
+    """Distances (B,) from the ego's origin to middles of boxes [m], and their rates [m/s], positive when receding."""
+    centers = _centers(caster, states, bodies)
+    distance = np.sqrt((centers * centers).sum(axis=1))
+    relative = _in_body(states, states.velocity_mps[bodies] - states.velocity_mps[EGO])
+    return distance, (centers * relative).sum(axis=1) / np.maximum(distance, 1e-9)

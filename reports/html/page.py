@@ -16,8 +16,17 @@ from markupsafe import Markup
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.scores import Results
 from fbench.replay.runs.folder import Run
-from fbench.reports.html.latency import frame_times, latency_panels
-from fbench.reports.html.overview import fault_lines, notices, overview, run_labels, title, velocity_periods, what_ran
+from fbench.reports.html.overview import (
+    fault_lines,
+    frame_times,
+    latency_panels,
+    notices,
+    overview,
+    run_labels,
+    title,
+    velocity_periods,
+    what_ran,
+)
 from fbench.reports.html.records import LatencyTable, island, number, visible
 from fbench.reports.html.scene import scenes, shown_frames
 from fbench.reports.html.scoreboard import result_view, scoreboard

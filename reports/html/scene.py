@@ -16,7 +16,7 @@ from fbench.replay.geometry.iou import corners
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
-from fbench.reports.html.latency import row_numbers, timeline
+from fbench.reports.html.overview import row_numbers, timeline
 
 Outlines: TypeAlias = list[dict[str, dict[str, Any]]]
 

@@ -17,7 +17,7 @@ from fbench.replay.geometry.transforms import yaw_pitch_roll
 from fbench.reports.html.records import visible
 from fbench.reports.preview import camera, views
 from fbench.reports.preview.camera import boxes3d, rectangles
-from fbench.reports.preview.content import Album, Content, FrameContent, SensorRow, Shown
+from fbench.reports.preview.collect import Album, Content, FrameContent, SensorRow, Shown
 from fbench.reports.preview.measure import Measured
 from fbench.reports.preview.sample import Material, Sample
 from fbench.reports.preview.times import SensorTimes, sensor_times

@@ -4,13 +4,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import (
+from fbench.datasets.city.bodies.hull import (
+    Hull,
+    Profile,
     axle,
     door_lines,
     grille,
     handles,
     headlights,
+    make_hull,
     mirrors,
     plate,
     tail_lamps,

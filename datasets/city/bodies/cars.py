@@ -5,13 +5,15 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import (
+from fbench.datasets.city.bodies.hull import (
+    Hull,
+    Profile,
     axle,
     door_lines,
     grille,
     handles,
     headlights,
+    make_hull,
     mirrors,
     plate,
     tail_lamps,

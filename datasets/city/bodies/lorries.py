@@ -4,15 +4,17 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies.hull import Hull, Profile, make_hull
-from fbench.datasets.city.bodies.parts import (
+from fbench.datasets.city.bodies.hull import (
     BRAKELIGHT,
     TAILLIGHT,
+    Hull,
+    Profile,
     axle,
     door_lines,
     grille,
     handles,
     headlights,
+    make_hull,
     mirrors,
     plate,
 )

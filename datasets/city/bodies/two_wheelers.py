@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from fbench.datasets.city.bodies.figure import (
+from fbench.datasets.city.bodies.hull import BRAKELIGHT, HEADLIGHT, TAILLIGHT, TURN
+from fbench.datasets.city.bodies.people import (
     ANKLE,
     FOOT,
     FOREARM,
@@ -20,11 +21,10 @@ from fbench.datasets.city.bodies.figure import (
     Looks,
     Pose,
     bent,
+    draw_looks,
     figure,
     pair,
 )
-from fbench.datasets.city.bodies.parts import BRAKELIGHT, HEADLIGHT, TAILLIGHT, TURN
-from fbench.datasets.city.bodies.people import draw_looks
 from fbench.datasets.city.bodies.shell import (
     BLACK,
     CHROME,

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.datasets.city.camera.sky import Light
-from fbench.datasets.city.motion import BodyStates
-from fbench.datasets.city.rays.hits import MISS, Hits, RayCaster, Rays
+from fbench.datasets.city.instant import MISS, BodyStates, Hits, RayCaster, Rays
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel

@@ -11,17 +11,17 @@ from fbench.datasets.city.camera.surfaces import (
     EMITS,
     GLOSS,
     RETRO,
+    TEXTURES,
     WETTABLE,
     Grid,
     Surfaces,
     cell_of,
     colors,
     grid_around,
+    patterns,
 )
-from fbench.datasets.city.camera.textures import TEXTURES, patterns
+from fbench.datasets.city.instant import EGO, MISS, BodyStates
 from fbench.datasets.city.mesh import Actor
-from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import MISS
 from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.geometry.kernels import kernel

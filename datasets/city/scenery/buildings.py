@@ -5,14 +5,21 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from fbench.datasets.city.mesh import INDEX, Mesh, Rgb, Skin, Three, box, merged, mesh
-from fbench.datasets.city.scenery.quads import (
+from fbench.datasets.city.mesh import (
+    INDEX,
+    Mesh,
     Quads,
+    Rgb,
+    Skin,
+    Three,
     above,
     below,
     blocks,
+    box,
     joined,
     leftward,
+    merged,
+    mesh,
     on_wall,
     painted,
     quads_mesh,

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fbench.datasets.city.mesh import INDEX, Mesh, Rgb, Skin, merged, mesh, quad
-from fbench.datasets.city.scenery.quads import Quads, joined, quads_mesh, shaded
+from fbench.datasets.city.mesh import INDEX, Mesh, Quads, Rgb, Skin, joined, merged, mesh, quad, quads_mesh, shaded
 from fbench.datasets.city.world.city_map import GROUND_Z_M, Patch
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.instant import EGO, MISS, BodyStates, Hits, Instant, Rays
 from fbench.datasets.city.mesh import MATERIALS
-from fbench.datasets.city.motion import EGO, BodyStates
-from fbench.datasets.city.rays.hits import MISS, Hits, Rays
 from fbench.datasets.city.rig import LidarSpec
 from fbench.replay.conditions.lidar import SCATTERED, WEAKEST, FogReturn, fog_echoes, rain_echoes
 from fbench.replay.conditions.weather import CLEAR_MOR_M, Weather, extinction_per_m, fog_extinction_per_m, fog_of

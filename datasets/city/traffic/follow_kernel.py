@@ -11,7 +11,7 @@ Kesting, Treiber, Helbing, "General lane-changing model MOBIL for car-following 
 import numpy as np
 
 from fbench.datasets.city.traffic.gate_kernel import GREEN, first_gate
-from fbench.datasets.city.traffic.network import ALONG, CURVE, DRIVE, Roads
+from fbench.datasets.city.traffic.network import ALONG, AXLE, CHANGE_S, CURVE, DRIVE, HERE, WINDOW, Roads
 from fbench.datasets.city.traffic.occupancy_kernel import (
     Occupancy,
     beside,
@@ -22,7 +22,6 @@ from fbench.datasets.city.traffic.occupancy_kernel import (
     neighbour,
 )
 from fbench.datasets.city.traffic.path_kernel import curve, segment
-from fbench.datasets.city.traffic.state import AXLE, CHANGE_S, HERE, WINDOW
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import DRIVE, Network, Roads
+from fbench.datasets.city.traffic.network import DRIVE, HERE, WINDOW, Network, Roads
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader
-from fbench.datasets.city.traffic.state import HERE, WINDOW
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 

@@ -4,9 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import ALONG, Roads
+from fbench.datasets.city.traffic.network import ALONG, AXLE, HERE, WINDOW, Roads
 from fbench.datasets.city.traffic.path_kernel import segment, sideways
-from fbench.datasets.city.traffic.state import AXLE, HERE, WINDOW
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from fbench.datasets.city.traffic.network import ALONG
-from fbench.datasets.city.traffic.state import AXLE, HERE, NUM_CHOICES, WINDOW
+from fbench.datasets.city.traffic.network import ALONG, AXLE, HERE, NUM_CHOICES, WINDOW
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 

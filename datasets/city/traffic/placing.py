@@ -9,9 +9,8 @@ import numpy as np
 
 from fbench.datasets.city.mesh import Actor, Body
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.traffic.network import BIKE, DRIVE, WALK, Network
+from fbench.datasets.city.traffic.network import BIKE, DRIVE, HERE, MOVER, NUM_CHOICES, WALK, WINDOW, Network, State
 from fbench.datasets.city.traffic.path_kernel import extend
-from fbench.datasets.city.traffic.state import HERE, MOVER, NUM_CHOICES, WINDOW, State
 from fbench.datasets.city.world.city_map import CityMap
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError

@@ -7,15 +7,14 @@ from typing import Final
 import numpy as np
 
 from fbench.datasets.city.bodies.make import make_body
+from fbench.datasets.city.instant import BodyStates, Motion
 from fbench.datasets.city.mesh import Actor, Body
-from fbench.datasets.city.motion import BodyStates, Motion
 from fbench.datasets.city.traffic.follow_kernel import accelerate, change_lanes
 from fbench.datasets.city.traffic.gate_kernel import asking_movers, give_rights, holders, lights_at, take_back
-from fbench.datasets.city.traffic.network import DRIVE, KINDS, Network, network_of
+from fbench.datasets.city.traffic.network import CHANGE, DRIVE, EMERGENCY, HERE, KINDS, Network, State, network_of
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader, left_sides, near_pairs, occupancy
 from fbench.datasets.city.traffic.path_kernel import MARGIN_M, extend, move, poses, stop_before_touching
 from fbench.datasets.city.traffic.placing import TrafficParams, parked, placed
-from fbench.datasets.city.traffic.state import CHANGE, EMERGENCY, HERE, State
 from fbench.datasets.city.world.city_map import CityMap, Layout, SignalPlan
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError

@@ -1,4 +1,9 @@
-"""The urban world with all that stands on its sidewalks, and the worlds by name.
+"""The urban world with its signals and all that stands on its sidewalks, and the worlds by name.
+
+Who turns left gives way to oncoming traffic; that is up to traffic. Between two phases of vehicles there is yellow and
+a moment of red for all; whoever is still in the junction goes first. Before pedestrians walk, the last vehicle that
+passed the line at the end of the yellow has left the junction; before vehicles go again, the slowest walker who left
+the kerb at the green's end has crossed. All junctions share one cycle; where one needs less, vehicles have more green.
 
 signals, signs, trees, benches, bins, hydrants.
 
@@ -8,14 +13,15 @@ vehicles wait at 12.5 m. Approaches that face each other are green together, the
 fits, 12.4 m and more.
 """
 
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.world.city_map import CityMap, Kind, Layout, Placement, joined
+from fbench.datasets.city.world.city_map import CityMap, Draft, Kind, Layout, Placement, SignalPlan, joined, length
 from fbench.datasets.city.world.highway import highway_layout
-from fbench.datasets.city.world.street_grid import PARKING_M, Arm, Grid, drawn_grid
+from fbench.datasets.city.world.street_grid import PARKING_M, Arm, Grid, Node, drawn_grid
 from fbench.datasets.city.world.urban_ground import block_placements, ground_patches, marking_patches, regions
 from fbench.datasets.city.world.urban_lanes import (
     CROSSING_M,
@@ -25,9 +31,166 @@ from fbench.datasets.city.world.urban_lanes import (
     parkings,
     walk_lanes,
 )
-from fbench.datasets.city.world.urban_signals import Groups, signal_groups, signal_plan
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
+
+Phases = dict[int, tuple[float, float]]
+"""By arm: when in its junction's cycle the green of its approach begins, and how long it lasts."""
+_MPS, _STARTS_S = 10.0, 3.0
+"""How fast one goes to the next junction, and how much longer that takes from a standstill."""
+_STRAIGHT, _TURN = 4.0, 1.0
+"""How many go where."""
+_SAMPLES = np.linspace(0.05, 0.95, 10)
+"""Of those who leave during a green."""
+_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """Vehicles that come from one approach to another."""
+
+    before: Node
+    after: Node
+    weight: float
+    came: tuple[float, float]
+    """Their green at the junction before, as in `Phases`."""
+    goes: tuple[float, float]
+    """Their green at the junction after it."""
+    travel_s: float
+
+
+def offsets_s(grid: Grid, phases: dict[Node, Phases], cycle_s: float) -> dict[Node, float]:
+    """Choose for each junction when its cycle begins, in whole seconds.
+
+    One junction after the other takes what makes those on its streets wait least, given all others, several times
+    over. The first guess is a wave to the east and north.
+    """
+    candidates = np.arange(int(cycle_s), dtype=np.float64)
+    found = {node: _first_s(grid, node) % cycle_s for node in grid.nodes}
+    flows = [flow for node in grid.nodes for flow in _flows(grid, phases, node)]
+    for _ in range(_ROUNDS):
+        for node in grid.nodes:
+            waits = np.zeros(len(candidates))
+            for flow in flows:
+                if flow.after == node:
+                    waits += _waits_s(flow, found[flow.before] - candidates, cycle_s)
+                elif flow.before == node:
+                    waits += _waits_s(flow, candidates - found[flow.after], cycle_s)
+            found[node] = float(candidates[np.argmin(np.round(waits, 6))])
+    return found
+
+
+def _flows(grid: Grid, phases: dict[Node, Phases], node: Node) -> list[_Flow]:
+    """From each approach of a junction to each other arm of it, and on to the next junction."""
+    flows = []
+    for arm in grid.arms(node):
+        travel, goes = _STARTS_S + arm.length_to(grid.opposite(arm)) / _MPS, phases[arm.far][(arm.way + 2) % 4]
+        for came in grid.arms(node):
+            weight = _STRAIGHT if (came.way - arm.way) % 4 == 2 else _TURN
+            if came is not arm:
+                flows.append(_Flow(node, arm.far, weight, phases[node][came.way], goes, travel))
+    return flows
+
+
+def _first_s(grid: Grid, node: Node) -> float:
+    (i, j), (x, y) = node, (grid.x_m, grid.y_m)
+    return float(np.round((x[i] - x[0] + y[j] - y[0]) / _MPS))
+
+
+def _waits_s(flow: _Flow, earlier_s: Float64, cycle_s: float) -> Float64:
+    """What a flow waits (K,), where the cycle of the junction before begins so much later (K,) than the other's."""
+    left = flow.came[0] + flow.came[1] * _SAMPLES
+    since = (earlier_s[:, None] + left[None, :] + flow.travel_s - flow.goes[0]) % cycle_s
+    return np.asarray(flow.weight * np.where(since < flow.goes[1], 0.0, cycle_s - since).mean(axis=1))
+
+
+YELLOW_S = 3.0
+SLOW_WALK_MPS, _SETS_OFF_S = 1.0, 1.5
+"""The slowest walker, and how much longer because nobody is at full speed at once."""
+_CLEAR_MPS, _LENGTH_M = 10.0, 6.0
+"""Speed and length of the vehicle that clears a junction, in turns as fast as these allow: those of RiLSA 2010."""
+_ALL_RED_S = 2.0
+_GREEN_S, _WALK_GREEN_S = (12.0, 14.0), 5.0
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Numbers of signal groups."""
+
+    approaches: dict[tuple[Node, int], int]
+    """By junction and arm, for drive and bike lanes."""
+    walks: dict[Node, int]
+    """By junction, for all its crossings."""
+
+
+def signal_groups(grid: Grid) -> Groups:
+    """Number the groups, junction by junction."""
+    approaches: dict[tuple[Node, int], int] = {}
+    walks: dict[Node, int] = {}
+    for node in grid.nodes:
+        for arm in grid.arms(node):
+            approaches[node, arm.way] = len(approaches) + len(walks)
+        walks[node] = len(approaches) + len(walks)
+    return Groups(approaches, walks)
+
+
+def signal_plan(seed: int, grid: Grid, groups: Groups, lanes: list[Draft]) -> SignalPlan:
+    """Time all junctions; `lanes` are all of the world."""
+    clear = _clearances_s(groups, lanes)
+    draw = generator(seed, "urban layout", "signals")
+    phases = {node: _phases(grid, node) for node in grid.nodes}
+    least = {node: [float(np.round(draw.uniform(*_GREEN_S))) for _ in phases[node]] for node in grid.nodes}
+    rest = {node: _rest_s(groups, clear, node, phases[node]) for node in grid.nodes}
+    cycle = float(max(sum(least[node]) + rest[node] for node in grid.nodes))
+    timed = {
+        node: _timed(phases[node], [s + (cycle - sum(least[node]) - rest[node]) / len(phases[node])
+                                    for s in least[node]])
+        for node in grid.nodes
+    }  # fmt: skip
+    start, green = np.zeros(len(clear)), np.zeros(len(clear))
+    for node, offset in offsets_s(grid, timed, cycle).items():
+        for way, (begin, lasts) in timed[node].items():
+            start[groups.approaches[node, way]], green[groups.approaches[node, way]] = (offset + begin) % cycle, lasts
+        walk = groups.walks[node]
+        start[walk], green[walk] = (offset - clear[walk] - _WALK_GREEN_S) % cycle, _WALK_GREEN_S
+    return SignalPlan(cycle, start, green, YELLOW_S)
+
+
+def _phases(grid: Grid, node: Node) -> list[list[int]]:
+    """Arms whose approaches go together: those along one axis; at a corner, where nobody meets, both."""
+    ways = [arm.way for arm in grid.arms(node)]
+    axes = [[way for way in ways if way % 2 == axis] for axis in (0, 1)]
+    return axes if len(ways) > 2 else [ways]
+
+
+def _rest_s(groups: Groups, clear: Float64, node: Node, phases: list[list[int]]) -> float:
+    """What a cycle holds besides greens of vehicles; the last phase of these is cleared before people walk."""
+    last = max(float(clear[groups.approaches[node, way]]) for way in phases[-1])
+    between = (len(phases) - 1) * (YELLOW_S + _ALL_RED_S)
+    return between + last + _WALK_GREEN_S + float(clear[groups.walks[node]])
+
+
+def _timed(phases: list[list[int]], greens: list[float]) -> Phases:
+    begins = [k * (YELLOW_S + _ALL_RED_S) + sum(greens[:k]) for k in range(len(phases))]
+    return {way: (begins[k], greens[k]) for k, ways in enumerate(phases) for way in ways}
+
+
+def _clearances_s(groups: Groups, lanes: list[Draft]) -> Float64:
+    """From the end of a group's green until the last whom it let go has left the junction, (G,)."""
+    drafts = {draft.key: draft for draft in lanes}
+    clear = np.zeros(len(groups.approaches) + len(groups.walks))
+    for lane in lanes:
+        if lane.signal is not None:
+            needed = max(_needed_s(drafts[key]) for key in lane.successors)
+            clear[lane.signal] = max(clear[lane.signal], needed)
+    return np.ceil(clear * 2) / 2
+
+
+def _needed_s(way: Draft) -> float:
+    if way.kind == "walk":
+        return _SETS_OFF_S + length(way.points_m) / SLOW_WALK_MPS
+    return YELLOW_S + (length(way.points_m) + _LENGTH_M) / min(_CLEAR_MPS, way.speed_mps)
+
 
 LAMP_REACH_M, LAMP_HEIGHT_M = 2.2, 8.0
 _KERB_M = 0.4

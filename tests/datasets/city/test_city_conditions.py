@@ -1,8 +1,7 @@
 import pytest
 
-from fbench.datasets.city.request import CityWish
+from fbench.datasets.city.request import SEEDS, SUITE, CityWish
 from fbench.datasets.city.spec import CONDITIONS, condition
-from fbench.datasets.city.suite import SEEDS, SUITE
 from fbench.replay.contracts.errors import ConfigError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.datasets.city.suite import SEEDS
+from fbench.datasets.city.request import SEEDS
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.replay.data.boxes import Boxes2D
 

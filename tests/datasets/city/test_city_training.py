@@ -1,7 +1,7 @@
 from collections import Counter
 
+from fbench.datasets.city.request import DEMO_SEEDS, SEEDS, TRAINING_SEEDS, training_logs
 from fbench.datasets.city.spec import CONDITIONS
-from fbench.datasets.city.suite import DEMO_SEEDS, SEEDS, TRAINING_SEEDS, training_logs
 
 
 def test_training_sees_no_seed_that_figures_or_thresholds_come_from():

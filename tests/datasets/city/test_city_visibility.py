@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fbench.datasets.city.instant import BodyStates
+from fbench.datasets.city.measure import EYE_M, visible_shares
 from fbench.datasets.city.mesh import Actor, Body, Skin, box, merged
-from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
-from fbench.datasets.city.truth import EYE_M, visible_shares
 
 PAINT = Skin("paint", (0.5, 0.5, 0.5))
 CAR, TRUCK, PEDESTRIAN = (4.4, 1.8, 1.5), (12.0, 2.5, 4.0), (0.6, 0.6, 1.75)

@@ -7,8 +7,8 @@ from fbench.datasets.city.bodies.cars import make_car
 from fbench.datasets.city.bodies.lorries import KINDS as LORRIES
 from fbench.datasets.city.bodies.lorries import make_truck
 from fbench.datasets.city.bodies.make import KINDS, make_body
+from fbench.datasets.city.instant import BRAKE, HEAD, TAIL
 from fbench.datasets.city.mesh import INDEX, Body, Mesh
-from fbench.datasets.city.motion import BRAKE, HEAD, TAIL
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
 

@@ -7,7 +7,7 @@ from fbench.datasets.city.camera.samples import HitArrays
 from fbench.datasets.city.camera.shade import add_lamplight, lamps_of
 from fbench.datasets.city.camera.sky import light_of
 from fbench.datasets.city.camera.surfaces import grid_around
-from fbench.datasets.city.rays.hits import STATIC
+from fbench.datasets.city.instant import STATIC
 from fbench.replay.conditions.weather import Weather
 
 NIGHT = Weather(lux=0.3, sun_elevation_deg=-30.0)

@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from fbench.datasets.city.instant import MISS, STATIC
 from fbench.datasets.city.mesh import INDEX, Skin, box
-from fbench.datasets.city.rays.hits import MISS, STATIC
 from fbench.datasets.city.rig import RigSpec
 from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.boxes import Boxes3D

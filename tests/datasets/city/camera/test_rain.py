@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.camera.develop import add_streaks, linear
+from fbench.datasets.city.camera.picture import mirrored_samples, spread_mirrored
 from fbench.datasets.city.camera.samples import Eye, first_samples
 from fbench.datasets.city.camera.sky import light_of
-from fbench.datasets.city.camera.wet import mirrored_samples, spread_mirrored
 from fbench.datasets.city.mesh import Skin, box
 from fbench.replay.conditions.weather import Weather
 

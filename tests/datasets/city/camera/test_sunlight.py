@@ -4,8 +4,8 @@ import numpy as np
 
 from fbench.datasets.city.camera.samples import Eye, first_samples, sunlit_pixels
 from fbench.datasets.city.camera.sky import light_of
+from fbench.datasets.city.instant import STATIC, Hits, Rays
 from fbench.datasets.city.mesh import Skin, box
-from fbench.datasets.city.rays.hits import STATIC, Hits, Rays
 from fbench.datasets.city.rig import RigSpec
 from fbench.replay.conditions.weather import Weather
 

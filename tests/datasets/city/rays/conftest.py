@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import pytest
 
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merged
-from fbench.datasets.city.motion import BodyStates
 
 MakeStates = Callable[..., BodyStates]
 

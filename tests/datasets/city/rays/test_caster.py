@@ -5,9 +5,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
+from fbench.datasets.city.instant import MISS, STATIC, Rays
 from fbench.datasets.city.mesh import INDEX, Actor, Body, Skin, box, merged, quad
 from fbench.datasets.city.rays.caster import EmbreeCaster
-from fbench.datasets.city.rays.hits import MISS, STATIC, Rays
 
 ASPHALT, BRICK = Skin("asphalt", (0.2, 0.2, 0.2)), Skin("brick", (0.5, 0.2, 0.2))
 GROUND = quad(np.array([(-1500.0, -1500, 0), (1500, -1500, 0), (1500, 1500, 0), (-1500, 1500, 0)]), ASPHALT)

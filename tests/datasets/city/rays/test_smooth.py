@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from fbench.datasets.city.instant import Rays
 from fbench.datasets.city.mesh import Actor, Body, Skin, box, cylinder
 from fbench.datasets.city.rays.caster import EmbreeCaster
-from fbench.datasets.city.rays.hits import Rays
 
 PAINT = Skin("paint", (0.5, 0.5, 0.5))
 

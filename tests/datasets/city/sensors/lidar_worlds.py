@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from fbench.datasets.city.instant import Instant
+from fbench.datasets.city.instant import BodyStates, Instant
 from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merged, quad
-from fbench.datasets.city.motion import BodyStates
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import LidarSpec, thesis_rig
 from fbench.datasets.city.sensors.lidar import Sweep, sweep

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from tests.datasets.city.sensors.lidar_worlds import MOUNT, SIZE, bytes_of, drum, ground, lidar, ranges, turn
 
+from fbench.datasets.city.instant import MISS, STATIC
 from fbench.datasets.city.mesh import Skin, merged, quad
-from fbench.datasets.city.rays.hits import MISS, STATIC
 from fbench.replay.conditions.weather import Weather
 
 CARS = ((0, 0), (12, 3, 0.3), (-9, -4, 2.0), (20, -6, 1.2), (4, 9, 3.0), (35, 0, 0.1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.datasets.city.sensors.lidar_worlds import CLEAR, bytes_of, drum, lidar, ranges, turn
 
-from fbench.datasets.city.rays.hits import MISS, STATIC
+from fbench.datasets.city.instant import MISS, STATIC
 from fbench.replay.conditions.weather import Weather
 
 LEVEL = {"upper_deg": 0.5, "lower_deg": -0.5}

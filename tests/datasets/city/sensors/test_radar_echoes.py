@@ -17,8 +17,8 @@ from tests.datasets.city.sensors.radar_worlds import (
     world,
 )
 
+from fbench.datasets.city.instant import MISS
 from fbench.datasets.city.mesh import Skin, box, merged
-from fbench.datasets.city.rays.hits import MISS
 from fbench.replay.conditions.weather import Weather, radar_loss_db
 
 ASPECTS = np.radians([0, 15, 30, 45, 60, 75, 90, 120, 150, 180])

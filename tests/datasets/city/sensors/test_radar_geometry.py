@@ -16,7 +16,7 @@ from tests.datasets.city.sensors.radar_worlds import (
     world,
 )
 
-from fbench.datasets.city.rays.hits import STATIC
+from fbench.datasets.city.instant import STATIC
 from fbench.replay.geometry.transforms import transform
 
 

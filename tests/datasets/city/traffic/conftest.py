@@ -5,7 +5,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.placing import TrafficParams
 from fbench.datasets.city.traffic.traffic import Traffic

@@ -4,10 +4,9 @@ import numpy as np
 from tests.datasets.city.traffic.test_traffic_long import overlapping
 
 from fbench.datasets.city.bodies.make import make_body
-from fbench.datasets.city.traffic.network import LANE, Network, network_of
+from fbench.datasets.city.traffic.network import HERE, LANE, MOVER, WINDOW, Network, network_of
 from fbench.datasets.city.traffic.occupancy_kernel import occupancy
 from fbench.datasets.city.traffic.placing import TrafficParams, placed
-from fbench.datasets.city.traffic.state import HERE, MOVER, WINDOW
 from fbench.datasets.city.traffic.traffic import Traffic
 from fbench.datasets.city.world.city_map import CityMap, Lane, Layout, SignalPlan
 

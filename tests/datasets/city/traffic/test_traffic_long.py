@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.datasets.city.traffic.conftest import Scene
 
-from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.spec import WorldName
 from fbench.datasets.city.traffic.placing import TrafficParams
 from fbench.datasets.city.traffic.traffic import Traffic

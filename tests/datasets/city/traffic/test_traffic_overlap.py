@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from fbench.datasets.city.traffic.network import MOVER
 from fbench.datasets.city.traffic.occupancy_kernel import near_pairs
 from fbench.datasets.city.traffic.path_kernel import MARGIN_M, stop_before_touching
-from fbench.datasets.city.traffic.state import MOVER
 
 SIZE = (4.0, 2.0)
 

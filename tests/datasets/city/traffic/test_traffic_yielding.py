@@ -4,7 +4,7 @@ import numpy as np
 from tests.datasets.city.traffic.conftest import Scene
 from tests.datasets.city.traffic.test_traffic_long import overlapping
 
-from fbench.datasets.city.motion import BodyStates
+from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.traffic.placing import TrafficParams
 from fbench.datasets.city.traffic.traffic import Traffic
 from fbench.datasets.city.world.city_map import CityMap, Lane, Layout, SignalPlan
