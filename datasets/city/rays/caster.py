@@ -1,4 +1,4 @@
-"""The ray caster on Embree, with one scene for the static world and one for each body's mesh, and its culling of rays."""
+"""The ray caster on Embree, with a scene for the static world and one for each body's mesh, and its culling of rays."""
 
 import math
 from typing import TypeAlias
