@@ -299,8 +299,8 @@ ELSEWHERE = {
     "TIM011": "tests/replay/logs/test_foreign.py::test_headers_without_stamps_are_told",
     "PRD001": "tests/replay/test_run.py::test_non_finite_boxes_and_reported_faults_are_counted",
     "PRD002": "tests/replay/test_run.py::test_failing_frame_is_counted_and_the_rest_goes_on",
-    "PRD003": "tests/pipelines/test_recorded.py::test_results_that_no_frame_takes_are_counted",
-    "PRD004": "tests/pipelines/test_recorded.py::test_results_before_their_frame_have_no_latency",
+    "PRD003": "tests/pipelines/variants/test_recorded.py::test_results_that_no_frame_takes_are_counted",
+    "PRD004": "tests/pipelines/variants/test_recorded.py::test_results_before_their_frame_have_no_latency",
 }
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.pipelines.every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
+from tests.pipelines.variants.every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
 
 from fbench.replay.contracts.plugins import found as plugins_found
 from fbench.replay.contracts.variants import built_in_variants

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from tests.pipelines.early.clouds import L, R, joined, points
 from tests.pipelines.frames import AHEAD
+from tests.pipelines.fusion.early.clouds import L, R, joined, points
 from tests.pipelines.scenes import car_back
 
 from fbench.pipelines.fusion.early.groups import SemanticsParams, label_points

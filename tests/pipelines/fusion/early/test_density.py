@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.pipelines.early.clouds import L, R, S, joined, points, row
+from tests.pipelines.fusion.early.clouds import L, R, S, joined, points, row
 
 from fbench.pipelines.fusion.early.density import DensityParams, cluster_cloud, connect_cells
 from fbench.replay.contracts.errors import ConfigError
