@@ -67,7 +67,7 @@ def footprint(row):
 
 
 @given(boxes, boxes)
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=300, deadline=None)
 def test_hulls_as_scipy_has_them(a, b):
     area = ConvexHull(np.concatenate([footprint(a), footprint(b)]), qhull_options="QJ Pp").volume
     assert hull_areas(a, b)[0, 0] == pytest.approx(area, rel=1e-6, abs=1e-6)
