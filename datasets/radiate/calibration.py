@@ -11,7 +11,7 @@ from fbench.datasets.importing.files import BODY_T_OPTICAL, first_wrong, is_rota
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.rig import CameraModel, Rig
+from fbench.replay.data.rig import CameraModel, Kind, Rig
 from fbench.replay.formats.documents import YamlFileError, read_yaml
 from fbench.replay.geometry.transforms import inverse
 
@@ -99,15 +99,19 @@ def rig_of(calibration: Calibration, sensors: tuple[str, ...], right_camera: Lit
     for name, camera in ((LEFT, calibration.left_cam_calib), (RIGHT, calibration.right_cam_calib)):
         body_T[name] = body_T_lidar @ inverse(_optical_T_sensor(lidar, camera))
     if right_camera == "stereo" and calibration.stereo_calib is not None:
-        body_T[RIGHT] = body_T[LEFT] @ inverse(_right_T_left(calibration.stereo_calib))
-    models = {LEFT: calibration.left_cam_calib, RIGHT: calibration.right_cam_calib}
-    return Rig(
-        {
-            name: mount_of("radar" if name == RADAR else "lidar" if name == LIDAR else "camera", body_T[name])
-            for name in sensors
-        },
-        {name: _model(camera) for name, camera in models.items() if name in sensors},
-    )
+        stereo, right_T_left = calibration.stereo_calib, np.eye(4)
+        # The nearest rotation: the file gives a matrix of rounded numbers.
+        right_T_left[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
+        right_T_left[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * _MM
+        body_T[RIGHT] = body_T[LEFT] @ inverse(right_T_left)
+    cameras = {}
+    for name, camera in ((LEFT, calibration.left_cam_calib), (RIGHT, calibration.right_cam_calib)):
+        if name in sensors:
+            K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+            lens = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
+            cameras[name] = CameraModel(K, camera.res, "plumb_bob", lens)
+    kinds: dict[str, Kind] = {RADAR: "radar", LIDAR: "lidar"}
+    return Rig({name: mount_of(kinds.get(name, "camera"), body_T[name]) for name in sensors}, cameras)
 
 
 def _optical_T_sensor(sensor: Extrinsics, optical: Extrinsics) -> Float64:
@@ -121,17 +125,3 @@ def _optical_T_sensor(sensor: Extrinsics, optical: Extrinsics) -> Float64:
     result[:3, :3] = turn @ _OPTICAL_R_SENSOR
     result[:3, 3] = np.array(sensor.T) - np.array(optical.T)
     return result
-
-
-def _right_T_left(stereo: Stereo) -> Float64:
-    result = np.eye(4)
-    # The nearest rotation: the file gives a matrix of rounded numbers.
-    result[:3, :3] = Rotation.from_matrix(np.array(stereo.R)).as_matrix()
-    result[:3, 3] = np.array([stereo.TX, stereo.TY, stereo.TZ]) * _MM
-    return result
-
-
-def _model(camera: Camera) -> CameraModel:
-    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    lens = np.array([camera.k1, camera.k2, camera.p1, camera.p2, camera.k3])
-    return CameraModel(K, camera.res, "plumb_bob", lens)

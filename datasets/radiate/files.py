@@ -1,7 +1,7 @@
 """Files of a RADIATE sequence and their times."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,16 +16,10 @@ _LINE = re.compile(r"Frame:\s*(\d{1,12})\s+Time:\s*(\d{1,10})\.(\d{1,9})", re.AS
 _MAX_S = 2**63 // 10**9
 
 
-def stamp_ns(seconds: str, nanoseconds: str) -> int:
-    """Return a stamp [ns] from the digits before and after the point.
-
-    The recorder wrote the nanoseconds as a number, without leading zeros: `.5` is 5 ns (SDK, `__timestamp_format`).
-    """
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
 def read_stamps(path: Path, bad: BadInput) -> dict[int, int]:
     """Return stamps [ns] by frame number, in the order of the file.
+
+    The recorder wrote the nanoseconds as a number, without leading zeros: `.5` is 5 ns (SDK, `__timestamp_format`).
 
     Raises:
         LogError: naming the file and a line that isn't like `Frame: 000001 Time: 1574859771.744660272`, or gives a
@@ -33,24 +27,20 @@ def read_stamps(path: Path, bad: BadInput) -> dict[int, int]:
     """
     stamps: dict[int, int] = {}
     for i, line in enumerate(read_text(path).split("\n"), 1):
-        if line.strip():
-            try:
-                number, stamp = _parsed(line, f"{path}: line {i}")
-                if stamps.setdefault(number, stamp) != stamp:
-                    raise LogError(f"{path}: line {i}: frame {number} has another time already")
-            except LogError as error:
-                bad.met(error)
+        if not (text := line.strip()):
+            continue
+        where, found = f"{path}: line {i}", _LINE.fullmatch(text)
+        try:
+            if found is None:
+                raise LogError(f"{where}: '{text[:80]}', expected one like 'Frame: 000001 Time: 1574859771.744660272'")
+            if int(found[2]) >= _MAX_S:
+                raise LogError(f"{where}: {found[2]} seconds are no time")
+            number, stamp_ns = int(found[1]), int(found[2]) * 1_000_000_000 + int(found[3])
+            if stamps.setdefault(number, stamp_ns) != stamp_ns:
+                raise LogError(f"{where}: frame {number} has another time already")
+        except LogError as error:
+            bad.met(error)
     return stamps
-
-
-def _parsed(line: str, where: str) -> tuple[int, int]:
-    found = _LINE.fullmatch(line.strip())
-    if found is None:
-        text = line.strip()[:80]
-        raise LogError(f"{where}: '{text}', expected one like 'Frame: 000001 Time: 1574859771.744660272'")
-    if int(found[2]) >= _MAX_S:
-        raise LogError(f"{where}: {found[2]} seconds are no time")
-    return int(found[1]), stamp_ns(found[2], found[3])
 
 
 GPS = "gps_imu"
@@ -217,30 +207,19 @@ def dues(files: SequenceFiles, frames: FrameRange, gps_offset_ns: int) -> list[D
     some fixes twice.
     """
     span = span_of(files.streams[RADAR], frames, files.root)
-    sensors = [due for due in _all_dues(files) if due.number in frames or due.sensor != RADAR]
-    sensors = [due for due in sensors if due.sensor == RADAR or due.stamp_ns in span]
-    first = max(min(due.stamp_ns for due in sensors) - _GPS_MARGIN_NS, 0)
-    around = Span(first, max(due.stamp_ns for due in sensors) + _GPS_MARGIN_NS)
-    return sorted([*sensors, *_poses(files, gps_offset_ns, span, around)], key=_order)
-
-
-def _order(due: Due) -> tuple[int, int, int]:
-    return due.stamp_ns, due.rank, due.number
-
-
-def _all_dues(files: SequenceFiles) -> Iterator[Due]:
+    found: list[Due] = []
     for rank, sensor in enumerate(FOLDERS):
         if sensor != GPS and sensor in files.streams:
             for number, stamp in files.streams[sensor].stamps.items():
-                yield Due(stamp, rank, number, sensor)
-
-
-def _poses(files: SequenceFiles, offset_ns: int, span: Span, around: Span) -> Iterator[Due]:
-    if GPS not in files.streams:
-        return
-    rank, seen = list(FOLDERS).index(GPS), set()
-    for number, recorded in files.streams[GPS].stamps.items():
-        stamp = recorded + offset_ns
-        if stamp in span and stamp in around and stamp not in seen:
-            seen.add(stamp)
-            yield Due(stamp, rank, number, GPS)
+                if number in frames if sensor == RADAR else stamp in span:
+                    found.append(Due(stamp, rank, number, sensor))
+    first = max(min(due.stamp_ns for due in found) - _GPS_MARGIN_NS, 0)
+    around = Span(first, max(due.stamp_ns for due in found) + _GPS_MARGIN_NS)
+    if GPS in files.streams:
+        rank, seen = list(FOLDERS).index(GPS), set()
+        for number, recorded in files.streams[GPS].stamps.items():
+            stamp = recorded + gps_offset_ns
+            if stamp in span and stamp in around and stamp not in seen:
+                seen.add(stamp)
+                found.append(Due(stamp, rank, number, GPS))
+    return sorted(found, key=lambda due: (due.stamp_ns, due.rank, due.number))

@@ -24,15 +24,15 @@ from scipy.spatial.transform import Rotation
 from fbench.datasets.importing.files import described, file_facts, log_id, read_bytes, read_image, read_text
 from fbench.datasets.radiate.calibration import LIDAR, Calibration, read_calibration, rig_of
 from fbench.datasets.radiate.files import (
-    ANNOTATIONS,  # fmt: skip
-    GPS,  # fmt: skip
-    META,  # fmt: skip
-    Due,  # fmt: skip
-    SequenceFiles,  # fmt: skip
-    calibration_path,  # fmt: skip
-    dues,  # fmt: skip
-    scan,  # fmt: skip
-    sequences,  # fmt: skip
+    ANNOTATIONS,
+    GPS,
+    META,
+    Due,
+    SequenceFiles,
+    calibration_path,
+    dues,
+    scan,
+    sequences,
 )
 from fbench.datasets.radiate.labels import Annotations, Findings, inside_bev, read_annotations
 from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams, read_polar, scan_of
@@ -281,10 +281,7 @@ class RadiateRecording:
                 self._findings.add(message)
                 yield message
             if due.sensor == RADAR:
-                scan = message if isinstance(message, RadarScan) else None
-                truth = self._truth(due, scan)
-                if truth is not None:
-                    yield truth
+                yield from self._truth(due, message if isinstance(message, RadarScan) else None)
 
     def _message(self, due: Due, poses: Poses) -> Message | None:
         path = self._files.path(due)
@@ -300,15 +297,15 @@ class RadiateRecording:
             self._wish.bad.met(error)
             return None
 
-    def _truth(self, due: Due, scan: RadarScan | None) -> Truth | None:
+    def _truth(self, due: Due, scan: RadarScan | None) -> Iterator[Truth]:
         boxes = self._annotations.boxes(due.number, self._params.radar_height_m) if self._annotations else None
         if boxes is None:
             self._findings.unlabelled += 1
-            return None
+            return
         if scan is not None:
             boxes = replace(boxes, num_radar_pts=inside_bev(boxes, scan.xyz).sum(axis=1, dtype=np.int64))
         self._findings.add_boxes(boxes)
-        return Truth(due.stamp_ns, due.stamp_ns, boxes)
+        yield Truth(due.stamp_ns, due.stamp_ns, boxes)
 
     def summary(self) -> Sequence[str]:
         """What was found."""

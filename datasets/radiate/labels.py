@@ -25,7 +25,7 @@ from fbench.replay.data.boxes import VEHICLES, Boxes3D
 from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.geometry.transforms import wrap_angle
 
-CENTRE_PX = 576
+CENTER_PX = 576
 """Where the radar is in a Cartesian image, which has 1152 x 1152 px of one range step each; ahead is up."""
 
 LABELS: Mapping[str, str] = {
@@ -105,8 +105,8 @@ def _boxes(found: Sequence[tuple[Object, Box]], radar_height_m: float) -> Boxes3
     """
     left, top, width, height = np.array([box.position for _, box in found], np.float64).reshape(-1, 4).T
     tall_m = np.array([HEIGHTS_M.get(o.class_name, OTHER_HEIGHT_M) for o, _ in found], np.float64)
-    forward_m = (CENTRE_PX - (top + height / 2)) * RANGE_STEP_M
-    left_m = (CENTRE_PX - (left + width / 2)) * RANGE_STEP_M
+    forward_m = (CENTER_PX - (top + height / 2)) * RANGE_STEP_M
+    left_m = (CENTER_PX - (left + width / 2)) * RANGE_STEP_M
     return Boxes3D(
         center_m=np.stack([forward_m, left_m, tall_m / 2 - radar_height_m], axis=1),
         size_lwh_m=np.stack([height * RANGE_STEP_M, width * RANGE_STEP_M, tall_m], axis=1),
@@ -174,7 +174,12 @@ class Findings:
         yield from _time_lines(files)
         yield from _pose_lines(files, dues, self.messages[GPS], params)
         yield from self._label_lines(files, num_slots)
-        yield from self._radar_lines()
+        if num := self.messages[RADAR]:
+            yield f"radar: {self.radar_points / num:.0f} points a scan by CFAR, without Doppler; rcs is a grey value"
+        if num := len(self.hits):
+            one, three = (sum(hit >= least for hit in self.hits) for least in (1, 3))
+            shares = f"{one} ({one / num:.1%}) have a radar point, {three} ({three / num:.1%}) three"
+            yield f"radar: of {num} labelled vehicles {shares} or more"
         yield "stamps: as recorded, times of arrival; `fbench log check` looks for offsets between sensors"
 
     def _label_lines(self, files: SequenceFiles, num_slots: int | None) -> Iterator[str]:
@@ -193,17 +198,6 @@ class Findings:
         if self.wide:
             yield f"boxes wider than long: {self.wide}, as labelled"
         yield "boxes: heights and where they stand are assumed, labels are from above"
-
-    def _radar_lines(self) -> Iterator[str]:
-        if num := self.messages[RADAR]:
-            yield f"radar: {self.radar_points / num:.0f} points a scan by CFAR, without Doppler; rcs is a grey value"
-        if self.hits:
-            one, three = (sum(hit >= least for hit in self.hits) for least in (1, 3))
-            of = f"of {len(self.hits)} labelled vehicles"
-            share = (
-                f"{one} ({one / len(self.hits):.1%}) have a radar point, {three} ({three / len(self.hits):.1%}) three"
-            )
-            yield f"radar: {of} {share} or more"
 
 
 def _file_lines(files: SequenceFiles) -> Iterator[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from fbench.datasets.importing.files import read_image
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.data.arrays import Array, Bool, Float32, Int64
+from fbench.replay.data.arrays import Array, Float32, Int64
 from fbench.replay.data.messages import RadarScan
 
 _MOST = 100_000
@@ -34,7 +34,7 @@ class CfarParams:
     min_range_m: float = 4.0
     """Nearer cells show the own car."""
     peak_only: bool = True
-    """Keep only cells above their nearer and not below their farther neighbour along range."""
+    """Keep only cells above their nearer and not below their farther neighbor along range."""
     max_points: int = 10_000
     """Of more targets those that exceed the mean by most are kept."""
 
@@ -63,7 +63,8 @@ def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64
     found = excess > params.threshold
     found[: int(np.ceil(params.min_range_m / range_step_m))] = False
     if params.peak_only:
-        found &= _peaks(power)
+        found[1:] &= power[1:] > power[:-1]
+        found[:-1] &= power[:-1] >= power[1:]
     columns, rows = np.nonzero(found.T)
     if len(rows) > params.max_points:
         strongest = np.sort(np.argsort(-excess[rows, columns], kind="stable")[: params.max_points])
@@ -73,33 +74,22 @@ def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64
 
 def clutter(power: Array, guard: int, training: int) -> Float32:
     """Mean power (R, A) of the training cells of each cell; infinite where it has none."""
-    sums, cells = (_around(of, guard, training) for of in (power, np.ones((len(power), 1), power.dtype)))
+    # Sums are exact, since grey values of a column sum to less than 2^24.
+    sums, cells = (
+        _sums(of, guard + training) - _sums(of, guard) for of in (power, np.ones((len(power), 1), power.dtype))
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         mean: Float32 = sums / cells
     mean[cells[:, 0] == 0] = np.inf
     return mean
 
 
-def _around(cells: Array, guard: int, training: int) -> Float32:
-    """Sums (R, A) of the training cells; exact, since grey values of a column sum to less than 2^24."""
-    wide, narrow = (_sums(cells, min(reach, len(cells))) for reach in (guard + training, guard))
-    around: Float32 = wide - narrow
-    return around
-
-
 def _sums(cells: Array, reach: int) -> Float32:
     """Sums (R, A) over `reach` cells on either side and the cell itself, along range."""
     import cv2
 
-    size = (1, 2 * reach + 1)
+    size = (1, 2 * min(reach, len(cells)) + 1)
     return np.asarray(cv2.boxFilter(cells, cv2.CV_32F, size, normalize=False, borderType=cv2.BORDER_CONSTANT))
-
-
-def _peaks(power: Array) -> Bool:
-    peaks: Bool = np.ones(power.shape, bool)
-    peaks[1:] &= power[1:] > power[:-1]
-    peaks[:-1] &= power[:-1] >= power[1:]
-    return peaks
 
 
 @dataclass(frozen=True)
@@ -133,8 +123,6 @@ class RadiateParams:
 
 
 DEFAULTS = RadiateParams()
-
-
 SENSOR = "navtech"
 SIZE_WH = (400, 576)
 """Azimuths and range cells of a polar image [px]."""
@@ -142,19 +130,11 @@ RANGE_STEP_M = 0.173611
 """`range_res` of the SDK's configuration: 100 m / 576."""
 
 
-@dataclass(frozen=True, eq=False)
-class Polar:
-    """One polar image (576, 400) uint8, power in grey values; range grows with rows, columns go clockwise from ahead.
+def read_polar(path: Path) -> Array:
+    """Read a polar image (576, 400) uint8 of grey values: range grows with rows, columns go clockwise from ahead.
 
     That row r is at r range steps and column c at c + 1/2 azimuth steps was found by laying polar images over the
     Cartesian ones of the same frames: the best fit is within 0.45 of a range step and a tenth of an azimuth step.
-    """
-
-    power: Array
-
-
-def read_polar(path: Path) -> Polar:
-    """Read a polar image.
 
     Raises:
         LogError: where it isn't a whole greyscale image of 400 x 576 px.
@@ -173,18 +153,18 @@ def read_polar(path: Path) -> Polar:
         raise LogError(f"{path}: can't be decoded, is it damaged?")
     if power.ndim != 2 or power.dtype != np.uint8:
         raise LogError(f"{path}: expected grey values of 8 bits, got {power.dtype} {power.shape}")
-    return Polar(power)
+    return np.asarray(power)
 
 
-def scan_of(polar: Polar, stamp_ns: int, params: CfarParams) -> RadarScan:
+def scan_of(power: Array, stamp_ns: int, params: CfarParams) -> RadarScan:
     """Return the targets of a polar image, at z = 0; there is no Doppler, and `rcs_dbsm` is the grey value."""
-    rows, columns = detect(polar.power, RANGE_STEP_M, params)
+    rows, columns = detect(power, RANGE_STEP_M, params)
     range_m = rows * RANGE_STEP_M
     clockwise_rad = (columns + 0.5) * (2 * np.pi / SIZE_WH[0])
     azimuth_rad = np.where(clockwise_rad <= np.pi, -clockwise_rad, 2 * np.pi - clockwise_rad)
     xyz = np.stack([range_m * np.cos(azimuth_rad), range_m * np.sin(azimuth_rad), np.zeros(len(rows))], axis=1)
     return RadarScan(
         SENSOR, stamp_ns, stamp_ns, xyz.astype(np.float32),
-        rcs_dbsm=polar.power[rows, columns].astype(np.float32),
+        rcs_dbsm=power[rows, columns].astype(np.float32),
         range_m=range_m.astype(np.float32), azimuth_rad=azimuth_rad.astype(np.float32),
     )  # fmt: skip
