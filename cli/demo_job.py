@@ -24,7 +24,7 @@ from fbench.cli.experiment import (
 )
 from fbench.cli.progress import import_progress, replay_progress
 from fbench.cli.show import console, show_results
-from fbench.datasets.importing.run import claimed
+from fbench.datasets.importing.run import claim
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Results, table_rows
@@ -94,7 +94,7 @@ def run_experiment(what: Experiment, num_workers: int) -> int:
     """
     _make_folder(what.folder)
     # Two in one folder would clear away each other's half-written runs.
-    with _resumable(), claimed(what.folder / "demo", _say_waiting):
+    with _resumable(), claim(what.folder / "demo", _say_waiting):
         _simulate(what)
         return _finish(what, _replay(what, num_workers))
 

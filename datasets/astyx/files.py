@@ -25,7 +25,7 @@ from fbench.replay.contracts.importing import FrameRange
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image
-from fbench.replay.data.rig import CameraModel, Kind, Mount, Rig
+from fbench.replay.data.rig import CameraModel, Kind, Rig
 from fbench.replay.geometry.transforms import yaw_pitch_roll
 
 CAMERA, LIDAR, RADAR = "camera_front", "lidar_vlp16", "radar_6455"
@@ -68,7 +68,7 @@ class Calibration(BaseModel):
 
 
 class Object(BaseModel):
-    """One labelled object; `orientation_quat` is w, x, y, z."""
+    """One labeled object; `orientation_quat` is w, x, y, z."""
 
     classname: str
     center3d: _Three
@@ -121,22 +121,19 @@ def read_rig(files: Files) -> Rig:
     for name in used:
         if name not in data:
             raise LogError(f"{first}: no sensor '{name}'")
-    cameras = {CAMERA: _camera(first, data[CAMERA], files)} if files[CAMERA] else {}
-    return Rig({name: _mount(first, name, data[name]) for name in used}, cameras)
-
-
-def _mount(path: Path, name: str, data: CalibData) -> Mount:
-    matrix = np.array(data.T_to_ref_COS)
-    if not is_rotation(matrix[:3, :3]):
-        raise LogError(f"{path}: {name}: T_to_ref_COS isn't a rotation, its columns must be orthonormal within 1e-3")
-    return mount_of(KINDS[name], matrix)
-
-
-def _camera(path: Path, data: CalibData, files: Files) -> CameraModel:
-    if data.K is None:
-        raise LogError(f"{path}: {CAMERA}: no K")
-    first = min(files[CAMERA])
-    return CameraModel(np.array(data.K), read_jpeg(files[CAMERA][first], 0).size_wh)
+    cameras, mounts = {}, {}
+    if files[CAMERA]:
+        if data[CAMERA].K is None:
+            raise LogError(f"{first}: {CAMERA}: no K")
+        image = read_jpeg(files[CAMERA][min(files[CAMERA])], 0)
+        cameras[CAMERA] = CameraModel(np.array(data[CAMERA].K), image.size_wh)
+    for name in used:
+        matrix = np.array(data[name].T_to_ref_COS)
+        if not is_rotation(matrix[:3, :3]):
+            why = "isn't a rotation, its columns must be orthonormal within 1e-3"
+            raise LogError(f"{first}: {name}: T_to_ref_COS {why}")
+        mounts[name] = mount_of(KINDS[name], matrix)
+    return Rig(mounts, cameras)
 
 
 def read_jpeg(path: Path, stamp_ns: int, size_wh: tuple[int, int] | None = None, number: int | None = None) -> Image:

@@ -29,7 +29,7 @@ from fbench.datasets.astyx.files import (
     read_radar,
     read_rig,
     scan,
-)  # fmt: skip
+)
 from fbench.datasets.importing.files import counted, file_facts, listed, log_id, require_folder
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
@@ -142,13 +142,13 @@ def _messages(files: Files, rig: Rig, findings: _Findings, bad: BadInput) -> Ite
             continue
         stamp_ns = _stamp(int(lidar.time_us[0]), number, findings)
         findings.frames.append((number, stamp_ns))
-        for read in (_image, _cloud, _radar, _truth):
-            try:
-                message = read(files, rig, number, stamp_ns, lidar)
-            except LogError as error:
-                bad.met(error)
-                continue
-            if message is not None:
+        for folder in (CAMERA, LIDAR, RADAR, TRUTH):
+            if number in files[folder]:
+                try:
+                    message = _message(folder, files[folder][number], rig, number, stamp_ns, lidar)
+                except LogError as error:
+                    bad.met(error)
+                    continue
                 yield message
                 findings.add(message)
         findings.unlabelled += number not in files[TRUTH]
@@ -163,40 +163,27 @@ def _stamp(time_us: int, number: int, findings: _Findings) -> int:
     return (hours * HOUR_US + time_us) * 1000
 
 
-def _image(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Image | None:
-    if number not in files[CAMERA]:
-        return None
-    return read_jpeg(files[CAMERA][number], stamp_ns, rig.cameras[CAMERA].size_wh, number)
-
-
-def _cloud(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> PointCloud:
+def _message(
+    folder: str, path: Path, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable
+) -> Image | PointCloud | RadarScan | Truth:
+    if folder == CAMERA:
+        return read_jpeg(path, stamp_ns, rig.cameras[CAMERA].size_wh, number)
+    if folder == TRUTH:
+        return Truth(stamp_ns, stamp_ns, read_boxes(path), frame_number=number)
+    if folder == RADAR:
+        table = read_radar(path).astype(np.float32)
+        # V_r is positive when approaching. Shown by the recording: static scenery fits V_r = v cos(azimuth)
+        # cos(elevation), modulo the period, with the forward speed v that LiDAR sweeps 0.1 s apart give.
+        receding = np.float32(0) - table[:, 3]
+        return RadarScan(RADAR, stamp_ns, stamp_ns, table[:, :3], receding, table[:, 4], frame_number=number)
     # The hour can turn within a sweep.
     offset_us = (lidar.time_us - lidar.time_us[0] + HOUR_US // 2) % HOUR_US - HOUR_US // 2
     if np.abs(offset_us).max() * 1000 >= 2**31:
-        raise LogError(f"{files[LIDAR][number]}: points more than 2 s apart, expected one sweep")
+        raise LogError(f"{path}: points more than 2 s apart, expected one sweep")
     return PointCloud(
         LIDAR, stamp_ns, stamp_ns, lidar.xyz.astype(np.float32), lidar.intensity.astype(np.float32),
         lidar.ring.astype(np.uint16), (offset_us * 1000).astype(np.int32), number,
     )  # fmt: skip
-
-
-def _radar(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> RadarScan | None:
-    """Turn the sign of V_r, which is positive when approaching.
-
-    Shown by the recording: static scenery fits V_r = v cos(azimuth) cos(elevation), modulo the period, with the
-    forward speed v that LiDAR sweeps 0.1 s apart give.
-    """
-    if number not in files[RADAR]:
-        return None
-    table = read_radar(files[RADAR][number]).astype(np.float32)
-    receding = np.float32(0) - table[:, 3]
-    return RadarScan(RADAR, stamp_ns, stamp_ns, table[:, :3], receding, table[:, 4], frame_number=number)
-
-
-def _truth(files: Files, rig: Rig, number: int, stamp_ns: int, lidar: LidarTable) -> Truth | None:
-    if number not in files[TRUTH]:
-        return None
-    return Truth(stamp_ns, stamp_ns, read_boxes(files[TRUTH][number]), frame_number=number)
 
 
 def _summary(files: Files, findings: _Findings) -> list[str]:

@@ -8,7 +8,7 @@ import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -22,7 +22,7 @@ from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D, message_topic
 from fbench.replay.logs.container import Entry
-from fbench.replay.logs.convert.items import Copied, Decoded, Encoded, Encoder, Item, RigAt
+from fbench.replay.logs.convert.items import Copied, Decoded, Encoder, Item, RigAt
 from fbench.replay.logs.convert.run import Converted, write_items
 from fbench.replay.logs.convert.sinks import open_sink
 from fbench.replay.logs.convert.target import Target
@@ -31,7 +31,7 @@ from fbench.replay.logs.open import open_container
 
 
 @contextmanager
-def claimed(path: Path, waits: Callable[[], None]) -> Iterator[None]:
+def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     """Have the log `path` alone while the `with` block runs; `waits` is called where another import has it.
 
     The system gives a claim back when its process ends, however it does.
@@ -41,7 +41,7 @@ def claimed(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     """
     lock = path.with_name(f".{path.name}.importing")
     try:
-        number = _locked(lock, waits)
+        number = _lock(lock, waits)
     except OSError as error:
         raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
     try:
@@ -52,7 +52,7 @@ def claimed(path: Path, waits: Callable[[], None]) -> Iterator[None]:
         os.close(number)
 
 
-def _locked(lock: Path, waits: Callable[[], None]) -> int:
+def _lock(lock: Path, waits: Callable[[], None]) -> int:
     while True:
         number = os.open(lock, os.O_RDWR | os.O_CREAT)
         try:
@@ -61,20 +61,13 @@ def _locked(lock: Path, waits: Callable[[], None]) -> int:
             except BlockingIOError:
                 waits()
                 fcntl.flock(number, fcntl.LOCK_EX)
-            if _is_file(number, lock):
-                return number
+            with suppress(FileNotFoundError):  # who had the claim before may have taken the name away
+                if os.path.samestat(os.fstat(number), lock.stat()):
+                    return number
         except BaseException:
             os.close(number)
             raise
         os.close(number)
-
-
-def _is_file(number: int, lock: Path) -> bool:
-    """Whether the open file still has its name: who had the claim before took that away."""
-    try:
-        return os.path.samestat(os.fstat(number), lock.stat())
-    except FileNotFoundError:
-        return False
 
 
 def _clear_partial(path: Path) -> None:
@@ -135,9 +128,14 @@ class LogItems:
                 for part in _parts(imported.boxes):
                     # A topic without any box would be taken for the results where there are only those in images.
                     if part.is_2d or part.truth.boxes3d is not None:
-                        yield _copied(self._encoder.result(part), imported.boxes.log_ns)
+                        yield self._result(part, imported.boxes.log_ns)
             case _:
                 yield Decoded(message_topic(imported), imported.log_ns, imported)
+
+    def _result(self, part: TruthPart, log_ns: int) -> Copied:
+        encoded = self._encoder.result(part)
+        channel, data = encoded.channel, memoryview(encoded.data)
+        return Copied(channel, Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data))
 
 
 def _parts(truth: Truth) -> Iterator[TruthPart]:
@@ -148,14 +146,8 @@ def _parts(truth: Truth) -> Iterator[TruthPart]:
         yield TruthPart(replace(truth, boxes3d=None), is_2d=True)
 
 
-def _copied(encoded: Encoded, log_ns: int) -> Copied:
-    channel, data = encoded.channel, memoryview(encoded.data)
-    entry = Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data)
-    return Copied(channel, entry)
-
-
 Progress = Callable[[str, int, int], None]
-"""Is told the name of a sequence, how many of its items are done, and about how many there are."""
+"""Gets the name of a sequence, how many of its items are done, and about how many there are."""
 _SKIPS = "import.skip_bad"
 """Metadata of logs that may lack what couldn't be used."""
 
@@ -193,12 +185,12 @@ def import_recordings(
     """
     to_come = dict.fromkeys(wish.names)
     num_before = 0
-    with closing(_opened(importer, source, wish)) as recordings:
+    with closing(_open_recordings(importer, source, wish)) as recordings:
         for recording in recordings:
             if recording.name not in to_come:
                 raise LogError(f"{source}: the importer gives '{recording.name}', which isn't wanted (any more)")
             del to_come[recording.name]
-            log = _tried(recording, targets[recording.name], progress, wish.bad)
+            log = _try(recording, targets[recording.name], progress, wish.bad)
             yield replace(log, num_skipped=wish.bad.num - num_before)
             num_before = wish.bad.num
     for name in to_come:
@@ -227,27 +219,27 @@ def write_recording(recording: Recording, target: Target, progress: Progress) ->
         ConfigError: where the log can't or mustn't be written.
         LogError: naming what can't be used of the sequence.
     """
-    with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
-        return _imported(recording, target, progress, skips=False)
+    with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
+        return _write(recording, target, progress, skips=False)
 
 
-def _opened(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
+def _open_recordings(importer: Importer, source: Path, wish: ImportWish) -> Generator[Recording]:
     try:
         yield from importer.recordings(source, wish)
     except LogError as error:
         wish.bad.met(error)
 
 
-def _tried(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
+def _try(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
     try:
-        with claimed(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
-            return _imported(recording, target, progress, bad.skip)
+        with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
+            return _write(recording, target, progress, bad.skip)
     except LogError as error:
         bad.met(error)
         return ImportedLog(recording.name, target.path, "failed")
 
 
-def _imported(recording: Recording, target: Target, progress: Progress, skips: bool) -> ImportedLog:
+def _write(recording: Recording, target: Target, progress: Progress, skips: bool) -> ImportedLog:
     name, info = recording.name, recording.info
     if skips:
         info = replace(info, metadata={**info.metadata, _SKIPS: "yes"})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tests.datasets.importing.toy import Toy, ToyParams, write_toy
 
-from fbench.datasets.importing.run import NUM_AHEAD, ahead, claimed, import_one, import_recordings
+from fbench.datasets.importing.run import NUM_AHEAD, ahead, claim, import_one, import_recordings
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
@@ -138,7 +138,7 @@ def test_who_writes_the_same_log_waits(tmp_path, name):
         wish = ImportWish(("a",))
         logs.extend(import_recordings(Toy(), tmp_path / "src", wish, {"a": Target(out)}, tell))
 
-    with claimed(out, lambda: pytest.fail("nobody else has it")):
+    with claim(out, lambda: pytest.fail("nobody else has it")):
         thread = threading.Thread(target=run)
         thread.start()
         assert waits.wait(20)
