@@ -10,7 +10,7 @@ from typing import Literal
 
 from fbench.cli.progress import ImportProgress, import_progress
 from fbench.cli.show import console, print_json
-from fbench.datasets.importing.files import counted, listed
+from fbench.datasets.importing.files import format_counts, format_list
 from fbench.datasets.importing.guard import GuardedImporter, log_names
 from fbench.datasets.importing.run import ImportedLog, import_recordings
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
@@ -113,13 +113,13 @@ def _subject_lines(title: str, subject: _Subject, num_logs: int) -> Iterator[str
         num = len({name for form in others for name in form.names})
         yield f"{title}: otherwise in {num} of {num_logs}, see --json"
     if subject.totals:
-        yield f"{title}, in all: {counted(subject.totals)}"
+        yield f"{title}, in all: {format_counts(subject.totals)}"
 
 
 def _shown(form: _Form, num_logs: int) -> str:
     if len(form.names) == num_logs:
         return str(form)
-    return f"{form} [{len(form.names)} of {num_logs}: {listed(form.names, _NAMED)}]"
+    return f"{form} [{len(form.names)} of {num_logs}: {format_list(form.names, _NAMED)}]"
 
 
 Form = Literal["mcap", "parquet"]

@@ -12,9 +12,9 @@ from pyarrow import csv
 from pydantic import BaseModel, Field, FiniteFloat
 
 from fbench.datasets.importing.files import (
+    find_numbered,
     is_rotation,
     mount_of,
-    numbered,
     read_bytes,
     read_image,
     read_json,
@@ -96,7 +96,7 @@ def scan(source: Path, frames: FrameRange) -> Files:
     for folder in (LIDAR, CALIBRATION):
         if not (source / folder).is_dir():
             raise LogError(f"{source}: not an Astyx folder, no {folder}/")
-    files = {folder: numbered(source / folder, (suffix,), _DIGITS, frames) for folder, suffix in _SUFFIXES.items()}
+    files = {folder: find_numbered(source / folder, (suffix,), _DIGITS, frames) for folder, suffix in _SUFFIXES.items()}
     for folder in (LIDAR, CALIBRATION):
         if not files[folder]:
             raise LogError(f"{source / folder}: no frames, expected files like 000001{_SUFFIXES[folder]}")

@@ -30,7 +30,7 @@ from fbench.datasets.astyx.files import (
     read_rig,
     scan,
 )
-from fbench.datasets.importing.files import counted, file_facts, listed, log_id, require_folder
+from fbench.datasets.importing.files import file_facts, format_counts, format_list, log_id, require_folder
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
@@ -189,7 +189,7 @@ def _message(
 def _summary(files: Files, findings: _Findings) -> list[str]:
     lines = [*_stretch_lines(findings.frames), *_missing_lines(files, findings), *_box_lines(findings)]
     if findings.turns:
-        lines.append(f"time ran backwards before frames {listed(findings.turns, _LISTED)}: whole hours were added")
+        lines.append(f"time ran backwards before frames {format_list(findings.turns, _LISTED)}: whole hours were added")
     return [
         *lines,
         "stamps: all messages of a frame have the LiDAR's, the set records no time for camera, radar and boxes",
@@ -217,11 +217,11 @@ def _missing_lines(files: Files, findings: _Findings) -> Iterator[str]:
     counts = {folder: sum(number not in files[folder] for number in numbers) for folder in folders}
     yield "missing files: " + (", ".join(f"{folder} {count}" for folder, count in counts.items() if count) or "none")
     if findings.timeless:
-        yield f"left out, without LiDAR points and so without time: frames {listed(findings.timeless, _LISTED)}"
+        yield f"left out, without LiDAR points and so without time: frames {format_list(findings.timeless, _LISTED)}"
 
 
 def _box_lines(findings: _Findings) -> Iterator[str]:
-    classes = counted(findings.boxes)
+    classes = format_counts(findings.boxes)
     yield f"boxes: {findings.boxes.total()}{f' ({classes})' if classes else ''}, without track ids"
     if findings.unlabelled:
         yield f"unlabelled frames: {findings.unlabelled}"

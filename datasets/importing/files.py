@@ -23,14 +23,14 @@ from fbench.replay.geometry.transforms import quaternion
 from fbench.replay.logs.containers.limits import crc32
 
 
-def listed(things: Iterable[object], most: int) -> str:
+def format_list(things: Iterable[object], most: int) -> str:
     """Return things with commas between, the first ones of many: `1, 2 and 3 more`."""
     texts = [str(thing) for thing in things]
     more = f" and {len(texts) - most} more" if len(texts) > most else ""
     return ", ".join(texts[:most]) + more
 
 
-def runs(numbers: Iterable[int]) -> list[range]:
+def find_runs(numbers: Iterable[int]) -> list[range]:
     """Return the runs of numbers, which ascend."""
     found: list[range] = []
     for number in numbers:
@@ -41,12 +41,12 @@ def runs(numbers: Iterable[int]) -> list[range]:
     return found
 
 
-def listed_runs(found: Iterable[range], most: int) -> str:
+def format_runs(found: Iterable[range], most: int) -> str:
     """Return runs by their first and last numbers: `3, 177 to 180 and 2 more`."""
-    return listed((f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in found), most)
+    return format_list((f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in found), most)
 
 
-def counted(counts: Counter[str]) -> str:
+def format_counts(counts: Counter[str]) -> str:
     """Return counts by name, the largest first, equal ones by name: `Car 3, Van 1`."""
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
     return ", ".join(f"{name} {num}" for name, num in ranked)
@@ -209,7 +209,7 @@ def entries(folder: Path) -> list[Path]:
         raise LogError(f"{folder}: {error.strerror}") from error
 
 
-def numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange = _ALL) -> dict[int, Path]:
+def find_numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange = _ALL) -> dict[int, Path]:
     """Return the files of a folder that are named by a number of so many digits, ascending; none where it isn't there.
 
     Raises:
@@ -260,7 +260,7 @@ def log_id(dataset: str, facts: Iterable[str], frames: FrameRange, params: objec
         params: The importer's parameters.
     """
     digest = blake2b(digest_size=8)
-    own = [f"{name}={value}" for name, value in sorted(described(params).items())]
+    own = [f"{name}={value}" for name, value in sorted(describe_params(params).items())]
     for text in [*facts, str(frames), *own]:
         data = text.encode(errors="surrogateescape")
         digest.update(len(data).to_bytes(8, "little") + data)
@@ -276,7 +276,7 @@ def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
     return facts
 
 
-def described(params: object) -> Mapping[str, str]:
+def describe_params(params: object) -> Mapping[str, str]:
     """Return an importer's parameters as metadata of the log, `import.NAME`; those that are left open are left out."""
     if params is None:
         return {}

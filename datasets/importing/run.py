@@ -90,7 +90,7 @@ class _End:
     """Stands behind the last item."""
 
 
-def ahead(items: Iterator[T]) -> Iterator[T]:
+def read_ahead(items: Iterator[T]) -> Iterator[T]:
     """Yield the same items, up to `NUM_AHEAD` of which are asked for before they are wanted.
 
     All are asked for in one thread, one after the other. An error comes in the place of its item.
@@ -291,7 +291,7 @@ def _items(recording: Recording) -> Iterator[Item]:
     rig = recording.rig
     yield RigAt(0, rig)
     items = LogItems()
-    for imported in checked_items(recording.name, rig, ahead(iter(recording.items()))):
+    for imported in checked_items(recording.name, rig, read_ahead(iter(recording.items()))):
         try:
             yield from items.of(imported)
         except ValueError as error:

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import counted, listed, listed_runs, log_id, read_floats, read_image, runs
+from fbench.datasets.importing.files import (
+    find_runs,
+    format_counts,
+    format_list,
+    format_runs,
+    log_id,
+    read_floats,
+    read_image,
+)
 from fbench.datasets.kitti.labels import CLASSES, boxes_3d
 from fbench.datasets.kitti.object import ObjectFrames
 from fbench.datasets.kitti.sensors import LIDAR
@@ -19,7 +27,7 @@ from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.formats.kitti import DONT_CARE
-from fbench.replay.formats.objects import Labelled, flats
+from fbench.replay.formats.objects import LabeledObject, to_boxes2d
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20
@@ -35,7 +43,7 @@ class Findings:
         self._num_results: Counter[str] = Counter()
         self._frames_with_results = 0
 
-    def add_labels(self, objects: Sequence[Labelled] | None) -> None:
+    def add_labels(self, objects: Sequence[LabeledObject] | None) -> None:
         """Count the objects of a frame, or a frame that isn't labelled."""
         self._unlabelled += objects is None
         self._empty += objects is not None and not objects
@@ -56,7 +64,7 @@ class Findings:
         yield "files: " + (", ".join(f"{name} {len(paths)}" for name, paths in files.items()) or "none of sensors")
         for name, paths in files.items():
             if lost := [number for number in numbers if number not in paths]:
-                yield f"missing files: {name} {len(lost)} (frames {listed_runs(runs(lost), _LISTED)})"
+                yield f"missing files: {name} {len(lost)} (frames {format_runs(find_runs(lost), _LISTED)})"
         yield from self._label_lines(len(numbers))
         if self._frames_with_results:
             counts = ", ".join(f"{num} in {kind}" for kind, num in self._num_results.items() if num) or "none"
@@ -70,12 +78,12 @@ class Findings:
         tracks = f", {len(self._tracks)} tracks" if self._tracks else ", without track ids"
         yield f"boxes: {num}{tracks}; {self._classes[DONT_CARE]} DontCare regions"
         classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
-        yield f"classes: {counted(classes) or 'none'}"
+        yield f"classes: {format_counts(classes) or 'none'}"
         yield f"frames without boxes: {self._empty}"
         if self._unlabelled:
             yield f"unlabelled frames: {self._unlabelled}"
         if unknown := sorted(name for name in self._classes if name not in CLASSES):
-            yield f"classes that the benchmark lacks, taken by their names: {listed(unknown, _LISTED)}"
+            yield f"classes that the benchmark lacks, taken by their names: {format_list(unknown, _LISTED)}"
 
 
 FACTS = {
@@ -163,7 +171,7 @@ class BenchmarkRecording:
             objects = None
         self._findings.add_labels(objects)
         if objects is not None:
-            yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), flats(objects), number)
+            yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), to_boxes2d(objects), number)
         yield from self._results(number, stamp_ns)
 
     def _results(self, number: int, stamp_ns: int) -> Iterator[OtherResult]:

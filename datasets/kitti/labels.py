@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-from fbench.datasets.importing.files import numbered
+from fbench.datasets.importing.files import find_numbered
 from fbench.datasets.kitti.sensors import bounded_lines, camera_name
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
@@ -13,8 +13,8 @@ from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
 from fbench.replay.formats.ab3dmot import parse_ab3dmot_row
 from fbench.replay.formats.documents import head_of
 from fbench.replay.formats.kitti import DONT_CARE, parse_object_row, parse_tracking_row
-from fbench.replay.formats.objects import Labelled, flats, solids
-from fbench.replay.formats.open import recognised
+from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
+from fbench.replay.formats.open import recognize
 from fbench.replay.formats.text import Line, digest_of, frame_number
 
 CAMERA = camera_name(2)
@@ -27,20 +27,20 @@ _ALPHA = 3
 MAX_FRAMES = 200_000
 """No sequence has more frames."""
 
-Parse = Callable[[Line], Labelled]
+Parse = Callable[[Line], LabeledObject]
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceRows:
     """Rows of one sequence."""
 
-    frames: Mapping[int, Sequence[Labelled]]
+    frames: Mapping[int, Sequence[LabeledObject]]
     """In the order of the file; frames without rows are absent."""
     num_frames: int
     """One more than the last frame of any row."""
 
 
-def tracking_label(line: Line) -> Labelled:
+def tracking_label(line: Line) -> LabeledObject:
     """Return the object of a row of `label_02`, its alpha as attribute.
 
     Raises:
@@ -49,7 +49,7 @@ def tracking_label(line: Line) -> Labelled:
     return _keep_alpha(parse_tracking_row(line, CAMERA), line.fields[2:])
 
 
-def object_label(line: Line) -> Labelled:
+def object_label(line: Line) -> LabeledObject:
     """Return the object of a row of `label_2`, its alpha as attribute.
 
     Raises:
@@ -58,7 +58,7 @@ def object_label(line: Line) -> Labelled:
     return _keep_alpha(parse_object_row(line, line.fields, CAMERA, None), line.fields)
 
 
-def _keep_alpha(row: Labelled, fields: Sequence[str]) -> Labelled:
+def _keep_alpha(row: LabeledObject, fields: Sequence[str]) -> LabeledObject:
     """Keep the observation angle as it is written: it doesn't follow from the box, as it was labeled separately."""
     return row if row.source_label == DONT_CARE else replace(row, attribute=f"alpha={fields[_ALPHA]}")
 
@@ -69,7 +69,7 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
     Raises:
         LogError: naming the row that can't be used, unless such are skipped.
     """
-    found: dict[int, list[Labelled]] = {}
+    found: dict[int, list[LabeledObject]] = {}
     ids: set[tuple[int, int]] = set()
     num_frames = 0
     for line in bounded_lines(path, comma):
@@ -85,13 +85,13 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
     return SequenceRows(found, num_frames)
 
 
-def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[Labelled]:
+def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[LabeledObject]:
     """Read the file of one frame.
 
     Raises:
         LogError: naming the row that can't be used, unless such are skipped.
     """
-    objects: list[Labelled] = []
+    objects: list[LabeledObject] = []
     for line in bounded_lines(path):
         try:
             objects.append(_check(parse(line), line, 0, set()))
@@ -100,12 +100,12 @@ def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[Labelled]:
     return objects
 
 
-def boxes_3d(objects: Sequence[Labelled]) -> Boxes3D:
+def boxes_3d(objects: Sequence[LabeledObject]) -> Boxes3D:
     """Return the 3D boxes in the order of the rows: body coordinates are those of camera 0, turned upright."""
-    return solids([replace(row, attribute=None) for row in objects])
+    return to_boxes3d([replace(row, attribute=None) for row in objects])
 
 
-def _check(row: Labelled, line: Line, frame: int, ids: set[tuple[int, int]]) -> Labelled:
+def _check(row: LabeledObject, line: Line, frame: int, ids: set[tuple[int, int]]) -> LabeledObject:
     """Refuse what no box can be, and ids that were met before in the frame."""
     if not all(abs(value) < MAX_MAGNITUDE for value in _numbers(row)):  # also refuses NaN
         raise LogError(f"{line.where}: a number isn't finite, or is beyond all reason")
@@ -116,7 +116,7 @@ def _check(row: Labelled, line: Line, frame: int, ids: set[tuple[int, int]]) -> 
     return row
 
 
-def _numbers(row: Labelled) -> Iterator[float]:
+def _numbers(row: LabeledObject) -> Iterator[float]:
     if row.flat is not None:
         yield from row.flat.xyxy_px
     if row.solid is not None:
@@ -137,7 +137,7 @@ class Results:
     """Results of another system for one log."""
 
     files: Sequence[Path]
-    rows: Callable[[int], Sequence[Labelled] | None]
+    rows: Callable[[int], Sequence[LabeledObject] | None]
     """Objects of a frame; `None` where it has no results."""
     has_3d: bool
     """Whether there are 3D boxes at all."""
@@ -155,7 +155,7 @@ class Results:
         rows = self.rows(number)
         if rows is None:
             return None
-        return boxes_3d(rows) if self.has_3d else None, flats(rows) if self.has_2d else None
+        return boxes_3d(rows) if self.has_3d else None, to_boxes2d(rows) if self.has_2d else None
 
 
 def results_folder(folder: Path) -> Path:
@@ -167,7 +167,7 @@ def results_folder(folder: Path) -> Path:
     if not folder.is_dir():
         raise ConfigError(f"--detections {folder}: {'not a folder' if folder.exists() else 'no such folder'}")
     for inner in (folder, folder / "data"):
-        if any(numbered(inner, (".txt",), digits) for digits in (TRACKING_DIGITS, OBJECT_DIGITS)):
+        if any(find_numbered(inner, (".txt",), digits) for digits in (TRACKING_DIGITS, OBJECT_DIGITS)):
             return inner
     raise ConfigError(f"--detections {folder}: no file like 0000.txt (a sequence) or 000000.txt (a frame)")
 
@@ -183,7 +183,7 @@ def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadIn
         return None
     is_empty = not head_of(path).strip()
     try:
-        parse, comma = _SEQUENCE_FORMS["kitti-tracking" if is_empty else recognised(path)]
+        parse, comma = _SEQUENCE_FORMS["kitti-tracking" if is_empty else recognize(path)]
     except (KeyError, LogError) as error:
         raise LogError(
             f"{path}: no results of a sequence, expected KITTI's 17 or 18 columns (frame, id, class ...) or AB3DMOT's "
@@ -204,10 +204,10 @@ def frame_results(paths: Mapping[int, Path], bad: BadInput) -> Results | None:
         return None
     quiet = BadInput(skip=True)  # what is wrong is reported when the frames are read
 
-    def rows(number: int, bad: BadInput) -> Sequence[Labelled] | None:
+    def rows(number: int, bad: BadInput) -> Sequence[LabeledObject] | None:
         return frame_rows(paths[number], object_label, bad) if number in paths else None
 
-    def quiet_rows() -> Iterator[Labelled]:
+    def quiet_rows() -> Iterator[LabeledObject]:
         for number in paths:
             try:
                 yield from rows(number, quiet) or ()
@@ -218,7 +218,7 @@ def frame_results(paths: Mapping[int, Path], bad: BadInput) -> Results | None:
     return Results(list(paths.values()), lambda number: rows(number, bad), has_3d, has_2d)
 
 
-def _find_kinds(rows: Iterable[Labelled]) -> tuple[bool, bool]:
+def _find_kinds(rows: Iterable[LabeledObject]) -> tuple[bool, bool]:
     """Whether there are 3D boxes, and 2D ones, reading until both were met; without any row there may be both."""
     has_3d = has_2d = has_row = False
     for row in rows:

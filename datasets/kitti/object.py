@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import file_facts, numbered
+from fbench.datasets.importing.files import file_facts, find_numbered
 from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, Results, frame_results, frame_rows, object_label
 from fbench.datasets.kitti.sensors import (
     IMAGES,
@@ -25,7 +25,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.metadata import GAPS, MEANT
 from fbench.replay.data.rig import Rig
-from fbench.replay.formats.objects import Labelled
+from fbench.replay.formats.objects import LabeledObject
 
 LABELS = "label_2"
 PERIOD_NS = 10_000_000_000
@@ -37,7 +37,7 @@ _FOLDERS = {**{f"image_{number}": (name, IMAGES) for name, number in _CAMERAS.it
 def has_frames(folder: Path) -> bool:
     """Tell whether a folder holds frames of the benchmark."""
     folders = {LABELS: (".txt",), **{inner: suffixes for inner, (_, suffixes) in _FOLDERS.items()}}
-    return any(numbered(folder / inner, suffixes, OBJECT_DIGITS) for inner, suffixes in folders.items())
+    return any(find_numbered(folder / inner, suffixes, OBJECT_DIGITS) for inner, suffixes in folders.items())
 
 
 class ObjectFrames:
@@ -54,14 +54,14 @@ class ObjectFrames:
     def files(self) -> Mapping[str, Mapping[int, Path]]:
         """Files of the chosen frames by sensor; sensors without any are absent."""
         found = {
-            sensor: numbered(self.folder / inner, suffixes, OBJECT_DIGITS, self._wish.frames)
+            sensor: find_numbered(self.folder / inner, suffixes, OBJECT_DIGITS, self._wish.frames)
             for inner, (sensor, suffixes) in _FOLDERS.items()
         }
         return {sensor: paths for sensor, paths in found.items() if paths}
 
     @cached_property
     def _label_files(self) -> Mapping[int, Path]:
-        return numbered(self.folder / LABELS, (".txt",), OBJECT_DIGITS, self._wish.frames)
+        return find_numbered(self.folder / LABELS, (".txt",), OBJECT_DIGITS, self._wish.frames)
 
     @cached_property
     def numbers(self) -> Sequence[int]:
@@ -76,7 +76,7 @@ class ObjectFrames:
         """Another system's results."""
         if self._detections is None:
             return None
-        files = numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
+        files = find_numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
         found = frame_results(files, self._wish.bad)
         for number in sorted(set(files).difference(self.numbers)):
             self._wish.bad.met(
@@ -131,7 +131,7 @@ class ObjectFrames:
     def _calibration_path(self, number: int) -> Path:
         return self.folder / "calib" / f"{number:06d}.txt"
 
-    def labels(self, number: int) -> Sequence[Labelled] | None:
+    def labels(self, number: int) -> Sequence[LabeledObject] | None:
         """Labeled objects of a frame; `None` without a file, which may be empty."""
         path = self._label_files.get(number)
         return None if path is None else frame_rows(path, object_label, self._wish.bad)

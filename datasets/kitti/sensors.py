@@ -24,7 +24,7 @@ from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import encoded_size
 from fbench.replay.data.rig import CameraModel, Rig
-from fbench.replay.formats.objects import Labelled
+from fbench.replay.formats.objects import LabeledObject
 from fbench.replay.formats.text import Line, lines, parse_number
 from fbench.replay.geometry.transforms import inverse
 
@@ -110,7 +110,7 @@ def known_size(P: Float64) -> tuple[str, Size] | None:
     return _BY_FOCAL_LENGTH.get(round(float(P[0, 0]), 4))
 
 
-def size_without_images(P: Float64, objects: Iterable[Labelled]) -> tuple[Size, str]:
+def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[Size, str]:
     """Return a size [px] for the camera of a projection (3, 4) that there are no images of, and how it is known.
 
     It is that of the day; else that of the smallest image that holds all labelled boxes; without any, that of the image

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import entries, file_facts, numbered
+from fbench.datasets.importing.files import entries, file_facts, find_numbered
 from fbench.datasets.kitti.labels import (
     CAMERA,
     MAX_FRAMES,
@@ -38,7 +38,7 @@ from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Rig
-from fbench.replay.formats.objects import Labelled
+from fbench.replay.formats.objects import LabeledObject
 from fbench.replay.formats.text import frame_number, lines
 
 
@@ -95,7 +95,7 @@ _CAMERAS = {camera_name(number): number for number in (2, 3)}
 
 def sequences(folder: Path) -> list[str]:
     """Names of the sequences that have labels or files of sensors, sorted; empty where there are none."""
-    named = {path.stem for path in numbered(folder / LABELS, (".txt",), TRACKING_DIGITS).values()}
+    named = {path.stem for path in find_numbered(folder / LABELS, (".txt",), TRACKING_DIGITS).values()}
     return sorted(named.union(*(numbered_folders(folder / sensor, TRACKING_DIGITS) for sensor in SENSORS)))
 
 
@@ -122,7 +122,7 @@ class TrackingFrames:
     @cached_property
     def _all_files(self) -> Mapping[str, Mapping[int, Path]]:
         found = {
-            sensor: numbered(self.folder / sensor / self._sequence, suffixes, _FRAME_DIGITS)
+            sensor: find_numbered(self.folder / sensor / self._sequence, suffixes, _FRAME_DIGITS)
             for sensor, suffixes in SENSORS.items()
         }
         return {sensor: paths for sensor, paths in found.items() if paths}
@@ -213,7 +213,7 @@ class TrackingFrames:
         """Sensors at a frame: the same throughout."""
         return self.rig
 
-    def labels(self, number: int) -> Sequence[Labelled] | None:
+    def labels(self, number: int) -> Sequence[LabeledObject] | None:
         """Labeled objects of a frame: every frame of a sequence with a file is labeled, else `None`."""
         return None if self._rows is None else self._rows.frames.get(number, ())
 

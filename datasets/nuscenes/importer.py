@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import described, file_facts, log_id
+from fbench.datasets.importing.files import describe_params, file_facts, log_id
 from fbench.datasets.nuscenes.messages import REFERENCE, Content, Findings, Rows, items, summary_lines
 from fbench.datasets.nuscenes.opened import NuScenesSet
 from fbench.datasets.nuscenes.rows import Scene
@@ -92,7 +92,7 @@ class NuScenesRecording:
             "nuscenes.log": scene.log_token,
             "nuscenes.logfile": drive.logfile,
             "nuscenes.sample_tokens": " ".join(instant.token for instant in chain),
-            **described(self._params),
+            **describe_params(self._params),
         }
         return LogInfo(scene.name, log_id("nuscenes", facts, self._wish.frames, self._params), metadata)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.datasets.importing.files import counted, listed, read_floats, read_image
+from fbench.datasets.importing.files import format_counts, format_list, read_floats, read_image
 from fbench.datasets.nuscenes.opened import Excerpt
 from fbench.datasets.nuscenes.sensors import read_echoes
 from fbench.datasets.nuscenes.tables import DataRow, Folder, Instant, PoseRow
@@ -59,7 +59,7 @@ def summary_lines(found: Findings, excerpt: Excerpt, rig: Rig, filtered: bool) -
         lines.append(f"radar: the filter {dropped}; --set radar_filter=false keeps them")
     if not found.labelled:
         return [*lines, "boxes: none, the set isn't labelled"]
-    names, total = counted(found.categories), found.categories.total()
+    names, total = format_counts(found.categories), found.categories.total()
     facts = f"{len(found.tracks)} tracks, {found.with_velocity} with velocity"
     lines.append(f"boxes: {total}{f' ({names})' if names else ''}, {facts}")
     if unknown := sorted(name for name in found.categories if name not in LABELS):
@@ -77,7 +77,7 @@ def _sensor_lines(found: Findings, excerpt: Excerpt, rig: Rig) -> Iterator[str]:
         if names:
             yield f"{kind}: {len(names)} ({', '.join(names)}), {keys} keyframes, {sweeps} sweeps"
     yield f"poses: {found.poses}"
-    gaps = [f"{name} {listed(numbers, _LISTED)}" for name, numbers in sorted(found.gaps.items())]
+    gaps = [f"{name} {format_list(numbers, _LISTED)}" for name, numbers in sorted(found.gaps.items())]
     yield f"samples without a keyframe: {'; '.join(gaps) or 'none'}"
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from fbench.datasets.nuscenes.rows import MAX_US, Annotation, EgoPose, Log, SampleData, Scene, json_rows, parsed
+from fbench.datasets.nuscenes.rows import MAX_US, Annotation, EgoPose, Log, SampleData, Scene, json_rows, parse_row
 from fbench.datasets.nuscenes.tables import (
     AnnotationRow,
     Database,
@@ -99,7 +99,7 @@ class Filling:
         path = self._tables.folder.table("sample_data")
         for row, (scene, sample) in self._chosen("sample_data"):
             try:
-                data = parsed(SampleData, row, path)
+                data = parse_row(SampleData, row, path)
                 if not self._excerpts[scene].holds(sample, data.is_key_frame, data.timestamp):
                     continue
                 sensor = self._tables.sensor(self._tables.calibration(data.calibrated_sensor_token))
@@ -118,7 +118,7 @@ class Filling:
             if not self._wanted[_slot(str(row.get("token")))]:
                 continue
             try:
-                pose = parsed(EgoPose, row, path)
+                pose = parse_row(EgoPose, row, path)
             except LogError as error:
                 self._bad.met(error)
                 continue
@@ -128,7 +128,7 @@ class Filling:
         path = self._tables.folder.table("sample_annotation")
         for row, (scene, sample) in self._chosen("sample_annotation"):
             try:
-                box = parsed(Annotation, row, path)
+                box = parse_row(Annotation, row, path)
             except LogError as error:
                 self._bad.met(error)
                 continue

@@ -240,7 +240,7 @@ class Log(Row):
 R = TypeVar("R", bound=Row)
 
 
-def parsed(model: type[R], row: Mapping[str, Any], path: Path) -> R:
+def parse_row(model: type[R], row: Mapping[str, Any], path: Path) -> R:
     """Check a row.
 
     Raises:
@@ -254,23 +254,23 @@ def parsed(model: type[R], row: Mapping[str, Any], path: Path) -> R:
         raise LogError(f"{path}: row with token '{token}': {field} is wrong ({why})") from error
 
 
-def parsed_rows(model: type[R], path: Path) -> Iterator[R]:
+def parse_rows(model: type[R], path: Path) -> Iterator[R]:
     """Yield all rows of a table.
 
     Raises:
         LogError: for the first one that is wrong.
     """
-    return (parsed(model, row, path) for row in json_rows(path))
+    return (parse_row(model, row, path) for row in json_rows(path))
 
 
-def by_token(model: type[R], path: Path) -> dict[str, R]:
+def read_by_token(model: type[R], path: Path) -> dict[str, R]:
     """Return all rows of a small table.
 
     Raises:
         LogError: for the first one that is wrong, or where two have the same token.
     """
     rows: dict[str, R] = {}
-    for row in parsed_rows(model, path):
+    for row in parse_rows(model, path):
         if row.token in rows:
             raise LogError(f"{path}: two rows have the token '{row.token}'")
         rows[row.token] = row

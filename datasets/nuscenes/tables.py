@@ -18,8 +18,8 @@ from fbench.datasets.nuscenes.rows import (
     Scene,
     Sensor,
     Visibility,
-    by_token,
-    parsed_rows,
+    parse_rows,
+    read_by_token,
 )
 from fbench.replay.contracts.errors import ConfigError, LogError
 
@@ -260,12 +260,12 @@ def read_tables(folder: Folder) -> Tables:
     """
     return Tables(
         folder,
-        by_token(Sensor, folder.table("sensor")),
-        by_token(CalibratedSensor, folder.table("calibrated_sensor")),
-        {token: row.name for token, row in by_token(Named, folder.table("category")).items()},
-        {row.token: row.category_token for row in parsed_rows(Instance, folder.table("instance"))},
-        {token: row.name for token, row in by_token(Named, folder.table("attribute")).items()},
-        {token: row.level for token, row in by_token(Visibility, folder.table("visibility")).items()},
+        read_by_token(Sensor, folder.table("sensor")),
+        read_by_token(CalibratedSensor, folder.table("calibrated_sensor")),
+        {token: row.name for token, row in read_by_token(Named, folder.table("category")).items()},
+        {row.token: row.category_token for row in parse_rows(Instance, folder.table("instance"))},
+        {token: row.name for token, row in read_by_token(Named, folder.table("attribute")).items()},
+        {token: row.level for token, row in read_by_token(Visibility, folder.table("visibility")).items()},
     )
 
 
@@ -291,7 +291,7 @@ def read_scenes(folder: Folder) -> Mapping[str, Scene]:
     """
     path = folder.table("scene")
     scenes: dict[str, Scene] = {}
-    for scene in by_token(Scene, path).values():
+    for scene in read_by_token(Scene, path).values():
         if scene.name in scenes:
             raise LogError(f"{path}: two scenes are called '{scene.name}', only one of them may be there")
         scenes[scene.name] = scene
@@ -350,8 +350,8 @@ def read_samples(folder: Folder) -> Samples:
     """
     path = folder.table("sample")
     links: dict[str, _Link] = {}
-    for row in parsed_rows(Sample, path):
+    for row in parse_rows(Sample, path):
         if row.token in links:
             raise LogError(f"{path}: two rows have the token '{row.token}'")
         links[row.token] = _Link(row.scene_token, row.timestamp, row.prev, row.next)
-    return Samples(path, links, Counter(link.scene for link in links.values()), by_token(Log, folder.table("log")))
+    return Samples(path, links, Counter(link.scene for link in links.values()), read_by_token(Log, folder.table("log")))

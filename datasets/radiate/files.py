@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from fbench.datasets.importing.files import entries, numbered, read_text, require_folder
+from fbench.datasets.importing.files import entries, find_numbered, read_text, require_folder
 from fbench.datasets.radiate.calibration import FILE_NAME, LEFT, LIDAR, RIGHT
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
@@ -159,7 +159,7 @@ def scan(root: Path, bad: BadInput) -> SequenceFiles:
 
 def _stream(root: Path, sensor: str, bad: BadInput) -> Stream:
     folder = root / FOLDERS[sensor]
-    numbers = set(numbered(folder, (_SUFFIXES[sensor],), _DIGITS))
+    numbers = set(find_numbered(folder, (_SUFFIXES[sensor],), _DIGITS))
     table = folder.with_name(f"{folder.name}.txt")
     if not table.is_file():
         raise LogError(f"{table}: no such file, so no file in {folder.name}/ has a time")

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import described, file_facts, log_id, read_bytes, read_image, read_text
+from fbench.datasets.importing.files import describe_params, file_facts, log_id, read_bytes, read_image, read_text
 from fbench.datasets.radiate.calibration import LIDAR, Calibration, read_calibration, rig_of
 from fbench.datasets.radiate.files import (
     ANNOTATIONS,
@@ -256,7 +256,7 @@ class RadiateRecording:
             "stamps": "when each message arrived at the recorder, for each sensor its own",
             "radar.rcs_dbsm": "uncalibrated power: grey value of the polar image",
             "truth.height": "assumed: that of the class; labels are from above",
-            **described(self._params),
+            **describe_params(self._params),
         }
         return LogInfo(self.name, log_id("radiate", self._facts(), self._wish.frames, self._params), metadata)
 

@@ -14,7 +14,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, Field, StringConstraints
 
-from fbench.datasets.importing.files import counted, listed, listed_runs, read_json, runs
+from fbench.datasets.importing.files import find_runs, format_counts, format_list, format_runs, read_json
 from fbench.datasets.radiate.files import CARTESIAN, FOLDERS, GPS, POLAR, Due, SequenceFiles
 from fbench.datasets.radiate.radar import RANGE_STEP_M, RadiateParams
 from fbench.datasets.radiate.radar import SENSOR as RADAR
@@ -186,7 +186,7 @@ class Findings:
         if num_slots is None:
             yield "boxes: no labels"
             return
-        classes = counted(self.classes)
+        classes = format_counts(self.classes)
         yield f"boxes: {self.classes.total()}{f' ({classes})' if classes else ''}, {len(self.tracks)} tracks"
         last = max([*files.streams[RADAR].stamps, *files.streams[RADAR].no_file])
         if num_slots != last:
@@ -194,7 +194,7 @@ class Findings:
         if self.unlabelled:
             yield f"unlabelled radar frames: {self.unlabelled}, beyond the slots of the labels"
         if unknown := sorted(self.classes.keys() - LABELS.keys()):
-            yield f"classes that the set lacks, taken as 'other': {listed(unknown, _LISTED)}"
+            yield f"classes that the set lacks, taken as 'other': {format_list(unknown, _LISTED)}"
         if self.wide:
             yield f"boxes wider than long: {self.wide}, as labelled"
         yield "boxes: heights and where they stand are assumed, labels are from above"
@@ -255,4 +255,4 @@ def _apart(seconds: float, late: str) -> str:
 
 
 def _frames(numbers: Sequence[int]) -> str:
-    return f"frame{'s' if len(numbers) > 1 else ''} {listed_runs(runs(numbers), _LISTED)}"
+    return f"frame{'s' if len(numbers) > 1 else ''} {format_runs(find_runs(numbers), _LISTED)}"

@@ -11,7 +11,7 @@ from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, 
 from fbench.metrics.files.sources import Source, open_images, open_submission_source, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.formats.open import recognised
+from fbench.replay.formats.open import recognize
 from fbench.replay.formats.table_files import SUFFIXES
 from fbench.replay.formats.text import MAX_FRAMES, frame_number, lines
 
@@ -115,7 +115,7 @@ def _sequence_of(file: Path) -> str:
 def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
     found: dict[str, Path] = {}
     for file in [file for file in files.values() if _has_content(file)][:_LOOKED_AT]:
-        found.setdefault(recognised(file), file)
+        found.setdefault(recognize(file), file)
     if len(found) > 1:
         (one, file), (other, second) = list(found.items())[:2]
         raise LogError(f"{path}: {file.name} is '{one}', but {second.name} is '{other}'; one folder, one form")

@@ -13,7 +13,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.bulk_text import IrregularError, read_plain
 from fbench.replay.formats.kitti import columns_by_row, frames_of, make_columns, make_object, open_sequence
-from fbench.replay.formats.objects import Columns, Labelled, to_columns
+from fbench.replay.formats.objects import Columns, LabeledObject, to_columns
 from fbench.replay.formats.text import Line, parse_number, whole
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
@@ -26,7 +26,7 @@ AB3DMOT_COLUMNS = 2 + len(_NAMES)
 _CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
-def parse_ab3dmot_row(line: Line, camera: str) -> Labelled:
+def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
     """Return the detection of a row of AB3DMOT's, its 3D box as in `parse_object_row`; it has no id.
 
     Raises:

@@ -37,7 +37,7 @@ def number(where: str, value: object) -> float:
     if isinstance(value, str) and len(value) <= _MAX_DIGITS and _NUMBER.fullmatch(value.strip()):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ConfigError(f"{where}: expected a finite number, got {shown(value)}", MALFORMED)
+        raise ConfigError(f"{where}: expected a finite number, got {format_value(value)}", MALFORMED)
     return float(value)
 
 
@@ -50,7 +50,7 @@ def natural(where: str, value: object) -> int:
     if isinstance(value, str) and re.fullmatch("[0-9]{1,9}", value.strip()):
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= _MAX_PX:
-        raise ConfigError(f"{where}: expected a whole number from 1 to {_MAX_PX}, got {shown(value)}", MALFORMED)
+        raise ConfigError(f"{where}: expected a whole number from 1 to {_MAX_PX}, got {format_value(value)}", MALFORMED)
     return value
 
 
@@ -61,7 +61,7 @@ def numbers(where: str, values: object, count: int | None = None) -> list[float]
         ConfigError: where they aren't that.
     """
     if not isinstance(values, list | tuple):
-        raise ConfigError(f"{where}: expected a list of numbers, got {shown(values)}", MALFORMED)
+        raise ConfigError(f"{where}: expected a list of numbers, got {format_value(values)}", MALFORMED)
     if count is not None and len(values) != count:
         raise ConfigError(f"{where}: expected {count} numbers, got {len(values)}", MALFORMED)
     return [number(f"{where}[{i}]", value) for i, value in enumerate(values)]
@@ -74,13 +74,13 @@ def matrix(where: str, rows: object, *shapes: tuple[int, int]) -> Float64:
         ConfigError: where it isn't one.
     """
     if not isinstance(rows, list | tuple):
-        raise ConfigError(f"{where}: expected a list of rows, got {shown(rows)}", MALFORMED)
+        raise ConfigError(f"{where}: expected a list of rows, got {format_value(rows)}", MALFORMED)
     widths = [len(row) if isinstance(row, list | tuple) else 0 for row in rows]
     for num_rows, width in shapes:
         if widths == [width] * num_rows:
             return np.array([numbers(f"{where}[{i}]", row) for i, row in enumerate(rows)], np.float64)
     wanted = " or ".join(f"{num_rows}x{width}" for num_rows, width in shapes)
-    raise ConfigError(f"{where}: expected {wanted} numbers, got rows of {shown(widths)}", MALFORMED)
+    raise ConfigError(f"{where}: expected {wanted} numbers, got rows of {format_value(widths)}", MALFORMED)
 
 
 def rigid(where: str, dst_T_src: Float64) -> tuple[Float64, Float64]:
@@ -160,16 +160,16 @@ def require_tree(place: str, edges: Mapping[str, Edge]) -> None:
             if frame in path:
                 names = list(path)
                 loop = " → ".join([*names[names.index(frame) :], frame])
-                raise ConfigError(f"{place}: transforms form a loop: {shortened(loop)}", INVALID)
+                raise ConfigError(f"{place}: transforms form a loop: {shorten(loop)}", INVALID)
             path[frame] = None
         safe.update(path)
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """A value as part of an error, shortened."""
-    return shortened(repr(value), 60)
+    return shorten(repr(value), 60)
 
 
-def shortened(text: str, limit: int = 200) -> str:
+def shorten(text: str, limit: int = 200) -> str:
     """A text as part of an error."""
     return text if len(text) <= limit else f"{text[:limit]}..."

@@ -15,12 +15,12 @@ from fbench.replay.formats.calibration_values import (
     INVALID,
     MALFORMED,
     camera_model,
+    format_value,
     known_model,
     matrix,
     natural,
     numbers,
     rigid,
-    shown,
 )
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.logs.coordinate_frames import Edge
@@ -84,7 +84,7 @@ def _intrinsics(where: str, camera: Mapping[str, object]) -> CameraModel:
     fu, fv, pu, pv = numbers(f"{where}.intrinsics", _value(where, camera, "intrinsics"), 4)
     size = _value(where, camera, "resolution")
     if not isinstance(size, list) or len(size) != 2:
-        raise ConfigError(f"{where}.resolution: expected width and height, got {shown(size)}", MALFORMED)
+        raise ConfigError(f"{where}.resolution: expected width and height, got {format_value(size)}", MALFORMED)
     width, height = (natural(f"{where}.resolution[{i}]", value) for i, value in enumerate(size))
     model = known_model(f"{where}.distortion_model", _text(where, camera, "distortion_model"))
     distortion = numbers(f"{where}.distortion_coeffs", camera.get("distortion_coeffs", []))
@@ -125,5 +125,5 @@ def _value(where: str, camera: Mapping[str, object], key: str) -> object:
 def _text(where: str, camera: Mapping[str, object], key: str) -> str:
     value = _value(where, camera, key)
     if not isinstance(value, str):
-        raise ConfigError(f"{where}.{key}: expected a text, got {shown(value)}", MALFORMED)
+        raise ConfigError(f"{where}.{key}: expected a text, got {format_value(value)}", MALFORMED)
     return value

@@ -23,14 +23,14 @@ from fbench.replay.formats.objects import (
     Columns,
     Flat,
     Frames,
-    Labelled,
+    LabeledObject,
     Solid,
     body_T,
     fill_frames,
     find_camera,
-    flats,
     group_by_frame,
-    solids,
+    to_boxes2d,
+    to_boxes3d,
     to_columns,
 )
 from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
@@ -56,7 +56,7 @@ _UNKNOWN_ALPHA = -10
 COLUMNS_CAMERA = "image"
 
 
-def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> Labelled:
+def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> LabeledObject:
     """Return the object of a row, its 3D box at the camera with x forward, y left, z up.
 
     Args:
@@ -75,7 +75,7 @@ def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: i
     return make_object(fields[0], v, camera, track_id)
 
 
-def parse_tracking_row(line: Line, camera: str) -> Labelled:
+def parse_tracking_row(line: Line, camera: str) -> LabeledObject:
     """Return the object of a row of the tracking benchmark, as `parse_object_row`; its id is -1 where it has none.
 
     Raises:
@@ -87,7 +87,7 @@ def parse_tracking_row(line: Line, camera: str) -> Labelled:
     return parse_object_row(line, line.fields[2:18], camera, max(whole(line.fields[1], line.where, "track id"), -1))
 
 
-def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> Labelled:
+def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | None) -> LabeledObject:
     """Return the object of a row by its class and numbers; `make_columns` does the same with all rows of a file."""
     dont_care = name == DONT_CARE
     size, place = [v[name] for name in ("height", "width", "length")], [v[name] for name in ("x", "y", "z")]
@@ -98,7 +98,7 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
         center = (v["z"], -v["x"], v["height"] / 2 - v["y"])
         solid = Solid(center, (v["length"], v["width"], v["height"]), (-v["rotation_y"] - np.pi / 2, 0.0, 0.0))
     occluded, truncated = v.get("occluded", -1), v.get("truncated", -1)
-    return Labelled(
+    return LabeledObject(
         name,
         solid,
         Flat(camera, flat) if any(value != -1 for value in flat) else None,
@@ -162,7 +162,7 @@ def _object_columns_by_row(files: Mapping[int, Path]) -> Columns:
     return to_columns([number for number, _ in rows], objects)
 
 
-def columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str], Labelled]) -> Columns:
+def columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str], LabeledObject]) -> Columns:
     """Read a file of one sequence row by row, which names the row that is wrong."""
     steps, objects = [], []
     for line in lines(path, separator):
@@ -240,7 +240,7 @@ def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults
 
 
 def open_sequence(
-    source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], Labelled]
+    source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], LabeledObject]
 ) -> Iterator[Truth]:
     """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame."""
     camera = _camera(source, coordinates)
@@ -284,8 +284,8 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
         body_T_level = np.eye(4)
     is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():
-        boxes = moved(solids(objects), body_T_level) if is_solid else None
-        yield Truth(0, 0, boxes, flats(objects), number, number)
+        boxes = moved(to_boxes3d(objects), body_T_level) if is_solid else None
+        yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)
 
 
 def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:

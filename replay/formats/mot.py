@@ -20,11 +20,11 @@ from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, Lef
 from fbench.replay.formats.objects import (
     Columns,
     Flat,
-    Labelled,
+    LabeledObject,
     fill_frames,
     find_camera,
-    flats,
     group_by_frame,
+    to_boxes2d,
     to_columns,
 )
 from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
@@ -61,7 +61,7 @@ def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog)
     is_truth = file.stem.startswith("gt") or None
     rows = (parse_mot_row(line, camera, is_truth) for line in lines(file, ","))
     for frame, objects in fill_frames(group_by_frame(rows), 1, sequence_length(file) or 0):
-        yield Truth(0, 0, None, flats(objects), frame_index=frame - 1)
+        yield Truth(0, 0, None, to_boxes2d(objects), frame_index=frame - 1)
 
 
 def sequence_length(file: Path) -> int | None:
@@ -83,7 +83,9 @@ def sequence_length(file: Path) -> int | None:
     return min(frame_number(text, f"{path} seqLength"), MAX_FRAMES)
 
 
-def parse_mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX) -> tuple[int, Labelled]:
+def parse_mot_row(
+    line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX
+) -> tuple[int, LabeledObject]:
     """Return the frame of a row, counted from 1, and its object.
 
     MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
@@ -114,7 +116,7 @@ def parse_mot_row(line: Line, camera: str, is_truth: bool | None, shift_px: floa
     name, label = MOT_CLASSES.get(kind, (str(kind), "other"))
     confidence = parse_number(fields[6], where, "confidence") if len(fields) > 6 else None
     is_flag = has_class if is_truth is None else is_truth
-    return frame, Labelled(
+    return frame, LabeledObject(
         name,
         None,
         Flat(camera, (left, top, left + width, top + height)),

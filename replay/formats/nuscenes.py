@@ -20,7 +20,7 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import Kind
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
-from fbench.replay.formats.objects import Columns, Labelled, Solid, angles, place, solids, to_columns
+from fbench.replay.formats.objects import Columns, LabeledObject, Solid, angles, place, to_boxes3d, to_columns
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence, usable
 from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform
@@ -134,12 +134,12 @@ def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: Faul
         at = f"{where}: sample '{token[:40]}'"
         objects = [parse_box(item, f"{at} box {i}") for i, item in enumerate(items(results[token], at))]
         frames = [source.frame or "world"] * max(len(objects), 1)
-        boxes, in_world = place(solids(objects), frames, coordinates, at)
+        boxes, in_world = place(to_boxes3d(objects), frames, coordinates, at)
         number = None if frame < 0 else frame
         yield Truth(stamp_ns, stamp_ns, boxes, None, number, number, in_world)
 
 
-def parse_box(value: object, where: str) -> Labelled:
+def parse_box(value: object, where: str) -> LabeledObject:
     """Return the object of a box of a submission, in the world.
 
     Sizes are width, length, height there, quaternions w, x, y, z.
@@ -161,7 +161,7 @@ def parse_box(value: object, where: str) -> Labelled:
     turn = angles(qx, qy, qz, qw, f"{where}: rotation")
     score = box.get("tracking_score", box.get("detection_score"))
     id_, points = box.get("tracking_id"), box.get("num_pts")
-    return Labelled(
+    return LabeledObject(
         name,
         Solid((x, y, z), (length, width, height), turn, velocity),
         score=None if score is None else scalar(score, f"{where}: score"),

@@ -136,7 +136,7 @@ class Flat:
 
 
 @dataclass(frozen=True, slots=True)
-class Labelled:
+class LabeledObject:
     """One object at one instant; `None` where the file doesn't tell."""
 
     source_label: str
@@ -163,7 +163,7 @@ _OPTIONAL: tuple[tuple[str, Any, Any], ...] = (
 )  # fmt: skip
 
 
-def solids(objects: Sequence[Labelled]) -> Boxes3D:
+def to_boxes3d(objects: Sequence[LabeledObject]) -> Boxes3D:
     """Return the 3D boxes of objects, each in its own coordinate frame."""
     rows = [(row, row.solid) for row in objects if row.solid is not None]
     if not rows:
@@ -183,7 +183,7 @@ def solids(objects: Sequence[Labelled]) -> Boxes3D:
     )
 
 
-def flats(objects: Sequence[Labelled]) -> Boxes2D:
+def to_boxes2d(objects: Sequence[LabeledObject]) -> Boxes2D:
     """Return the boxes in images of objects."""
     rows = [(row, row.flat) for row in objects if row.flat is not None]
     if not rows:
@@ -195,7 +195,7 @@ def flats(objects: Sequence[Labelled]) -> Boxes2D:
     )
 
 
-def _common(rows: Sequence[Labelled]) -> dict[str, Any]:
+def _common(rows: Sequence[LabeledObject]) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "label": np.array([label(row.source_label) if row.label is None else row.label for row in rows], np.str_),
         "source_label": text_array([row.source_label for row in rows]),
@@ -212,7 +212,7 @@ Columns = dict[str, Any]
 """Fields of many objects by name, each (N, ...); `None` where nothing is known."""
 
 
-def to_columns(steps: Sequence[int], rows: Sequence[Labelled]) -> Columns:
+def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:
     """Return N objects as columns, unsorted: `step`, `label` (the source's words in lower case), `track_id` (-1 where
     there is none), `score` (0 where there is none), geometry as in `Solid` and `Flat`, and what else is known.
 
@@ -248,7 +248,7 @@ def to_columns(steps: Sequence[int], rows: Sequence[Labelled]) -> Columns:
     }
 
 
-def _numbers(rows: Sequence[Labelled], name: str) -> Float64 | None:
+def _numbers(rows: Sequence[LabeledObject], name: str) -> Float64 | None:
     values = [getattr(row, name) for row in rows]
     if all(value is None for value in values):
         return None
@@ -273,17 +273,17 @@ def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
     return float(yaw), float(pitch), float(roll)
 
 
-Frames = Iterable[tuple[int, list[Labelled]]]
+Frames = Iterable[tuple[int, list[LabeledObject]]]
 
 
-def group_by_frame(rows: Iterable[tuple[int, Labelled]]) -> Frames:
+def group_by_frame(rows: Iterable[tuple[int, LabeledObject]]) -> Frames:
     """Group rows by frame, whatever their order."""
     ordered = sorted(rows, key=lambda row: row[0])
     for number, group in groupby(ordered, key=lambda row: row[0]):
         yield number, [row for _, row in group]
 
 
-def fill_frames(frames: Frames, first: int = 0, num: int = 0) -> Iterator[tuple[int, list[Labelled]]]:
+def fill_frames(frames: Frames, first: int = 0, num: int = 0) -> Iterator[tuple[int, list[LabeledObject]]]:
     """Put frames without rows between the others, and behind them up to `num` frames.
 
     Raises:

@@ -27,7 +27,7 @@ from fbench.replay.runs.manifest import TruthEntry
 _LOOKED_AT = 20
 
 
-def recognised(path: Path) -> str:
+def recognize(path: Path) -> str:
     """Return the name of the form.
 
     Raises:
@@ -165,7 +165,7 @@ def form_of(source: BoxSource) -> str:
         raise ConfigError(f"{source.path}: no such file or folder")
     if not (source.path.is_file() or source.path.is_dir()):  # a FIFO would block, a device could go on for ever
         raise ConfigError(f"{source.path}: neither a regular file nor a folder")
-    form = source.format or recognised(source.path)
+    form = source.format or recognize(source.path)
     if form not in FORMATS:
         raise ConfigError(f"'{form}' is no form of boxes{did_you_mean(form, FORMATS)}")
     return form

@@ -15,16 +15,16 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.objects import (
     Flat,
-    Labelled,
+    LabeledObject,
     Solid,
     Triple,
     angles,
     body_T,
     default_camera,
     find_camera,
-    flats,
     place,
-    solids,
+    to_boxes2d,
+    to_boxes3d,
 )
 from fbench.replay.formats.text import frame_number, stamp_of_time, track_number
 from fbench.replay.geometry.iou import moved
@@ -165,7 +165,7 @@ _NUMBERS = {
 
 def labelled(
     name: str, uid: str, solid: Solid | None, flat: Flat | None, told: Sequence[Mapping[str, Any]], where: str
-) -> Labelled:
+) -> LabeledObject:
     """Return an object with what the numbers among its data say.
 
     Raises:
@@ -179,7 +179,7 @@ def labelled(
             if key is not None:
                 values[key] = scalar(entry.get("val"), f"{where}: {key}")
     points = values.get("num_lidar_pts", np.nan)
-    return Labelled(
+    return LabeledObject(
         name, solid, flat, track_id=track_number(uid), score=values.get("score"),
         visibility=values.get("visibility"), occlusion=values.get("occlusion"), truncation=values.get("truncation"),
         num_lidar_pts=int(points) if 0 <= points < 2**31 else None,
@@ -247,7 +247,7 @@ def _instant(key: str, value: object, where: str) -> tuple[int, int, str]:
 class _Found:
     """What one frame holds."""
 
-    objects: list[Labelled] = field(default_factory=list)
+    objects: list[LabeledObject] = field(default_factory=list)
     systems: list[str] = field(default_factory=list)
     """Coordinate system of each 3D box."""
 
@@ -275,7 +275,7 @@ class _Reader:
             self._take(found, uid, value, f"{at} object '{uid[:60]}'")
         moving = self._systems.of_frame(member(frame, "frame_properties", at), at)
         boxes3d, in_world = self._placed(found, moving, at)
-        return boxes3d if self._is_solid else None, flats(found.objects) if self._is_flat else None, in_world
+        return boxes3d if self._is_solid else None, to_boxes2d(found.objects) if self._is_flat else None, in_world
 
     def _datas(self, key: str, frame: object) -> Iterator[Mapping[str, Any]]:
         at = f"{self._where}: frame '{key[:40]}'"
@@ -316,7 +316,7 @@ class _Reader:
         return find_camera(stream, self._coordinates, where)
 
     def _placed(self, found: _Found, moving: Mapping[str, Any], where: str) -> tuple[Boxes3D, bool]:
-        boxes = solids(found.objects)
+        boxes = to_boxes3d(found.objects)
         if not any(found.systems):
             return place(boxes, [self._source.frame] * max(len(boxes), 1), self._coordinates, where)
         targets = {name: self._systems.target(name, moving, where) for name in dict.fromkeys(found.systems)}

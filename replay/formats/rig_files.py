@@ -19,13 +19,13 @@ from fbench.replay.formats.calibration_values import (
     INVALID,
     MALFORMED,
     camera_model,
+    format_value,
     known_model,
     matrix,
     natural,
     numbers,
     require_tree,
     rigid,
-    shown,
     unit_quaternion,
 )
 from fbench.replay.formats.documents import TomlError, YamlFileError, parse_toml, parse_yaml
@@ -82,7 +82,7 @@ class RigFile(_Strict):
     cameras: dict[Name, CameraTable] = {}
 
 
-def read_own(path: Path, content: bytes) -> RigPatch:
+def read_rig_toml(path: Path, content: bytes) -> RigPatch:
     """Return the poses and intrinsics of a file.
 
     Raises:
@@ -114,7 +114,7 @@ def _first(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     place = [str(part) for part in first["loc"]]
     if first["type"] != "extra_forbidden":
-        return f"{'.'.join(place)}: {first['msg']}, got {shown(first['input'])}"
+        return f"{'.'.join(place)}: {first['msg']}, got {format_value(first['input'])}"
     tables: dict[str, type[BaseModel]] = {"sensors": PoseTable, "frames": PoseTable, "cameras": CameraTable}
     table = RigFile if len(place) == 1 else tables[place[0]]
     return f"unknown key '{'.'.join(place)}'{did_you_mean(place[-1], table.model_fields)}"
@@ -179,7 +179,7 @@ def _natural(path: Path, tree: Mapping[str, object], key: str) -> int:
 def _text(path: Path, tree: Mapping[str, object], key: str, default: str) -> str:
     value = tree.get(key, default)
     if not isinstance(value, str):
-        raise ConfigError(f"{path}: {key}: expected a text, got {shown(value)}", MALFORMED)
+        raise ConfigError(f"{path}: {key}: expected a text, got {format_value(value)}", MALFORMED)
     return value.strip()
 
 
@@ -218,7 +218,7 @@ def open_rig_file(path: Path) -> RigPatch:
     elif len(content) > MAX_TEXT:
         raise _too_large(path, MAX_TEXT)
     elif _is_toml(path, start):
-        patch = read_own(path, content)
+        patch = read_rig_toml(path, content)
     else:
         patch = _yaml(path, content)
     return RigPatch(

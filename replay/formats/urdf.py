@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.formats.calibration_values import INVALID, MALFORMED, numbers, require_tree, shown
+from fbench.replay.formats.calibration_values import INVALID, MALFORMED, format_value, numbers, require_tree
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.rig_patch import RigPatch
 
@@ -45,7 +45,7 @@ def read_urdf(path: Path, content: bytes) -> RigPatch:
             moving[child] = f"joint '{joint.name}' ({joint.kind})"
         elif joint.kind != "fixed":
             kinds = ", ".join(("fixed", *_MOVING))
-            raise ConfigError(f"{where}: type {shown(joint.kind)} isn't known; there are: {kinds}", MALFORMED)
+            raise ConfigError(f"{where}: type {format_value(joint.kind)} isn't known; there are: {kinds}", MALFORMED)
     require_tree(str(path), edges)
     return RigPatch({child: edge for child, edge in edges.items() if child not in moving}, moving=moving)
 
@@ -106,7 +106,7 @@ class _Robot:
         if len(self._stack) > _MAX_DEPTH:
             raise ConfigError(f"{self._path}: nested more than {_MAX_DEPTH} deep", MALFORMED)
         if self._stack[0] != "robot":
-            raise ConfigError(f"{self._path}: isn't URDF (<{shown(tag)[1:-1]}> instead of <robot>)", MALFORMED)
+            raise ConfigError(f"{self._path}: isn't URDF (<{format_value(tag)[1:-1]}> instead of <robot>)", MALFORMED)
         if tag.startswith("xacro:"):
             raise ConfigError(f"{self._path}: {_XACRO}", MALFORMED)
         within = self._stack[1:-1]

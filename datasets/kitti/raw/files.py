@@ -172,7 +172,7 @@ class Entry(NamedTuple):
     number: int
 
 
-def ordered(drive: Drive, sensors: Collection[str], frames: FrameRange, met: Met) -> list[Entry]:
+def order_files(drive: Drive, sensors: Collection[str], frames: FrameRange, met: Met) -> list[Entry]:
     """Return the files of some sensors that belong to a range of frames, by stamp.
 
     Numbers of files are those of frames in rectified drives. In others each sensor counts for itself: the range is one

@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 from fbench.datasets.importing.files import (
-    counted,
-    described,
+    describe_params,
     file_facts,
-    listed_runs,
+    find_runs,
+    format_counts,
+    format_runs,
     log_id,
     read_floats,
     read_image,
     read_text,
-    runs,
 )
 from fbench.datasets.kitti import oxts
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
@@ -36,7 +36,7 @@ from fbench.datasets.kitti.raw.calibration import (
     DriveCalibration,
     read_calibration,
 )
-from fbench.datasets.kitti.raw.files import CAMERAS, Drive, Entry, find_drives, open_drive, ordered
+from fbench.datasets.kitti.raw.files import CAMERAS, Drive, Entry, find_drives, open_drive, order_files
 from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
 from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
 from fbench.datasets.kitti.sensors import LIDAR, KittiParams
@@ -100,7 +100,7 @@ def _found_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     yield f"measurements: {counts or 'none'} in {duration_s:.1f} s, {drive.reference} gives the frames"
     for name, numbers in sorted(findings.numbers.items()):
         if turns := [b for a, b in pairwise(numbers) if b < a]:
-            yield f"{name}: stamps run backwards, files {_listed(runs(sorted(turns)))} are earlier than others"
+            yield f"{name}: stamps run backwards, files {_listed(find_runs(sorted(turns)))} are earlier than others"
 
 
 def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
@@ -109,7 +109,7 @@ def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
         yield f"no files of {', '.join(absent)}"
     known = set().union(*(series.paths for series in drive.series.values())) if drive.is_rectified else set()
     for name, series in sorted(drive.series.items()):
-        missing = runs(sorted(n for n in known - set(series.paths) if n in findings.frames))
+        missing = find_runs(sorted(n for n in known - set(series.paths) if n in findings.frames))
         if missing:
             yield f"{name}: no file of frames {_listed(missing)}"
         gaps = [] if drive.is_rectified else _gaps(list(series.paths))
@@ -134,7 +134,7 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     if tracklets is None:
         yield f"no boxes: no {TRACKLETS}" if not (drive.folder / TRACKLETS).exists() else "no boxes"
         return
-    kinds = counted(findings.boxes)
+    kinds = format_counts(findings.boxes)
     interpolated = findings.states["interpolated"]
     yield (
         f"boxes: {findings.boxes.total()}{f' ({kinds})' if kinds else ''} of {tracklets.num_tracks} tracklets, "
@@ -144,7 +144,7 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     sensor = drive.reference
     lost = [frame for frame in tracklets.frame.tolist() if frame in findings.frames and frame not in there]
     if lost:
-        yield f"boxes left out: {len(lost)} in frames {_listed(runs(sorted(set(lost))))}, which {sensor} hasn't"
+        yield f"boxes left out: {len(lost)} in frames {_listed(find_runs(sorted(set(lost))))}, which {sensor} hasn't"
 
 
 def _gaps(numbers: Sequence[int]) -> list[range]:
@@ -153,7 +153,7 @@ def _gaps(numbers: Sequence[int]) -> list[range]:
 
 
 def _listed(found: Iterable[range]) -> str:
-    return listed_runs(found, _LISTED)
+    return format_runs(found, _LISTED)
 
 
 _STAMPS = (
@@ -220,7 +220,7 @@ class RawRecording:
             "reference": drive.reference,
             **({"calibrated": self._calibration.made} if self._calibration.made else {}),
             **({} if self._world is None else self._world.metadata()),
-            **described(self._params),
+            **describe_params(self._params),
         }
         return LogInfo(self.name, log_id("kitti", self._facts(), self._wish.frames, self._params), metadata)
 
@@ -269,7 +269,7 @@ class RawRecording:
 
     def _entries(self) -> Sequence[Entry]:
         sensors = set(self._drive.series) - ({oxts.SENSOR} if self._world is None else set())
-        return ordered(self._drive, sensors, self._wish.frames, self._wish.bad.met)
+        return order_files(self._drive, sensors, self._wish.frames, self._wish.bad.met)
 
     def _message(self, entry: Entry) -> Message:
         stamp_ns, sensor, number = entry

@@ -8,16 +8,16 @@ from pydantic import BaseModel
 
 from fbench.datasets.importing.files import (
     BODY_T_OPTICAL,
-    counted,
     entries,
+    find_numbered,
+    find_runs,
+    format_counts,
+    format_list,
+    format_runs,
     is_pinhole,
     is_rotation,
-    listed,
-    listed_runs,
     mount_of,
-    numbered,
     read_json,
-    runs,
 )
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import FrameRange
@@ -27,16 +27,16 @@ from fbench.replay.geometry.transforms import pose_matrix
 def test_files_are_taken_by_number_and_suffix(tmp_path):
     for name in ("0010.txt", "0002.txt", "0002.bin", "2.txt", "00003.txt", "x004.txt", "٠٠٠١.txt"):
         (tmp_path / name).touch()
-    assert {number: path.name for number, path in numbered(tmp_path, (".txt",), 4).items()} == {
+    assert {number: path.name for number, path in find_numbered(tmp_path, (".txt",), 4).items()} == {
         2: "0002.txt", 10: "0010.txt"
     }  # fmt: skip
-    assert list(numbered(tmp_path, (".txt",), 4)) == [2, 10]
-    assert list(numbered(tmp_path, (".txt",), 4, FrameRange(3))) == [10]
+    assert list(find_numbered(tmp_path, (".txt",), 4)) == [2, 10]
+    assert list(find_numbered(tmp_path, (".txt",), 4, FrameRange(3))) == [10]
 
 
 def test_nothing_is_in_a_folder_that_is_not_there(tmp_path):
     assert entries(tmp_path / "none") == []
-    assert numbered(tmp_path / "none", (".txt",), 4) == {}
+    assert find_numbered(tmp_path / "none", (".txt",), 4) == {}
 
 
 def test_entries_are_sorted_by_name(tmp_path):
@@ -126,7 +126,7 @@ def test_pinholes(place, value, expected):
     [([], ""), ([7], "7"), ([1, 2, 3], "1, 2, 3"), ([1, 2, 3, 4], "1, 2, 3 and 1 more"), (["a", "b"], "a, b")],
 )
 def test_long_lists_end_with_how_many_more_there_are(things, text):
-    assert listed(things, 3) == text
+    assert format_list(things, 3) == text
 
 
 @pytest.mark.parametrize(
@@ -134,10 +134,10 @@ def test_long_lists_end_with_how_many_more_there_are(things, text):
     [([], ""), ([4], "4"), ([4, 5], "4 to 5"), ([0, 1, 2, 9], "0 to 2, 9"), ([1, 3, 5, 7, 8], "1, 3 and 2 more")],
 )
 def test_numbers_that_follow_one_another_are_one_run(numbers, text):
-    assert listed_runs(runs(numbers), 2) == text
-    assert [number for run in runs(numbers) for number in run] == numbers
+    assert format_runs(find_runs(numbers), 2) == text
+    assert [number for run in find_runs(numbers) for number in run] == numbers
 
 
 def test_counts_go_from_the_largest_and_then_by_name():
-    assert counted(Counter({"Van": 1, "Car": 3, "Bus": 1})) == "Car 3, Bus 1, Van 1"
-    assert counted(Counter()) == ""
+    assert format_counts(Counter({"Van": 1, "Car": 3, "Bus": 1})) == "Car 3, Bus 1, Van 1"
+    assert format_counts(Counter()) == ""

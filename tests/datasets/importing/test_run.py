@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tests.datasets.importing.toy import Toy, ToyParams, write_toy
 
-from fbench.datasets.importing.run import NUM_AHEAD, ahead, claim, import_one, import_recordings
+from fbench.datasets.importing.run import NUM_AHEAD, claim, import_one, import_recordings, read_ahead
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
@@ -239,8 +239,8 @@ def test_importers_that_do_not_conform(tmp_path: Path, make, message):
 
 
 def test_the_same_items_in_the_same_order():
-    assert list(ahead(iter(range(100)))) == list(range(100))
-    assert list(ahead(iter([]))) == []
+    assert list(read_ahead(iter(range(100)))) == list(range(100))
+    assert list(read_ahead(iter([]))) == []
 
 
 def test_no_more_than_so_many_are_taken_before_they_are_wanted():
@@ -251,7 +251,7 @@ def test_no_more_than_so_many_are_taken_before_they_are_wanted():
             taken.append(i)
             yield i
 
-    items = ahead(numbers())
+    items = read_ahead(numbers())
     assert next(items) == 0
     del items
     assert len(taken) <= NUM_AHEAD + 1
@@ -263,14 +263,14 @@ def test_an_error_comes_where_its_item_would_have():
         yield 2
         raise ValueError("here")
 
-    items = ahead(broken())
+    items = read_ahead(broken())
     assert [next(items), next(items)] == [1, 2]
     with pytest.raises(ValueError, match="here"):
         next(items)
 
 
 def test_one_thread_asks_for_all_and_ends_with_the_iteration():
-    names = list(ahead(threading.current_thread().name for _ in range(10)))
+    names = list(read_ahead(threading.current_thread().name for _ in range(10)))
     assert len(set(names)) == 1
     assert names[0] != threading.current_thread().name
     assert names[0] not in [thread.name for thread in threading.enumerate()]
