@@ -13,7 +13,7 @@ from tests.kept_cities import shared_cities
 from fbench.cli.demo_job import DemoWish, experiment, run_experiment
 from fbench.cli.experiment import Drive, Experiment, own_pipelines, results_of
 from fbench.datasets.city.spec import CitySpec, condition
-from fbench.datasets.importing.run import claimed
+from fbench.datasets.importing.run import claim
 from fbench.replay.runs.folder import Run
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json", "report.html", "results.md"}
@@ -122,7 +122,7 @@ def test_a_log_of_somebody_else_is_not_replaced(fbench):
 def test_a_second_demo_in_a_folder_waits_for_the_first(tmp_path, capsys):
     said = ""
     with ThreadPoolExecutor(1) as pool:
-        with claimed(tmp_path / "demo", lambda: None):
+        with claim(tmp_path / "demo", lambda: None):
             second = pool.submit(run_experiment, small(tmp_path, conditions=()), 1)
             while not said:
                 said = capsys.readouterr().out
