@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 
 from fbench.datasets.city.instant import EGO, BodyStates, Hits, RayCaster, Rays
 from fbench.datasets.city.measure import Slot, Surroundings, measure
-from fbench.datasets.city.mesh import Actor, Mesh, merged, moved
+from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes, move_mesh
 from fbench.datasets.city.recording import CityRecording, build_city
 from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
@@ -44,22 +44,24 @@ class Watched:
         self.nearest.append(rays)
         return self.caster.cast(rays, states)
 
-    def blocked(self, rays: Rays, states: BodyStates) -> Bool:
+    def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         self.shadows.append(rays)
-        return self.caster.blocked(rays, states)
+        return self.caster.is_blocked(rays, states)
 
     def material(self, hits: Hits, states: BodyStates) -> Array:
         return self.caster.material(hits, states)
 
-    def smoothed(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
-        return self.caster.smoothed(rays, hits, states)
+    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
+        return self.caster.smooth_normals(rays, hits, states)
 
 
 def one_scene(caster: RayCaster, states: BodyStates) -> EmbreeScene:
     """All that stands and all bodies but the ego vehicle, where they are, in one mesh."""
     bodies = [(i, actor.body) for i, actor in enumerate(caster.actors) if i != EGO]
-    meshes = [moved(body.phases[body.mesh_at(float(states.phase[i]))], states.world_T_body(i)) for i, body in bodies]
-    whole, scene = merged([caster.static, *meshes]), EmbreeScene()
+    meshes = [
+        move_mesh(body.phases[body.mesh_at(float(states.phase[i]))], states.world_T_body(i)) for i, body in bodies
+    ]
+    whole, scene = merge_meshes([caster.static, *meshes]), EmbreeScene()
     TriangleMesh(scene, np.array(whole.vertices_m), np.array(whole.triangles))
     return scene
 
@@ -87,7 +89,7 @@ def compare(around: Surroundings, states: BodyStates, scene: EmbreeScene, sensor
     measure(replace(around, caster=watched), states, spec, slot)
     ours_s = best_s(lambda: measure(around, states, spec, slot))
     cast_s = sum(best_s(lambda r=r: around.caster.cast(r, states)) for r in watched.nearest)  # type: ignore[misc]
-    cast_s += sum(best_s(lambda r=r: around.caster.blocked(r, states)) for r in watched.shadows)  # type: ignore[misc]
+    cast_s += sum(best_s(lambda r=r: around.caster.is_blocked(r, states)) for r in watched.shadows)  # type: ignore[misc]
     bare_s = sum(best_s(follow(scene, r, {"output": True})) for r in watched.nearest)
     bare_s += sum(best_s(follow(scene, r, {"query": "OCCLUDED"})) for r in watched.shadows)
     num = sum(len(r.direction) for r in (*watched.nearest, *watched.shadows)) / 1e6

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.request import CityWish
+from fbench.datasets.city.request import CityRequest
 from fbench.datasets.importing.run import write_recording
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.messages import Image, Truth
@@ -12,7 +12,7 @@ from fbench.replay.logs.convert.target import Target
 
 def write_city_log(out: Path, seconds: float) -> None:
     """Simulate an urban drive on a clear day, with LiDAR and radar of the thesis's rig."""
-    spec = CityWish("urban", seconds=seconds, seed=101, sensors=["lidar", "radar"]).spec()
+    spec = CityRequest("urban", seconds=seconds, seed=101, sensors=["lidar", "radar"]).spec()
     write_recording(CityRecording(spec, out.stem), Target(out), lambda name, done, total: None)
 
 

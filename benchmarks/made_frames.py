@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.request import CityWish
+from fbench.datasets.city.request import CityRequest
 from fbench.datasets.importing.run import write_recording
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.frames import Frame
@@ -31,6 +31,6 @@ def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
 def write_drive(out: Path, world: str, seconds: float, seed: int, sensors: Sequence[str] = SENSORS) -> Path:
     """Simulate a drive on a clear day with these sensors of the thesis's rig, unless it is there."""
     if not out.exists():
-        spec = CityWish(world, seconds=seconds, seed=seed, sensors=sensors).spec()
+        spec = CityRequest(world, seconds=seconds, seed=seed, sensors=sensors).spec()
         write_recording(CityRecording(spec, out.stem), Target(out), lambda name, done, total: None)
     return out

@@ -147,14 +147,14 @@ def run_preview(job: PreviewJob) -> None:
         ConfigError: where the folder exists or can't be written.
         LogError: where the log can't be read, or has no frames.
     """
-    from fbench.reports.preview.collect import Wish, collect
+    from fbench.reports.preview.collect import PreviewRequest, collect
     from fbench.reports.preview.preview import write_preview
 
     faults = FaultLog()
     with explained(faults), new_folder(job.folder, job.overwrite) as folder:
         reader = job.log.open(faults)
         with frame_progress(f"{job.log.path.name}: reading") as progress:
-            wish = Wish(job.num, job.sync, job.stamps, job.excerpt)
+            wish = PreviewRequest(job.num, job.sync, job.stamps, job.excerpt)
             material = collect(reader, partial_rig(reader), wish, faults, progress)
         content = write_preview(material, folder)
     if job.as_json:

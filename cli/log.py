@@ -270,9 +270,9 @@ def simulate(
 ) -> None:
     """Simulate a drive through a city or along a highway, with every sensor and perfect truth."""
     from fbench.cli.simulate_job import SimulateJob, run_simulation
-    from fbench.datasets.city.request import CityWish
+    from fbench.datasets.city.request import CityRequest
 
-    wish = CityWish(world, condition, seconds, seed, rig, tuple(sensors or ()), tuple(settings or ()))
+    wish = CityRequest(world, condition, seconds, seed, rig, tuple(sensors or ()), tuple(settings or ()))
     run_simulation(SimulateJob(wish, out, split, threads, form, overwrite, json))
 
 

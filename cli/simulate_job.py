@@ -17,7 +17,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.logs.convert.target import Target
 
 if TYPE_CHECKING:
-    from fbench.datasets.city.request import CityWish, Split
+    from fbench.datasets.city.request import CityRequest, Split
     from fbench.datasets.city.spec import CitySpec
 
 _SUITE, _TRAINING = "suite", "training"
@@ -28,7 +28,7 @@ _NOT_OF_A_SUITE = (("condition", "clear", "--condition"), ("seed", 0, "--seed"))
 class SimulateJob:
     """Everything that `fbench log simulate` was asked for."""
 
-    wish: "CityWish"
+    wish: "CityRequest"
     out: Path
     split: "Split | None" = None
     """Of a suite; `dev` unless said otherwise."""
@@ -117,9 +117,9 @@ def _suite_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
 
 
 def _training_logs(job: SimulateJob) -> Iterator[tuple["CitySpec", Path]]:
-    from fbench.datasets.city.request import CityWish, training_logs
+    from fbench.datasets.city.request import CityRequest, training_logs
 
-    if job.wish != CityWish(_TRAINING) or job.split is not None:
+    if job.wish != CityRequest(_TRAINING) or job.split is not None:
         raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")
     yield from _in_folder(job, [(spec, name) for name, spec in training_logs()])
 

@@ -124,7 +124,7 @@ class RayCaster(Protocol):
         """Follow rays to the first surface."""
         ...
 
-    def blocked(self, rays: Rays, states: BodyStates) -> Bool:
+    def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         """Tell of which rays (N,) something is in the way within their range: shadows."""
         ...
 
@@ -132,7 +132,7 @@ class RayCaster(Protocol):
         """Indices (N,) uint8 into `MATERIALS` of what was hit; 255 where nothing was."""
         ...
 
-    def smoothed(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
+    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
         """Normals (N, 3) like `Hits.normal`, as if bodies were round where their triangles meet at small angles: for
         shading. All rays have one origin and no offset.
         """
@@ -164,6 +164,6 @@ class Instant:
         """Pose (4, 4) of the sensor in the world."""
         return chained(self.states.world_T_body(EGO), self.body_T_sensor)
 
-    def draws(self, what: str, *scope: str) -> np.random.Generator:
+    def generator(self, what: str, *scope: str) -> np.random.Generator:
         """Return the random numbers for `what` in the sensor's one message."""
         return generator(self.seed, what, self.sensor, self.stamp_ns, *scope)

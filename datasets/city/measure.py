@@ -47,7 +47,7 @@ class Measured:
     """Of an image."""
 
 
-def counted(body: Array, num_actors: int) -> Int64:
+def count_hits(body: Array, num_actors: int) -> Int64:
     """Count how often each actor was hit (A,)."""
     return np.bincount(body[body >= 0], minlength=num_actors).astype(np.int64)
 
@@ -74,7 +74,7 @@ def seen_bodies(body: Array, alone: tuple[tuple[int, Int64], ...]) -> Seen2D:
 
 
 def _rectangle(pixels: Int64, width: int) -> tuple[float, float, float, float]:
-    """Left, top, right, bottom of pixels, each a unit square around its centre."""
+    """Left, top, right, bottom of pixels, each a unit square around its center."""
     u, v = pixels % width, pixels // width
     return float(u.min()) - 0.5, float(v.min()) - 0.5, float(u.max()) + 0.5, float(v.max()) + 0.5
 
@@ -172,10 +172,10 @@ def measure(around: Surroundings, states: BodyStates, spec: CameraSpec | LidarSp
             return Measured(shot.image, np.zeros(num, np.int64), seen_bodies(shot.body, shot.alone))
         case LidarSpec():
             turn = sweep(now, spec)
-            return Measured(turn.cloud, counted(turn.body, num))
+            return Measured(turn.cloud, count_hits(turn.body, num))
         case RadarSpec():
             echoes = scan(now, spec)
-            return Measured(echoes.message, counted(echoes.body, num))
+            return Measured(echoes.message, count_hits(echoes.body, num))
         case _:
             assert_never(spec)
 

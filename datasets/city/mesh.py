@@ -17,7 +17,7 @@ class Material:
     lidar: float
     """Diffuse reflectivity at 905 nm, 0 to 1, at normal incidence."""
     radar_db: float
-    """Radar cross-section a square metre at 77 GHz and normal incidence [dB]."""
+    """Radar cross-section a square meter at 77 GHz and normal incidence [dB]."""
     radar_lobe_deg: float
     """Half width of the lobe in which radar waves come back: small for smooth metal, wide for leaves."""
     gloss: float = 0.0
@@ -76,7 +76,7 @@ class Mesh:
     material: Array
     """(T,) uint8 index into `materials.MATERIALS`."""
     color: Float32
-    """(T, 3) linear red, green, blue, 0 to 1: the diffuse albedo, or the light's colour of what shines."""
+    """(T, 3) linear red, green, blue, 0 to 1: the diffuse albedo, or the light's color of what shines."""
     lamp: Array
     """(T,) int32: which switchable lamp a triangle belongs to (see `motion.Lamps`), -1 for none."""
 
@@ -88,7 +88,7 @@ class Mesh:
         return len(self.triangles)
 
 
-def merged(meshes: Sequence[Mesh]) -> Mesh:
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
     """Join meshes into one, in their order."""
     if not meshes:
         return Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros(0, np.uint8),
@@ -103,7 +103,7 @@ def merged(meshes: Sequence[Mesh]) -> Mesh:
     )
 
 
-def moved(mesh: Mesh, dst_T_src: Float64) -> Mesh:
+def move_mesh(mesh: Mesh, dst_T_src: Float64) -> Mesh:
     """Move a mesh by a rigid transform (4, 4)."""
     vertices = transform(dst_T_src, mesh.vertices_m).astype(np.float32)
     return Mesh(vertices, mesh.triangles, mesh.material, mesh.color, mesh.lamp)
@@ -275,10 +275,10 @@ def blocks(
     ]
     if back:
         sides.append(_quads([(u1, v0, d0), (u0, v0, d0), (u0, v1, d0), (u1, v1, d0)], skin))
-    return joined(sides)
+    return join_quads(sides)
 
 
-def joined(parts: Sequence[Quads]) -> Quads:
+def join_quads(parts: Sequence[Quads]) -> Quads:
     """Join quadrilaterals, in their order."""
     return Quads(
         np.concatenate([np.zeros((0, 4, 3)), *(p.corners_m for p in parts)]),
@@ -287,8 +287,8 @@ def joined(parts: Sequence[Quads]) -> Quads:
     )
 
 
-def painted(quads: Quads, color: Array) -> Quads:
-    """Give quadrilaterals a colour each, (Q, 3)."""
+def paint_quads(quads: Quads, color: Array) -> Quads:
+    """Give quadrilaterals a color each, (Q, 3)."""
     return Quads(quads.corners_m, quads.material, np.asarray(color, np.float32))
 
 
@@ -313,8 +313,8 @@ def quads_mesh(quads: Quads) -> Mesh:
     )
 
 
-def shaded(color: Rgb, factor: float) -> Rgb:
-    """Make a colour darker or lighter."""
+def scale_color(color: Rgb, factor: float) -> Rgb:
+    """Make a color darker or lighter."""
     r, g, b = (min(1.0, c * factor) for c in color)
     return r, g, b
 

@@ -35,9 +35,9 @@ class City:
     caster: RayCaster
     traffic: Traffic
 
-    def rewound(self) -> "City":
+    def rewind(self) -> "City":
         """Return the same city with its traffic at the beginning again."""
-        return replace(self, traffic=self.traffic.rewound())
+        return replace(self, traffic=self.traffic.rewind())
 
 
 class Cities:
@@ -53,7 +53,7 @@ class Cities:
             if len(self._kept) == _NUM_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[key] = build_city(layout(spec.world, spec.seed), *key)
-        return self._kept[key].rewound()
+        return self._kept[key].rewind()
 
 
 def build_city(plan: Layout, world: WorldName, is_dense: bool, seed: int) -> City:
@@ -79,7 +79,7 @@ class Period:
 
 
 @dataclass(frozen=True, eq=False)
-class _UnderWay:
+class _PeriodUnderWay:
     plan: Plan
     states: BodyStates
     futures: tuple[Future[Measured], ...]
@@ -88,20 +88,20 @@ class _UnderWay:
 
 def periods(spec: CitySpec, city: City, around: Surroundings, num_threads: int) -> Iterator[Period]:
     """Yield all periods of a log, whose messages are made at the same time."""
-    waiting: deque[_UnderWay] = deque()
+    waiting: deque[_PeriodUnderWay] = deque()
     with ThreadPoolExecutor(num_threads, "fbench-city") as pool:
         try:
             for plan in plans(spec.rig, spec.seconds, spec.seed):
-                waiting.append(_begun(plan, spec, city, around, pool))
+                waiting.append(_begin(plan, spec, city, around, pool))
                 if len(waiting) > _AHEAD:
-                    yield _finished(waiting.popleft(), city, spec)
+                    yield _finish(waiting.popleft(), city, spec)
             while waiting:
-                yield _finished(waiting.popleft(), city, spec)
+                yield _finish(waiting.popleft(), city, spec)
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _begun(plan: Plan, spec: CitySpec, city: City, around: Surroundings, pool: ThreadPoolExecutor) -> _UnderWay:
+def _begin(plan: Plan, spec: CitySpec, city: City, around: Surroundings, pool: ThreadPoolExecutor) -> _PeriodUnderWay:
     motion = city.traffic.motion(time_s(plan.from_ns), time_s(plan.to_ns))
     futures = []
     for slot in plan.slots:
@@ -109,10 +109,10 @@ def _begun(plan: Plan, spec: CitySpec, city: City, around: Surroundings, pool: T
             states = motion.at(time_s(slot.stamp_ns))
             futures.append(pool.submit(measure, around, states, spec.rig.specs[slot.sensor], slot))
     poses = tuple(_pose(motion, slot) for slot in plan.poses)
-    return _UnderWay(plan, motion.at(time_s(plan.stamp_ns)), tuple(futures), poses)
+    return _PeriodUnderWay(plan, motion.at(time_s(plan.stamp_ns)), tuple(futures), poses)
 
 
-def _finished(period: _UnderWay, city: City, spec: CitySpec) -> Period:
+def _finish(period: _PeriodUnderWay, city: City, spec: CitySpec) -> Period:
     plan = period.plan
     measured = tuple(future.result() for future in period.futures)
     truth = truth_at(city.caster, period.states, plan.stamp_ns, _nearest(measured, plan.stamp_ns), spec.truth_range_m)
@@ -180,7 +180,7 @@ class CityRecording:
             city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig
         )  # fmt: skip
         counts: Counter[str] = Counter()
-        yield from _ordered(periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0))), counts)
+        yield from _sort_messages(periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0))), counts)
         self._lines = [*self._head(), _world_line(city), *_count_lines(spec, counts)]
 
     def summary(self) -> Sequence[str]:
@@ -203,7 +203,7 @@ def _scene_id(spec: CitySpec) -> str:
     return f"fbench city {VERSION}, {spec.world}, {traffic} traffic, seed {spec.seed}, {length}"
 
 
-def _ordered(found: Iterator[Period], counts: Counter[str]) -> Iterator[Message | Truth]:
+def _sort_messages(found: Iterator[Period], counts: Counter[str]) -> Iterator[Message | Truth]:
     """Put the items of all periods into the order of `log_ns`; equal ones stay in the order in which they come."""
     heap: list[tuple[int, int, Message | Truth]] = []
     num = 0

@@ -114,7 +114,7 @@ _WEATHER = "weather"
 
 
 @dataclass(frozen=True)
-class CityWish:
+class CityRequest:
     """Texts that say what to simulate."""
 
     world: str = "urban"
@@ -140,7 +140,7 @@ class CityWish:
                 under = _with_weather(under, setting)
             else:
                 rig = with_value(rig, setting)
-        return CitySpec(world_name(self.world), under, self.seconds, self.seed, _chosen(rig, self.sensors))
+        return CitySpec(world_name(self.world), under, self.seconds, self.seed, _choose_sensors(rig, self.sensors))
 
 
 def _with_weather(under: Condition, setting: str) -> Condition:
@@ -155,7 +155,7 @@ def _with_weather(under: Condition, setting: str) -> Condition:
     return replace(under, weather=replace(under.weather, **changed))
 
 
-def _chosen(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
+def _choose_sensors(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
     names = chosen_sensors(rig.names, make_sensors(patterns))
     return RigSpec(
         cameras={name: spec for name, spec in rig.cameras.items() if name in names},
@@ -249,11 +249,11 @@ def training_logs() -> Iterator[tuple[str, CitySpec]]:
     for world in _WORLDS:
         for place, seed in enumerate(TRAINING_SEEDS):
             turn, weather = divmod(place, len(_WEATHERS))
-            name = _crowded(_WEATHERS[weather]) if turn % 2 else _WEATHERS[weather]
+            name = _crowd(_WEATHERS[weather]) if turn % 2 else _WEATHERS[weather]
             yield f"{world}-{name}-{seed}", CitySpec(world, condition(name), _SECONDS, seed, _rig())
 
 
-def _crowded(weather: str) -> str:
+def _crowd(weather: str) -> str:
     """Return the condition that has dense traffic besides."""
     return "traffic" if weather == "clear" else f"traffic+{weather}"
 

@@ -71,7 +71,7 @@ class CameraSpec(SensorSpec):
     fov_deg: Annotated[float, Field(gt=1, lt=170)] = 90.0
     """Horizontal field of view."""
     noise: Share = 0.006
-    """Standard deviation of the sensor's noise at mid-grey in good light, as a share of white; more in little light."""
+    """Standard deviation of the sensor's noise at mid-gray in good light, as a share of white; more in little light."""
     vignetting: Share = 0.15
     """How much darker the corners are."""
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 92

@@ -61,10 +61,10 @@ def condition(text: str) -> Condition:
         if names.count(name) > 1:
             raise ConfigError(f"--condition {text}: '{name}' comes twice")
     parts = [CONDITIONS[name] for name in names]
-    return Condition("+".join(names), _mixed([part.weather for part in parts]), any(p.is_dense for p in parts))
+    return Condition("+".join(names), _mix([part.weather for part in parts]), any(p.is_dense for p in parts))
 
 
-def _mixed(weathers: list[Weather]) -> Weather:
+def _mix(weathers: list[Weather]) -> Weather:
     lowest = min(weathers, key=lambda weather: weather.sun_elevation_deg)
     return Weather(
         visibility_m=min(weather.visibility_m for weather in weathers),

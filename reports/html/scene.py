@@ -102,11 +102,11 @@ def _rows_2d(boxes: Boxes2D, rig: Rig) -> list[dict[str, Any]]:
             "distance": distance,
             "speed": rate,
         }
-        rows.append(row | _placed(rig, camera, rect, distance, rate))
+        rows.append(row | _place(rig, camera, rect, distance, rate))
     return rows
 
 
-def _placed(rig: Rig, name: str, rect: Float64, distance: float | None, rate: float | None) -> dict[str, Any]:
+def _place(rig: Rig, name: str, rect: Float64, distance: float | None, rate: float | None) -> dict[str, Any]:
     """Return where a 2D box of known distance lies in body coordinates, and its radial velocity there.
 
     It is the point on the ray through the middle of the rectangle that is `distance` away from the body's origin.
@@ -201,10 +201,10 @@ def _frame(run: Run, rig: Rig, kept: MediaFrame, pictures: _Pool, clouds: _Pool)
 
 def _cloud(rig: Rig, name: str, points: Points, clouds: _Pool) -> dict[str, Any]:
     kind: Kind = rig.mounts[name].kind if name in rig.mounts else "lidar"
-    return {"sensor": name, "kind": kind, "cloud": clouds.add(_packed(points))}
+    return {"sensor": name, "kind": kind, "cloud": clouds.add(_pack(points))}
 
 
-def _packed(points: Points) -> bytes:
+def _pack(points: Points) -> bytes:
     """Rows x, y, z, radial velocity in hundredths; -32768 where there is no velocity."""
     num = len(points.xyz)
     rows = np.arange(min(num, MAX_POINTS)) * num // max(1, min(num, MAX_POINTS))

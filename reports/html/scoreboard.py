@@ -122,11 +122,16 @@ def _cell(score: Score) -> Cell:
     short = {name: counts[name] for name in _CARD_COUNTS if name in counts and score.value is not None}
     unit = "" if score.unit == "1" else score.unit
     return Cell(
-        number(score.value, 0 if whole else 3), unit, score.reason or "", share, _joined(counts), _joined(short)
+        number(score.value, 0 if whole else 3),
+        unit,
+        score.reason or "",
+        share,
+        _join_boards(counts),
+        _join_boards(short),
     )
 
 
-def _joined(counts: Mapping[str, str]) -> str:
+def _join_boards(counts: Mapping[str, str]) -> str:
     return " · ".join(f"{name} {count}" for name, count in counts.items())
 
 

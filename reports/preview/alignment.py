@@ -15,7 +15,7 @@ from fbench.replay.geometry.transforms import inverse, transform
 from fbench.reports.preview import draw
 from fbench.reports.preview.camera import whole
 from fbench.reports.preview.draw import INK, of_depth
-from fbench.reports.preview.sample import Sample, edge_strength, sampled
+from fbench.reports.preview.sample import Sample, edge_strength, sample_image
 
 WIDTH_PX = 640
 STEP_DEG = 0.5
@@ -99,7 +99,7 @@ class _Evidence:
     """(N, 3) in camera coordinates [m]."""
 
 
-def aligned(samples: Sequence[Sample], camera: str) -> Alignment:
+def align(samples: Sequence[Sample], camera: str) -> Alignment:
     """Compare the calibrated rotation with others up to 4 degrees away.
 
     The score is the mean strength of image edges where edges of depth are projected to: largest where both coincide
@@ -164,11 +164,11 @@ def _values(found: _Evidence, model: CameraModel, turn_deg: Float64) -> Float64:
     turned = np.eye(4)
     turned[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
     uv, _ = project(model, transform(turned, found.edges))
-    return sampled(found.field, (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5)
+    return sample_image(found.field, (uv + 0.5) * (WIDTH_PX / model.size_wh[0]) - 0.5)
 
 
 def edges_view(sample: Sample, camera: str) -> Pixels:
-    """Draw the upright edges of the image in grey and the near sides of jumps in depth upon them, by depth."""
+    """Draw the upright edges of the image in gray and the near sides of jumps in depth upon them, by depth."""
     pixels, model = sample.image(camera), sample.rig.cameras[camera]
     window = whole(model.size_wh)
     width, height = window.size_wh
@@ -219,7 +219,7 @@ class StereoView:
 
 
 def stereo_view(sample: Sample, pair: Pair, how: Rectified) -> StereoView:
-    """Rectify, match and colour one frame; the LiDAR is drawn into the rectified image beside it."""
+    """Rectify, match and color one frame; the LiDAR is drawn into the rectified image beside it."""
     left, right = how.images(sample.image(pair.left), sample.image(pair.right))
     disparity = _disparity(left, right, how)
     depth = np.where(disparity > 0, how.camera.K[0, 0] * how.baseline_m / np.maximum(disparity, 0.1), np.nan)
@@ -272,7 +272,7 @@ def _lidar(sample: Sample, pair: Pair, how: Rectified) -> tuple[Float64, Float64
 
 
 def _picture(left: Pixels, depth: Float64, uv: Float64, lidar_m: Float64, pair: Pair) -> Pixels:
-    """Rectified image with LiDAR on the left, depth by stereo on the right, both in the same colours."""
+    """Rectified image with LiDAR on the left, depth by stereo on the right, both in the same colors."""
     colors = of_depth(depth.reshape(-1)).reshape(*depth.shape, 3)
     colors[np.isnan(depth)] = 0
     window = whole((left.shape[1] * 2, left.shape[0]))

@@ -114,7 +114,7 @@ class Window:
         return np.ascontiguousarray(cv2.resize(part, self.size_wh, interpolation=how), np.uint8)
 
     def to_picture(self, uv: Float64) -> Float64:
-        """Move pixels (N, 2) of the image into the picture; pixel centres are at integers in both."""
+        """Move pixels (N, 2) of the image into the picture; pixel centers are at integers in both."""
         return (uv - [self.left - 0.5, self.top - 0.5]) * self.scale - 0.5
 
 
@@ -157,7 +157,7 @@ def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
         LogError: where the lens distortion of the camera isn't modelled.
     """
     found = layer(sample, camera, kind)
-    picture = _drawn(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
+    picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
     sensors = ", ".join(draw.plain(points.sensor, 20) for points in sample.placed(kind))
     texts = [f"{draw.plain(camera)}: {_TITLES[kind]} ({len(found.uv_px)} points of {sensors})"]
     draw.lines(picture, texts, [INK])
@@ -176,13 +176,13 @@ def zoom(sample: Sample, camera: str, kind: Kind) -> Pixels | None:
     if rect is None:
         return None
     window = around(sample.rig.cameras[camera].size_wh, rect, _ZOOM_WIDTH_PX)
-    picture = _drawn(sample, camera, found, window, kind == "radar")
+    picture = _draw(sample, camera, found, window, kind == "radar")
     size = sample.rig.cameras[camera].size_wh
     draw.lines(picture, [f"{_TITLES[kind]}, {window.width} of {size[0]} px wide"], [INK])
     return picture
 
 
-def _drawn(sample: Sample, camera: str, found: Layer, window: Window, rim: bool) -> Pixels:
+def _draw(sample: Sample, camera: str, found: Layer, window: Window, rim: bool) -> Pixels:
     """Draw points of one kind and truth into a part of an image."""
     picture = window.picture(sample.image(camera))
     grow = np.sqrt(window.scale / whole(sample.rig.cameras[camera].size_wh).scale)

@@ -166,7 +166,7 @@ _PERIOD = "velocity_period_mps"
 
 
 @dataclass(frozen=True)
-class Wish:
+class PreviewRequest:
     """Which frames are wanted, and how they are put together."""
 
     num: int = 6
@@ -176,14 +176,18 @@ class Wish:
 
 
 def collect(
-    reader: Reader, partial: PartialRig, wish: Wish, faults: FaultLog, progress: Callable[[int], None] = lambda n: None
+    reader: Reader,
+    partial: PartialRig,
+    request: PreviewRequest,
+    faults: FaultLog,
+    progress: Callable[[int], None] = lambda n: None,
 ) -> Material:
     """Read a log, or the wanted frames of it.
 
     Args:
         reader: The log; its own rig isn't used, since it may be incomplete.
         partial: What is known of the rig.
-        wish: Which frames.
+        request: Which frames.
         faults: Where faults are counted.
         progress: Told how many frames are read.
 
@@ -191,11 +195,11 @@ def collect(
         ConfigError: where the reference or a sensor with an offset isn't in the log.
         LogError: where there are no frames.
     """
-    log = _Observed(reader, partial, wish.stamps)
-    stream = FrameStream(log, wish.sync, wish.stamps, wish.excerpt, VirtualClock(), faults)
-    kept = _Kept(wish.num)
+    log = _Observed(reader, partial, request.stamps)
+    stream = FrameStream(log, request.sync, request.stamps, request.excerpt, VirtualClock(), faults)
+    kept = _Kept(request.num)
     for num, frame in enumerate(stream.frames(log), 1):
-        kept.add(frame, _placed(stream.rig, partial))
+        kept.add(frame, _place(stream.rig, partial))
         progress(num)
     stream.require_frames(reader.info.name)
     truths = _Truths({sample.frame.index for sample in kept.samples.chosen})
@@ -240,7 +244,7 @@ class _Observed:
         return self._reader.truths()
 
 
-def _placed(rig: Rig, partial: PartialRig) -> Rig:
+def _place(rig: Rig, partial: PartialRig) -> Rig:
     """Take back the places that were made up."""
     unknown = [name for name in rig.mounts if name in partial.problems and name not in partial.rig.mounts]
     return rig.without(unknown) if unknown else rig

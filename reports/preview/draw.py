@@ -31,12 +31,12 @@ _CYCLE: tuple[Color, ...] = (
 
 
 def of_sensor(index: int) -> Color:
-    """Colour of the sensor with this number in the order of names."""
+    """Color of the sensor with this number in the order of names."""
     return _CYCLE[index % len(_CYCLE)]
 
 
 def of_depth(depth_m: Float64) -> Colors:
-    """Colours (N, 3) of depths (N,) [m], by their logarithm: red at 2 m, over green, to blue from 80 m on."""
+    """Colors (N, 3) of depths (N,) [m], by their logarithm: red at 2 m, over green, to blue from 80 m on."""
     import cv2
 
     if not len(depth_m):
@@ -48,8 +48,8 @@ def of_depth(depth_m: Float64) -> Colors:
 
 
 def of_speed(speed_mps: Float64) -> Colors:
-    """Colours (N, 3) of radial velocities (N,) [m/s]: white where equal, red receding and blue approaching, full from
-    10 m/s on (thesis); grey where it isn't measured.
+    """Colors (N, 3) of radial velocities (N,) [m/s]: white where equal, red receding and blue approaching, full from
+    10 m/s on (thesis); gray where it isn't measured.
     """
     share = np.clip(np.nan_to_num(speed_mps) / MAX_SPEED_MPS, -1, 1)
     fade = np.round(255 * (1 - np.abs(share)))
@@ -94,7 +94,7 @@ def write(picture: Pixels, text: str, at: tuple[float, float], color: Color = IN
 
 
 def lines(picture: Pixels, texts: Sequence[str], colors: Sequence[Color], at: tuple[int, int] = (10, 20)) -> None:
-    """Write lines below each other on a dark ground, each with its colour."""
+    """Write lines below each other on a dark ground, each with its color."""
     import cv2
 
     if not texts:
@@ -143,7 +143,7 @@ def path(picture: Pixels, uv: Float64, color: Color, thickness: int = 1, rim: bo
 
 
 def color_bar(picture: Pixels, colors: Colors, labels: Sequence[tuple[float, str]], title: str) -> None:
-    """Draw a bar of colours into the lower right corner; labels stand at shares 0 to 1 of its width."""
+    """Draw a bar of colors into the lower right corner; labels stand at shares 0 to 1 of its width."""
     import cv2
 
     height, width = picture.shape[:2]

@@ -12,11 +12,11 @@ from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrapped
 from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectified
 from fbench.reports.preview import draw
-from fbench.reports.preview.alignment import StereoView, aligned, edges_of, edges_view, stereo_view
+from fbench.reports.preview.alignment import StereoView, align, edges_of, edges_view, stereo_view
 from fbench.reports.preview.collect import Album, Shown, Verdict
 from fbench.reports.preview.draw import CURVE, of_speed
 from fbench.reports.preview.sample import Material, Points, Sample
-from fbench.reports.preview.times import Axes, SensorTimes, spanned, time_panel
+from fbench.reports.preview.times import Axes, SensorTimes, span_axes, time_panel
 from fbench.reports.preview.views import mounting
 
 _COLUMNS, _CELL = 3, (426, 270)
@@ -44,7 +44,7 @@ class _Scan:
     ego_mps: float | None
 
 
-def judge_doppler(
+def check_doppler(
     samples: Sequence[Sample], radar: str, period_mps: float | None, is_removed: bool = False
 ) -> DopplerVerdict:
     """Judge sign, ego motion and aliasing of a radar's velocities.
@@ -56,7 +56,7 @@ def judge_doppler(
         is_removed: Whether the log says that velocities don't hold the vehicle's own motion.
     """
     scans = _scans(samples, radar, period_mps)
-    text, is_bad = _removed(scans) if is_removed and scans else _verdict(scans, period_mps)
+    text, is_bad = _is_motion_removed(scans) if is_removed and scans else _verdict(scans, period_mps)
     return DopplerVerdict(radar, text, is_bad)
 
 
@@ -67,8 +67,8 @@ def doppler_panel(samples: Sequence[Sample], radar: str, period_mps: float | Non
         return None
     rows = -(-len(scans) // _COLUMNS)
     picture = draw.canvas(_CELL[0] * min(_COLUMNS, len(scans)), _CELL[1] * rows)
-    azimuth = spanned(np.degrees(np.concatenate([scan.azimuth_rad for scan in scans])), 20)
-    reach = max(2.0, *(abs(v) for v in spanned(np.concatenate([scan.speed_mps for scan in scans]), 4)))
+    azimuth = span_axes(np.degrees(np.concatenate([scan.azimuth_rad for scan in scans])), 20)
+    reach = max(2.0, *(abs(v) for v in span_axes(np.concatenate([scan.speed_mps for scan in scans]), 4)))
     for number, scan in enumerate(scans):
         at = (number % _COLUMNS * _CELL[0], number // _COLUMNS * _CELL[1])
         _draw_scan(picture, Axes((*at, *_CELL), azimuth, (-reach, reach)), scan, period_mps)
@@ -131,7 +131,7 @@ def _verdict(scans: Sequence[_Scan], period_mps: float | None) -> tuple[str, boo
     return _moving(speed, ego, agree, is_clear=rivals > 0.05)
 
 
-def _removed(scans: Sequence[_Scan]) -> tuple[str, bool]:
+def _is_motion_removed(scans: Sequence[_Scan]) -> tuple[str, bool]:
     share = float(np.median([np.mean(np.abs(scan.speed_mps) < INLIER_MPS) for scan in scans]))
     if share < _MIN_SHARE:
         return f"the vehicle's own motion is said to be removed, but only {share:.0%} of the points stand still", True
@@ -198,9 +198,9 @@ class Labels:
     is_bad: bool
 
 
-def judge_points(samples: Sequence[Sample]) -> Labels | None:
+def check_labels(samples: Sequence[Sample]) -> Labels | None:
     """Count the boxes that hold points, among those near the body in whose direction a LiDAR sees something."""
-    pairs = [(_labelled(s), _points(s)) for s in samples]
+    pairs = [(_labeled_points(s), _points(s)) for s in samples]
     away = [np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1]) for boxes, _ in pairs if len(boxes)]
     if away and (nearest := float(np.min(np.concatenate(away)))) > _FAR_M:
         num = sum(len(part) for part in away)
@@ -214,7 +214,7 @@ def judge_points(samples: Sequence[Sample]) -> Labels | None:
     return Labels(text + (": wrong coordinate frame, stamps or sizes?" if is_bad else ""), is_bad)
 
 
-def _labelled(sample: Sample) -> Boxes3D:
+def _labeled_points(sample: Sample) -> Boxes3D:
     truth = sample.truth
     if truth is None or truth.boxes3d is None or truth.in_world:
         return Boxes3D(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -269,7 +269,7 @@ class Measured:
         for radar in self.material.rig.sensors("radar"):
             period = self.material.periods_mps.get(radar)
             is_removed = self.material.info.metadata.get(f"radar.{radar}.ego_motion") == "removed"
-            found = judge_doppler(self.material.kept, radar, period, is_removed)
+            found = check_doppler(self.material.kept, radar, period, is_removed)
             self.verdicts.append(Verdict(radar, "doppler", found.text, found.is_bad))
             panel = doppler_panel(self.material.samples, radar, period)
             if panel is not None:
@@ -283,7 +283,7 @@ class Measured:
 
     def labels(self) -> None:
         """Judge where truth is."""
-        found = judge_points(self.material.samples)
+        found = check_labels(self.material.samples)
         if found is not None:
             self.verdicts.append(Verdict("3D boxes", "truth", found.text, found.is_bad))
 
@@ -293,7 +293,7 @@ class Measured:
             return
         for camera in self.material.rig.sensors("camera"):
             try:
-                found = aligned(self.material.kept, camera)
+                found = align(self.material.kept, camera)
             except LogError as error:
                 self.gaps.append(f"{error}: nothing is drawn into its images")
                 continue
@@ -301,7 +301,7 @@ class Measured:
             seen = [s for s in self.material.samples if camera in s.cameras and s.placed("lidar")]
             sample = max(seen, key=lambda s: len(edges_of(s, camera)), default=None)
             if sample is not None:
-                text = f"{camera}: {found.verdict}. Coloured jumps of depth must lie on bright edges of the image."
+                text = f"{camera}: {found.verdict}. Colored jumps of depth must lie on bright edges of the image."
                 stem = f"edges-{self.album.stem(camera)}"
                 self.shown.append(self.album.add(stem, edges_view(sample, camera), text, f"Edges in {camera}"))
 

@@ -69,7 +69,7 @@ class FramePictures:
     album: Album
     ground: Ground
     lidars: Sequence[str]
-    """All LiDARs, for their colours."""
+    """All LiDARs, for their colors."""
 
     def of(self, sample: Sample) -> Iterator[Shown]:
         """Draw every camera, and points from above and from the side."""
@@ -203,12 +203,12 @@ def _row(material: Material, times: SensorTimes) -> SensorRow:
     name = times.sensor
     missing = f"{times.num_missing} of {material.num_frames}: {times.reasons}" if times.num_missing else "0"
     return SensorRow(
-        name, material.kinds.get(name, "pose"), times.num_messages, missing, _mounted(material.rig, name),
+        name, material.kinds.get(name, "pose"), times.num_messages, missing, _mounting_facts(material.rig, name),
         _camera(material.rig, name), _spread(times.shift_ms), _spread(times.delay_ms), material.problems.get(name, ""),
     )  # fmt: skip
 
 
-def _mounted(rig: Rig, name: str) -> str:
+def _mounting_facts(rig: Rig, name: str) -> str:
     if name not in rig.mounts:
         return ""
     mount = rig.mounts[name]

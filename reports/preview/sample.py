@@ -16,16 +16,16 @@ from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.transforms import transform
 
 _SPREAD_RAD = (np.radians(0.8), np.radians(0.25))
-"""How far a neighbour is away at most, in azimuth and altitude."""
+"""How far a neighbor is away at most, in azimuth and altitude."""
 _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
-"""A LiDAR whose shots lie farther apart in azimuth has its neighbours within so many steps."""
+"""A LiDAR whose shots lie farther apart in azimuth has its neighbors within so many steps."""
 _NEIGHBOURS = 8
 _MIN_STEP = 0.06
 _MAX_RANGE_M = 60.0
 
 
 def depth_edges(xyz: Array) -> Array:
-    """Rows of the points (N, 3) [m], in coordinates of the sensor, behind which a neighbour in azimuth is over a meter
+    """Rows of the points (N, 3) [m], in coordinates of the sensor, behind which a neighbor in azimuth is over a meter
     and over 6 % farther away: the near side of an edge, which the image shows too.
 
     After J. Levinson and S. Thrun, "Automatic Online Calibration of Cameras and Lasers", RSS 2013.
@@ -39,13 +39,13 @@ def depth_edges(xyz: Array) -> Array:
     angles = np.stack([np.arctan2(p[:, 1], p[:, 0]), np.arcsin(np.clip(p[:, 2] / distance, -1, 1))], axis=1)
     scaled = angles / (_spread_rad(angles), _SPREAD_RAD[1])
     _, near = cKDTree(scaled).query(scaled, k=_NEIGHBOURS + 1, distance_upper_bound=1.0)
-    far = np.append(distance, 0.0)[near].max(axis=1)  # the last row stands for no neighbour
+    far = np.append(distance, 0.0)[near].max(axis=1)  # the last row stands for no neighbor
     is_edge = (far - distance > np.maximum(1.0, _MIN_STEP * distance)) & (distance < _MAX_RANGE_M)
     return np.asarray(rows[is_edge], np.int64)
 
 
 def _spread_rad(angles: Float64) -> float:
-    """How far neighbours in azimuth may be apart, from azimuth and altitude (N, 2) of all points.
+    """How far neighbors in azimuth may be apart, from azimuth and altitude (N, 2) of all points.
 
     A turn of few shots over many rings has steps of a degree: then no shot has any other within the usual spread.
     """
@@ -60,7 +60,7 @@ def _spread_rad(angles: Float64) -> float:
 def edge_strength(pixels: Pixels, width: int) -> Float32:
     """How near to an upright edge of brightness each pixel is, 0 to 1, of an image scaled to `width` (H, W).
 
-    Upright, since jumps of depth between neighbours in azimuth are; others would only hide them. Edges spread some
+    Upright, since jumps of depth between neighbors in azimuth are; others would only hide them. Edges spread some
     pixels, so that a calibration that is almost right is better than one that is far off.
     """
     import cv2
@@ -75,7 +75,7 @@ def edge_strength(pixels: Pixels, width: int) -> Float32:
     return np.asarray((sharp + wide[0] + wide[1]) / 3, np.float32)
 
 
-def sampled(field: Float32, uv: Float64) -> Float64:
+def sample_image(field: Float32, uv: Float64) -> Float64:
     """Values of a field (H, W) at the pixels (N, 2) nearest to `uv`; its mean where they are outside."""
     height, width = field.shape
     inside = (uv[:, 0] >= -0.5) & (uv[:, 0] < width - 0.5) & (uv[:, 1] >= -0.5) & (uv[:, 1] < height - 0.5)

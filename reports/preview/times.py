@@ -79,7 +79,7 @@ def ticks(low: float, high: float, num: int) -> list[float]:
     return [float(round(i * step, 9)) + 0.0 for i in range(first, last + 1)]
 
 
-def spanned(values: Float64, least: float) -> tuple[float, float]:
+def span_axes(values: Float64, least: float) -> tuple[float, float]:
     """A range around all finite values, at least `least` wide, with a margin."""
     finite = values[np.isfinite(values)]
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
@@ -130,9 +130,9 @@ def time_panel(material: Material) -> Pixels:
     picture = draw.canvas(WIDTH_PX, 2 * HEIGHT_PX + 18 * (-(-len(names) // 4)) + 10)
     both = [("stamp - instant of the frame [ms]", shifts), ("log time - stamp [ms]", delays)]
     everything = np.concatenate([np.zeros((0, 2)), *shifts.values(), *delays.values()])
-    x = spanned(everything[:, 0], 0.1)
+    x = span_axes(everything[:, 0], 0.1)
     for row, (title, series) in enumerate(both):
-        y = spanned(np.concatenate([np.zeros((1, 2)), *series.values()])[:, 1], 10)
+        y = span_axes(np.concatenate([np.zeros((1, 2)), *series.values()])[:, 1], 10)
         axes = Axes((0, row * HEIGHT_PX, WIDTH_PX, HEIGHT_PX), x, y)
         axes.draw(picture, title, "log time [s]" if row else "", "")
         for number, name in enumerate(names):

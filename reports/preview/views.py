@@ -109,7 +109,7 @@ class Ground:
     low_m: tuple[float, float]
     high_m: tuple[float, float]
     scale: float
-    """Pixels per metre."""
+    """Pixels per meter."""
 
     @property
     def size_wh(self) -> tuple[int, int]:
@@ -137,7 +137,7 @@ def ground_of(samples: Sequence[Sample]) -> Ground:
 
 
 def from_above(sample: Sample, ground: Ground, lidars: Sequence[str]) -> Pixels:
-    """LiDARs, each in a colour of its own, radars by speed, truth, range rings, and where the sensors look."""
+    """LiDARs, each in a color of its own, radars by speed, truth, range rings, and where the sensors look."""
     picture = draw.canvas(*ground.size_wh)
     rings = _draw_rings(picture, ground)
     for points in sample.placed("lidar"):

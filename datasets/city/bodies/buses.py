@@ -29,7 +29,7 @@ from fbench.datasets.city.bodies.shell import (
     VANS,
     body,
     linear,
-    mirrored,
+    mirror,
     pick,
 )
 from fbench.datasets.city.mesh import Body, Mesh, Skin, box
@@ -106,7 +106,7 @@ def _sides(hull: Hull) -> list[Mesh]:
         frame = hull.left((start, start + width), (0.36, 2.5), LINE, 0.008)
         leaf = width / 2 - 0.06
         panes = [hull.left((s, s + leaf), (0.5, 2.42), GLASS, 0.014) for s in (start + 0.04, start + width / 2 + 0.02)]
-        parts += [mirrored(part) for part in (frame, *panes)]
+        parts += [mirror(part) for part in (frame, *panes)]
     return parts
 
 

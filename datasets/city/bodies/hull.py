@@ -13,13 +13,13 @@ from fbench.datasets.city.bodies.shell import (
     TYRE,
     both,
     linear,
-    mirrored,
+    mirror,
     shell,
-    shifted,
-    skinned,
+    shift,
+    skin_surface,
 )
 from fbench.datasets.city.instant import BRAKE, HEAD, TAIL
-from fbench.datasets.city.mesh import Mesh, Skin, Three, box, merged, quad
+from fbench.datasets.city.mesh import Mesh, Skin, Three, box, merge_meshes, quad
 from fbench.replay.data.arrays import Array, Bool, Float64
 
 Knots = tuple[tuple[float, float], ...]
@@ -34,7 +34,7 @@ class Profile:
     length_m: float
     width_m: float
     top: Knots
-    """Height of the centre line over s, from nose to tail: bonnet, windscreen, roof, rear window, boot."""
+    """Height of the center line over s, from nose to tail: bonnet, windscreen, roof, rear window, boot."""
     belt: Knots
     """Height of the windows' lower edge over s; follows the top where that is lower."""
     plan: Knots
@@ -44,7 +44,7 @@ class Profile:
     mid_m: float
     """Height where it is widest."""
     tumblehome: float
-    """How far the sides lean in above the belt, per metre of height."""
+    """How far the sides lean in above the belt, per meter of height."""
     windscreen: tuple[float, float]
     """From s to s, where the top is glass."""
     rear_window: tuple[float, float]
@@ -60,7 +60,7 @@ class Profile:
     pillar_m: float = 0.07
     """Width of the frame beside the windscreen."""
     arch_m: float = 0.055
-    """Gap between tyre and arch."""
+    """Gap between tire and arch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class Hull:
         points = np.array([(self._x(v), self._y(v, w) + proud_m, w) for v in s for w in z])
         i = (np.arange(num - 1)[:, None] * rows + np.arange(rows - 1)).ravel()
         tri = np.stack([i, i + 1, i + rows + 1, i, i + rows + 1, i + rows], axis=1).reshape(-1, 3)
-        return skinned(points, tri, np.zeros(len(tri), int), [skin])
+        return skin_surface(points, tri, np.zeros(len(tri), int), [skin])
 
     def front(self, y_m: tuple[float, float], z_m: tuple[float, float], skin: Skin, proud_m: float = _PROUD_M) -> Mesh:
         """Put a patch on the flat of the nose, from y to y and from height to height."""
@@ -245,7 +245,7 @@ def mirrors(x_m: float, y_m: float, z_m: float, size_lwh_m: Three, skin: Skin) -
     rings_m = np.stack(rings) * np.array([length, 1, 1])
     cells = np.zeros((2, 4), int)
     left = shell(rings_m, cells, [skin, GLASS], (1, 0))
-    return both(shifted(left, (x_m, y_m + width / 2, z_m)))
+    return both(shift(left, (x_m, y_m + width / 2, z_m)))
 
 
 def door_lines(hull: Hull, at_m: tuple[float, ...], z_m: tuple[float, float]) -> list[Mesh]:
@@ -271,7 +271,7 @@ def grille(hull: Hull, half_m: float, z_m: tuple[float, float], bars: int, skin:
     for i in range(bars):
         z = z_m[0] + (i + 1) * step
         parts.append(hull.front((-half_m, half_m), (z - 0.008, z + 0.008), skin, 0.01))
-    return merged(parts)
+    return merge_meshes(parts)
 
 
 _SIDES: Final = 15
@@ -292,10 +292,10 @@ def wheel(radius_m: float, width_m: float, rim: Skin) -> Mesh:
     ])  # fmt: skip
     cells = np.zeros((len(rows) - 1, _SIDES), int)
     sectors = np.where(np.arange(_SIDES) % _GAP == 0, 2, 1)
-    return shifted(shell(rings, cells, [TYRE, rim, LINE, BLACK], (3, sectors)), (0.0, 0.0, radius_m))
+    return shift(shell(rings, cells, [TYRE, rim, LINE, BLACK], (3, sectors)), (0.0, 0.0, radius_m))
 
 
 def axle(x_m: float, outer_m: float, radius_m: float, width_m: float, rim: Skin) -> list[Mesh]:
     """Return the two wheels at `x_m` whose outer sides are `outer_m` from the middle."""
-    left = shifted(wheel(radius_m, width_m, rim), (x_m, outer_m - width_m / 2, 0.0))
-    return [left, mirrored(left)]
+    left = shift(wheel(radius_m, width_m, rim), (x_m, outer_m - width_m / 2, 0.0))
+    return [left, mirror(left)]

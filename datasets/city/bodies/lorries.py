@@ -30,9 +30,9 @@ from fbench.datasets.city.bodies.shell import (
     linear,
     pick,
     shell,
-    shifted,
+    shift,
 )
-from fbench.datasets.city.mesh import Body, Mesh, Skin, box, cylinder, merged, quad
+from fbench.datasets.city.mesh import Body, Mesh, Skin, box, cylinder, merge_meshes, quad
 
 WHEEL_M: Final = 0.5
 TYRE_M: Final = 0.31
@@ -50,7 +50,7 @@ def cab(front_m: float, height_m: float, paint: Skin) -> Mesh:
     x = p.length_m / 2 - p.axles[0]
     mid = box((0, 0, 0.85), (1.9, 1.7, 0.7), BLACK)
     parts = [hull.mesh(paint), mid, *axle(x, OUTER_M, WHEEL_M, TYRE_M, STEEL), *_face(hull), *_cab_sides(hull)]
-    return shifted(merged(parts), (front_m - p.length_m / 2, 0.0, 0.0))
+    return shift(merge_meshes(parts), (front_m - p.length_m / 2, 0.0, 0.0))
 
 
 def _cab_profile(height_m: float) -> Profile:
@@ -107,7 +107,7 @@ def guards(start_m: float, end_m: float) -> list[Mesh]:
     center, length = (start_m + end_m) / 2, end_m - start_m
     bars = [box((center, 1.19, z), (length, 0.04, 0.1), STEEL) for z in (0.5, 0.75)]
     tank = box((end_m - 0.45, 0.92, 0.66), (0.8, 0.5, 0.5), STEEL)
-    return [both(merged([*bars, tank] if length > 1.5 else bars))]
+    return [both(merge_meshes([*bars, tank] if length > 1.5 else bars))]
 
 
 def rear_end(x_m: float) -> list[Mesh]:

@@ -22,7 +22,7 @@ KINDS: Final = tuple(_MAKERS)
 
 
 def make_body(kind: str, draw: np.random.Generator) -> Body:
-    """Draw a body of a kind: its size, style and colours.
+    """Draw a body of a kind: its size, style and colors.
 
     Raises:
         ConfigError: where there is no such kind.

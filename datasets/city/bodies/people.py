@@ -40,13 +40,13 @@ class Pose:
     """(2, 3) each; the tip of the shoe's sole."""
 
 
-def turned(angle_rad: Array, length_m: float) -> Float64:
+def turn_limb(angle_rad: Array, length_m: float) -> Float64:
     """Vectors (N, 3) of a limb that hangs down, swung forward by angles (N,)."""
     angle = np.asarray(angle_rad, np.float64)
     return np.asarray(length_m * np.column_stack([np.sin(angle), 0 * angle, -np.cos(angle)]), np.float64)
 
 
-def bent(start: Array, end: Array, upper_m: float, lower_m: float, towards: Array) -> Float64:
+def bend_limb(start: Array, end: Array, upper_m: float, lower_m: float, towards: Array) -> Float64:
     """Return where the joint (3,) between two bones lies that go from start to end, bent towards a direction (3,)."""
     line = np.asarray(end, np.float64) - start
     reach = float(np.sqrt((line * line).sum()))
@@ -69,7 +69,7 @@ _HEAD: Final = 8
 
 
 @dataclass(frozen=True)
-class Looks:
+class Appearance:
     """What a person wears and is like."""
 
     skin: Skin
@@ -88,7 +88,7 @@ class Looks:
     long_hair: bool = False
 
 
-def figure(at: Pose, looks: Looks, with_head: bool = True) -> list[Mesh]:
+def figure(at: Pose, looks: Appearance, with_head: bool = True) -> list[Mesh]:
     """Return trunk, head (if nothing covers it all), arms, hands, legs and shoes."""
     parts = [_trunk(at, looks), *([_neck(at, looks), _head(at, looks)] if with_head else [])]
     for side in range(2):
@@ -115,7 +115,7 @@ def rings(middles: Array, half_wide: Array, half_deep: Array, at: Pose, num: int
     return np.asarray(np.asarray(middles)[:, None] + ring, np.float64)
 
 
-def _trunk(at: Pose, looks: Looks) -> Mesh:
+def _trunk(at: Pose, looks: Appearance) -> Mesh:
     h, g = at.height_m, looks.girth
     wide = np.array([0.05, 0.092, 0.095, 0.08, 0.094, 0.112, 0.05]) * h
     deep = np.array([0.045, 0.064, 0.064, 0.056, 0.066, 0.056, 0.035]) * h
@@ -125,12 +125,12 @@ def _trunk(at: Pose, looks: Looks) -> Mesh:
     return shell(rings(middles, wide * (0.4 + 0.6 * g), deep * g, at, _TRUNK), cells, [looks.legs, looks.top], (0, 1))
 
 
-def _neck(at: Pose, looks: Looks) -> Mesh:
+def _neck(at: Pose, looks: Appearance) -> Mesh:
     base = at.neck + 0.08 * (at.head - at.neck)
     return tube([base, 0.4 * base + 0.6 * at.head], np.array([0.034, 0.03]) * at.height_m, _LIMB, [looks.skin])
 
 
-def _head(at: Pose, looks: Looks) -> Mesh:
+def _head(at: Pose, looks: Appearance) -> Mesh:
     """An egg whose face is in front; hair on top and behind, down to the neck where it is long."""
     h = at.height_m * looks.head
     level = np.array([-0.068, -0.052, -0.012, 0.03, 0.055, 0.068]) * h
@@ -145,7 +145,7 @@ def _head(at: Pose, looks: Looks) -> Mesh:
     return shell(middle + ring, cells, [looks.skin, looks.hair], (0, 1))
 
 
-def _arm(at: Pose, looks: Looks, side: int) -> Mesh:
+def _arm(at: Pose, looks: Appearance, side: int) -> Mesh:
     h, g = at.height_m, 0.5 + 0.5 * looks.girth
     shoulder, elbow, wrist = at.shoulders[side], at.elbows[side], at.wrists[side]
     hand = (wrist - elbow) / (FOREARM * h)
@@ -155,7 +155,7 @@ def _arm(at: Pose, looks: Looks, side: int) -> Mesh:
     return tube(path, radii, _LIMB - 1, [looks.top, looks.top, looks.sleeve, looks.skin, looks.skin])
 
 
-def _leg(at: Pose, looks: Looks, side: int) -> Mesh:
+def _leg(at: Pose, looks: Appearance, side: int) -> Mesh:
     h, g = at.height_m, 0.5 + 0.5 * looks.girth
     hip, knee, ankle = at.hips[side], at.knees[side], at.ankles[side]
     path = [hip, 0.5 * (hip + knee), knee, 0.65 * knee + 0.35 * ankle, ankle]
@@ -163,7 +163,7 @@ def _leg(at: Pose, looks: Looks, side: int) -> Mesh:
     return tube(path, radii, _LIMB, [looks.legs, looks.legs, looks.shank, looks.shank])
 
 
-def _shoe(at: Pose, looks: Looks, side: int) -> Mesh:
+def _shoe(at: Pose, looks: Appearance, side: int) -> Mesh:
     """From heel to toes, flat below: the sole runs from under the ankle to the toes."""
     h, ankle, ahead = at.height_m, at.ankles[side], at.toes[side] - at.ankles[side]
     forward, below = 0.72 * FOOT, ANKLE
@@ -200,7 +200,7 @@ class Walk:
     """Width of shoulders and hips, 1 as usual."""
 
 
-def walking(walk: Walk, phase: float) -> Pose:
+def walk_pose(walk: Walk, phase: float) -> Pose:
     """Return the joints at a phase from 0 to below 1: in the middle of the left leg's stance at 0, of the right's at
     half. Heights are relative to the pelvis' usual height: the feet are nearly on the ground.
     """
@@ -208,8 +208,8 @@ def walking(walk: Walk, phase: float) -> Pose:
     swing = np.sin(2 * np.pi * at)
     thigh, knee = 0.04 - walk.stride_rad * swing, _knee(at)
     hips = pair(0.0, HIP_HALF * walk.breadth * h, HIP * h)
-    knees = hips + turned(thigh, THIGH * h)
-    ankles = knees + turned(thigh - knee, SHANK * h)
+    knees = hips + turn_limb(thigh, THIGH * h)
+    ankles = knees + turn_limb(thigh - knee, SHANK * h)
     down = np.radians(np.interp(at, _FOOT_AT, _FOOT_DEG))
     toes = ankles + _sole(down, h)
     pelvis = hips.mean(0)
@@ -217,8 +217,8 @@ def walking(walk: Walk, phase: float) -> Pose:
     neck = pelvis + spine
     shoulders = neck + pair(walk.lean_rad - 0.02 * swing * h, SHOULDER_HALF * walk.breadth * h, 0.0)
     arm = 0.02 + walk.arm_rad * swing
-    elbows = shoulders + turned(arm, UPPER_ARM * h) + pair(0.0, 0.018 * h, 0.0)
-    wrists = elbows + turned(arm + 0.25 + 0.25 * np.maximum(swing, 0), FOREARM * h)
+    elbows = shoulders + turn_limb(arm, UPPER_ARM * h) + pair(0.0, 0.018 * h, 0.0)
+    wrists = elbows + turn_limb(arm + 0.25 + 0.25 * np.maximum(swing, 0), FOREARM * h)
     head = neck + np.array([0.02 + 0.3 * walk.lean_rad, 0, 0.115]) * h
     return Pose(h, pelvis, neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
 
@@ -259,29 +259,29 @@ def make_pedestrian(draw: np.random.Generator) -> Body:
     """Draw someone who walks: 12 phases of a cycle of two steps."""
     child = draw.random() < _CHILDREN
     height = float(draw.uniform(1.12, 1.42) if child else np.clip(draw.normal(1.70, 0.085), 1.5, 1.92))
-    looks = draw_looks(draw, 1.2 if child else 1.0)
+    looks = draw_appearance(draw, 1.2 if child else 1.0)
     extras = _draw_extras(draw, child, looks)
     walk = Walk(height, stride_rad=float(draw.uniform(0.29, 0.36)), arm_rad=float(draw.uniform(0.15, 0.32)),
                 lean_rad=float(draw.uniform(0.0, 0.06)), breadth=float(draw.uniform(0.95, 1.12)))  # fmt: skip
-    poses = [walking(walk, i / NUM_PHASES) for i in range(NUM_PHASES)]
+    poses = [walk_pose(walk, i / NUM_PHASES) for i in range(NUM_PHASES)]
     return body("pedestrian", [[*figure(at, looks), *_extras(at, looks, extras)] for at in poses])
 
 
-def draw_looks(draw: np.random.Generator, head: float = 1.0) -> Looks:
+def draw_appearance(draw: np.random.Generator, head: float = 1.0) -> Appearance:
     """Draw build, skin, hair and clothes."""
     skin, top = Skin("skin", pick(draw, SKINS)), Skin("cloth", pick(draw, TOPS))
     legs, shoes = Skin("cloth", pick(draw, TROUSERS)), Skin("rubber", linear("1c1b1b"))
     if draw.random() < 0.3:
         shoes = Skin("cloth", linear("d9d8d4"))
     bare_arms, bare_legs = draw.random() < 0.35, draw.random() < 0.15
-    return Looks(
+    return Appearance(
         skin, Skin("cloth", pick(draw, HAIR)), top, skin if bare_arms else top, legs,
         skin if bare_legs else legs, shoes,
         girth=float(draw.uniform(0.95, 1.3)), head=head, long_hair=bool(draw.random() < 0.4),
     )  # fmt: skip
 
 
-def _draw_extras(draw: np.random.Generator, child: bool, looks: Looks) -> Extras:
+def _draw_extras(draw: np.random.Generator, child: bool, looks: Appearance) -> Extras:
     hat, coat, long, pack, bag = (float(draw.random()) for _ in range(5))
     cloth = Skin("cloth", pick(draw, TOPS))
     is_coat, has_pack = coat < 0.18, pack < (0.45 if child else 0.22)
@@ -295,7 +295,7 @@ def _draw_extras(draw: np.random.Generator, child: bool, looks: Looks) -> Extras
     )
 
 
-def _extras(at: Pose, looks: Looks, extras: Extras) -> list[Mesh]:
+def _extras(at: Pose, looks: Appearance, extras: Extras) -> list[Mesh]:
     parts = []
     if extras.hat is not None:
         parts.append(_hat(at, looks, extras.hat))
@@ -308,7 +308,7 @@ def _extras(at: Pose, looks: Looks, extras: Extras) -> list[Mesh]:
     return parts
 
 
-def _hat(at: Pose, looks: Looks, skin: Skin) -> Mesh:
+def _hat(at: Pose, looks: Appearance, skin: Skin) -> Mesh:
     h = at.height_m * looks.head
     levels = np.array([0.024, 0.03, 0.062, 0.076])
     half = np.array([0.07, 0.052, 0.047, 0.03])
@@ -318,7 +318,7 @@ def _hat(at: Pose, looks: Looks, skin: Skin) -> Mesh:
     return shell(at.head + h * ring, np.zeros((3, 8), int), [skin])
 
 
-def _coat(at: Pose, looks: Looks, extras: Extras, skin: Skin) -> Mesh:
+def _coat(at: Pose, looks: Appearance, extras: Extras, skin: Skin) -> Mesh:
     """A skirt or coat: from waist or chest down over both thighs, as wide as the step."""
     h, g = at.height_m, looks.girth
     thighs = at.hips + extras.hem * (at.knees - at.hips)
@@ -330,7 +330,7 @@ def _coat(at: Pose, looks: Looks, extras: Extras, skin: Skin) -> Mesh:
     return shell(rings(middles, wide, deep, at, 10)[::-1], np.zeros((2, 10), int), [skin])
 
 
-def _backpack(at: Pose, looks: Looks, skin: Skin) -> Mesh:
+def _backpack(at: Pose, looks: Appearance, skin: Skin) -> Mesh:
     forward, _, up = upright(at)
     h = at.height_m
     middle = 0.35 * at.pelvis + 0.65 * at.neck - (0.055 * looks.girth + 0.045) * h * forward

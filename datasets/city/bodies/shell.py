@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fbench.datasets.city.mesh import INDEX, Body, Mesh, Rgb, Skin, merged
+from fbench.datasets.city.mesh import INDEX, Body, Mesh, Rgb, Skin, merge_meshes
 from fbench.replay.data.arrays import Array, Float64
 
 _LEAST_AREA_M2 = 1e-7
@@ -28,10 +28,10 @@ def shell(
         fan = _fan(around) if isinstance(end, int) else _star(around, num * around - at * around + (at > 0))
         tri.append((fan if at else fan[:, ::-1]) + at * around)
         skin.append(np.broadcast_to(np.asarray(end), len(fan)))
-    return skinned(points, np.concatenate(tri), np.concatenate(skin), palette)
+    return skin_surface(points, np.concatenate(tri), np.concatenate(skin), palette)
 
 
-def skinned(vertices_m: Float64, triangles: Array, skin: Array, palette: Sequence[Skin]) -> Mesh:
+def skin_surface(vertices_m: Float64, triangles: Array, skin: Array, palette: Sequence[Skin]) -> Mesh:
     """Return the mesh of triangles (T, 3) whose skins (T,) are given by number; without those that have no area."""
     a, b, c = (vertices_m[triangles[:, k]] for k in range(3))
     u, v = b - a, c - a
@@ -61,7 +61,7 @@ def tube(path_m: ArrayLike, radii_m: Array, num_sides: int, skins: Sequence[Skin
     return shell(rings, cells, skins, (0, last))
 
 
-def mirrored(mesh: Mesh) -> Mesh:
+def mirror(mesh: Mesh) -> Mesh:
     """Swap left and right."""
     vertices = mesh.vertices_m * np.array([1, -1, 1], np.float32)
     return Mesh(vertices, mesh.triangles[:, ::-1], mesh.material, mesh.color, mesh.lamp)
@@ -69,10 +69,10 @@ def mirrored(mesh: Mesh) -> Mesh:
 
 def both(mesh: Mesh) -> Mesh:
     """Return what is on the left, on both sides."""
-    return merged([mesh, mirrored(mesh)])
+    return merge_meshes([mesh, mirror(mesh)])
 
 
-def shifted(mesh: Mesh, by_m: tuple[float, float, float]) -> Mesh:
+def shift(mesh: Mesh, by_m: tuple[float, float, float]) -> Mesh:
     """Move a mesh without turning it."""
     return Mesh(mesh.vertices_m + np.asarray(by_m, np.float32), mesh.triangles, mesh.material, mesh.color, mesh.lamp)
 
@@ -106,23 +106,23 @@ def _frames(path: Float64) -> tuple[Float64, Float64]:
 
 
 def body(label: str, phases: Sequence[Sequence[Mesh]]) -> Body:
-    """Centre the parts of all phases on their common box and set that box; each phase stands on the ground."""
-    wholes = [merged(parts) for parts in phases]
+    """Center the parts of all phases on their common box and set that box; each phase stands on the ground."""
+    wholes = [merge_meshes(parts) for parts in phases]
     low = np.min([whole.vertices_m.min(0) for whole in wholes], axis=0).astype(np.float64)
     high = np.max([whole.vertices_m.max(0) for whole in wholes], axis=0).astype(np.float64)
     x, y, _ = (low + high) / 2
-    meshes = tuple(shifted(whole, (-x, -y, -float(whole.vertices_m[:, 2].min()))) for whole in wholes)
+    meshes = tuple(shift(whole, (-x, -y, -float(whole.vertices_m[:, 2].min()))) for whole in wholes)
     reach = np.max([np.abs(mesh.vertices_m).max(0) for mesh in meshes], axis=0).astype(np.float64)
     return Body(label, (2 * float(reach[0]), 2 * float(reach[1]), float(reach[2])), meshes)
 
 
 def linear(code: str) -> Rgb:
-    """Linear red, green and blue of an sRGB colour such as "c81e1e" (IEC 61966-2-1)."""
+    """Linear red, green and blue of an sRGB color such as "c81e1e" (IEC 61966-2-1)."""
     red, green, blue = (int(code[i : i + 2], 16) / 255 for i in (0, 2, 4))
-    return _decoded(red), _decoded(green), _decoded(blue)
+    return _decode(red), _decode(green), _decode(blue)
 
 
-def _decoded(value: float) -> float:
+def _decode(value: float) -> float:
     return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 
@@ -131,7 +131,7 @@ CARS: Final = {
     "4d3f33": 0.02, "31503f": 0.01, "c9551e": 0.01, "d8c9a4": 0.01,
 }  # fmt: skip
 """sRGB of car paint and how often it is chosen: rounded from Axalta's Global Automotive Color Popularity Reports of
-2020 and 2021 (white 35 %, black 19 %, grey 19 %, silver 9 %, blue 8 %)."""
+2020 and 2021 (white 35 %, black 19 %, gray 19 %, silver 9 %, blue 8 %)."""
 VANS: Final = {"ecece8": 0.6, "b2b6ba": 0.1, "5b6065": 0.08, "1d1f22": 0.05, "24457f": 0.06, "a3191c": 0.05,
                "d9a514": 0.06}  # fmt: skip
 LARGE: Final = {"e8e8e4": 0.35, "1f4287": 0.15, "a81d1d": 0.15, "d6881a": 0.08, "2c5a3a": 0.07, "8d9296": 0.12,
@@ -152,11 +152,11 @@ CHROME = Skin("metal", linear("b9bdc1"))
 STEEL = Skin("metal", linear("85898d"))
 PLATE = Skin("plate", linear("e8e8e2"))
 _SPREAD: Final = 0.12
-"""How much lighter or darker a thing may be than its colour in a table."""
+"""How much lighter or darker a thing may be than its color in a table."""
 
 
 def pick(draw: np.random.Generator, shares: dict[str, float]) -> Rgb:
-    """Draw a colour by its share, a little lighter or darker than in the table."""
+    """Draw a color by its share, a little lighter or darker than in the table."""
     codes, weights = list(shares), np.array(list(shares.values()))
     bounds = np.cumsum(weights / weights.sum())
     code = codes[min(int(np.searchsorted(bounds, draw.random(), side="right")), len(codes) - 1)]

@@ -18,10 +18,10 @@ from fbench.datasets.city.bodies.people import (
     SIDES,
     THIGH,
     UPPER_ARM,
-    Looks,
+    Appearance,
     Pose,
-    bent,
-    draw_looks,
+    bend_limb,
+    draw_appearance,
     figure,
     pair,
 )
@@ -46,7 +46,7 @@ from fbench.datasets.city.mesh import Body, Mesh, Skin, box
 from fbench.replay.data.arrays import Array, Float64
 
 
-def sitting(height_m: float, pelvis: Array, lean_rad: float, wrists: Array, ankles: Array, toes: Array) -> Pose:
+def sit_pose(height_m: float, pelvis: Array, lean_rad: float, wrists: Array, ankles: Array, toes: Array) -> Pose:
     """Return the joints of someone who sits at `pelvis` (3,), leans forward, and holds hands and feet (2, 3) there."""
     h = height_m
     up = np.array([np.sin(lean_rad), 0.0, np.cos(lean_rad)])
@@ -55,8 +55,8 @@ def sitting(height_m: float, pelvis: Array, lean_rad: float, wrists: Array, ankl
     hips = pelvis + pair(0.0, HIP_HALF * h, 0.0)
     knees, elbows = np.empty((2, 3)), np.empty((2, 3))
     for i, side in enumerate(SIDES):
-        knees[i] = bent(hips[i], ankles[i], THIGH * h, SHANK * h, np.array([1.0, 0.25 * side, 0.3]))
-        elbows[i] = bent(shoulders[i], wrists[i], UPPER_ARM * h, FOREARM * h,
+        knees[i] = bend_limb(hips[i], ankles[i], THIGH * h, SHANK * h, np.array([1.0, 0.25 * side, 0.3]))
+        elbows[i] = bend_limb(shoulders[i], wrists[i], UPPER_ARM * h, FOREARM * h,
                               np.array([-0.3, 0.7 * side, -0.7]))  # fmt: skip
     head = neck + np.array([0.03 + 0.06 * np.sin(lean_rad), 0.0, 0.11]) * h
     return Pose(h, np.asarray(pelvis, np.float64), neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
@@ -138,7 +138,7 @@ class Rider:
     """Who rides and how."""
 
     height_m: float
-    looks: Looks
+    looks: Appearance
     lean_rad: float
     helmet: Skin | None
 
@@ -146,7 +146,7 @@ class Rider:
 def make_bicycle(draw: np.random.Generator) -> Body:
     """Draw a bicycle with its rider: 8 phases of one turn of the pedals."""
     paint = Skin("paint", pick(draw, TOPS))
-    looks = replace(draw_looks(draw), girth=float(draw.uniform(0.95, 1.2)))
+    looks = replace(draw_appearance(draw), girth=float(draw.uniform(0.95, 1.2)))
     helmet = Skin("plastic", pick(draw, TOPS)) if draw.random() < 0.5 else None
     rider = Rider(float(draw.uniform(1.6, 1.88)), looks, float(draw.uniform(0.4, 0.6)), helmet)
     frame = _frame(_pelvis(rider.height_m), paint)
@@ -206,7 +206,7 @@ def _rider(rider: Rider, phase: float) -> list[Mesh]:
     ankles = pedals + pair(-0.06, 0.0, ANKLE * h + 0.015)
     toes = ankles + pair(0.72 * FOOT * h, 0.0, -ANKLE * h)
     wrists = _BAR + pair(-0.11, 0.25, 0.035)
-    at = sitting(h, pelvis, rider.lean_rad, wrists, ankles, toes)
+    at = sit_pose(h, pelvis, rider.lean_rad, wrists, ankles, toes)
     parts = figure(at, rider.looks)
     return [*parts, open_helmet(at, rider.helmet)] if rider.helmet is not None else parts
 
@@ -285,12 +285,12 @@ def _lamps() -> list[Mesh]:
 
 def _motorcycles_rider(draw: np.random.Generator) -> list[Mesh]:
     jacket = Skin("cloth", pick(draw, _JACKETS))
-    looks = draw_looks(draw)
+    looks = draw_appearance(draw)
     looks = replace(looks, top=jacket, sleeve=jacket, shank=looks.legs, shoes=Skin("rubber", linear("17171a")),
                     girth=float(draw.uniform(1.1, 1.35)), long_hair=False)  # fmt: skip
     h = float(draw.uniform(1.66, 1.88))
     pelvis = np.array([-0.24, 0.0, 0.87 + 0.055 * h])
     ankles = pair(-0.08, 0.19, 0.36)
     toes = ankles + pair(0.72 * FOOT * h, 0.0, -ANKLE * h)
-    at = sitting(h, pelvis, float(draw.uniform(0.28, 0.42)), pair(0.22, 0.35, 1.09), ankles, toes)
+    at = sit_pose(h, pelvis, float(draw.uniform(0.28, 0.42)), pair(0.22, 0.35, 1.09), ankles, toes)
     return [*figure(at, looks, with_head=False), full_helmet(at, Skin("paint", pick(draw, _HELMETS)), GLASS)]

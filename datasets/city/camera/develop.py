@@ -72,12 +72,12 @@ def mean_across(image: Array, radius: int) -> Array:
 
 _KNEE = 0.75
 """Up to here the image is linear; above, highlights are compressed and never quite white."""
-_MID_GREY = 0.18
+_MID_GRAY = 0.18
 _READ = 0.15
-"""Share of the noise's variance at mid-grey that doesn't come from light."""
+"""Share of the noise's variance at mid-gray that doesn't come from light."""
 _STEPS, _CURVE_END = 4096, 4.0
 _SOFT = 0.04
-"""Share of a pixel's light that falls on each of its four neighbours."""
+"""Share of a pixel's light that falls on each of its four neighbors."""
 _GLARE = 0.035
 """Share of what is brighter than white that lens and sensor spread around."""
 _PER_BYTES = 1 / math.sqrt(4 * (256 * 256 - 1) / 12)
@@ -101,7 +101,7 @@ def linear(toned: Array) -> Float64:
     return np.where(x < _KNEE, x, _KNEE - (1 - _KNEE) * np.log1p(-over))
 
 
-def averaged(first: Float32, more: Float32, pixels: Array) -> None:
+def average_samples(first: Float32, more: Float32, pixels: Array) -> None:
     """Average further samples (n E, 3) of some pixels (E,) into the first ones, in place."""
     each = more.reshape(len(pixels), -1, 3)
     total = first[pixels]
@@ -110,14 +110,14 @@ def averaged(first: Float32, more: Float32, pixels: Array) -> None:
     first[pixels] = total / np.float32(1 + each.shape[1])
 
 
-def developed(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Generator) -> Array:
+def develop(light_in: Float32, spec: CameraSpec, light: Light, rng: np.random.Generator) -> Array:
     """Return the image (H, W, 3) uint8 of linear light (H, W, 3)."""
     glare = glare_of(light_in, float(spec.model().K[0, 0]) / 60)
     noise = rng.integers(0, 0xFFFFFFFF, light_in.shape, np.uint32, endpoint=True)
-    slope = (float(tone(np.array(_MID_GREY + 1e-4))) - float(tone(np.array(_MID_GREY - 1e-4)))) / 2e-4
+    slope = (float(tone(np.array(_MID_GRAY + 1e-4))) - float(tone(np.array(_MID_GRAY - 1e-4)))) / 2e-4
     sigma = spec.noise / slope * light.noise_gain**0.5
     curve = (255 * tone(np.arange(_STEPS + 2) * (_CURVE_END / _STEPS))).astype(np.float32)
-    return _exposed(light_in, glare, noise, curve, sigma, spec.vignetting)
+    return _expose(light_in, glare, noise, curve, sigma, spec.vignetting)
 
 
 def jpeg(rgb: Array, quality: int) -> bytes:
@@ -127,7 +127,7 @@ def jpeg(rgb: Array, quality: int) -> bytes:
 
 
 @kernel
-def _exposed(light_in: Array, glare: Array, noise: Array, curve: Array, sigma: float, vignetting: float) -> Array:
+def _expose(light_in: Array, glare: Array, noise: Array, curve: Array, sigma: float, vignetting: float) -> Array:
     """Soften a little, add glare, darken the corners, add noise, and apply the tone curve."""
     height, width = light_in.shape[:2]
     image = np.empty((height, width, 3), np.uint8)
@@ -146,8 +146,8 @@ def _exposed(light_in: Array, glare: Array, noise: Array, curve: Array, sigma: f
                 upper = glare[i, j, c] + along * (glare[i, farther, c] - glare[i, j, c])
                 under = glare[lower, j, c] + along * (glare[lower, farther, c] - glare[lower, j, c])
                 level = keep * (level + _GLARE * (upper + down * (under - upper)))
-                level += sigma * math.sqrt(_READ + (1 - _READ) / _MID_GREY * level) * _normal(noise[v, u, c])
-                image[v, u, c] = _toned(curve, level)
+                level += sigma * math.sqrt(_READ + (1 - _READ) / _MID_GRAY * level) * _normal(noise[v, u, c])
+                image[v, u, c] = _apply_curve(curve, level)
     return image
 
 
@@ -160,7 +160,7 @@ def _normal(bits: int) -> float:
 
 
 @kernel
-def _toned(curve: Array, level: float) -> int:
+def _apply_curve(curve: Array, level: float) -> int:
     place = min(max(level, 0.0), _CURVE_END) * (_STEPS / _CURVE_END)
     step = int(place)
     return int(curve[step] + (curve[step + 1] - curve[step]) * (place - step) + 0.5)
@@ -179,7 +179,7 @@ _REACH_M, _NEAREST_M = 4.0, 0.3
 _SMALLEST_MM = 1.2
 _EXPOSED_S = 0.004
 _PER_M3_MM = 8_000.0
-"""Marshall and Palmer (1948): N(D) = 8000 exp(-4.1 R^-0.21 D) drops a cubic metre and millimetre of diameter."""
+"""Marshall and Palmer (1948): N(D) = 8000 exp(-4.1 R^-0.21 D) drops a cubic meter and millimetre of diameter."""
 _LIGHT = 0.95
 """A drop shows nearly all that is in front of it, most of it sky (Garg and Nayar 2007)."""
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.camera.develop import add_streaks, averaged, developed, jpeg, mean_across
+from fbench.datasets.city.camera.develop import add_streaks, average_samples, develop, jpeg, mean_across
 from fbench.datasets.city.camera.samples import Eye, HitArrays, Samples, first_samples, more_samples
 from fbench.datasets.city.camera.shade import Scene, lamps_of, radiances
-from fbench.datasets.city.camera.sky import hashed, light_of
+from fbench.datasets.city.camera.sky import hash_noise, light_of
 from fbench.datasets.city.camera.surfaces import WETTABLE, surfaces_of
 from fbench.datasets.city.instant import MISS, BodyStates, Hits, Instant, RayCaster, Rays
 from fbench.datasets.city.rig import CameraSpec
@@ -37,7 +37,7 @@ def mirrored_samples(
     It is told as if it were seen from the camera through the ground.
     """
     origin = samples.rays.origin_m[0]
-    index, start, direction = _reflected(samples.arrays, origin, WETTABLE, width)
+    index, start, direction = _reflect(samples.arrays, origin, WETTABLE, width)
     if not len(index):
         return None
     found = caster.cast(Rays(start, direction, _RANGE_M), states)
@@ -51,14 +51,14 @@ def mirrored_samples(
 def spread_mirrored(linear: Float32, index: Int64, size_wh: tuple[int, int]) -> Float32:
     """Spread mirrored light (M, 3) of pixels (M,) over the image: (N, 4), the last 1 where there is any."""
     width, height = size_wh
-    small = _halved(linear, index, width, height)
+    small = _halve(linear, index, width, height)
     for _ in range(2):
         small = mean_across(mean_across(small, _ASIDE_PX), _UPRIGHT_PX)
-    return _doubled(small, width, height)
+    return _double(small, width, height)
 
 
 @kernel
-def _reflected(hits: HitArrays, origin: Float64, wettable: Float64, width: int) -> tuple[Int64, Float64, Float32]:
+def _reflect(hits: HitArrays, origin: Float64, wettable: Float64, width: int) -> tuple[Int64, Float64, Float32]:
     body, normal, direction, material, range_m = hits.body, hits.normal, hits.direction, hits.material, hits.range_m
     most = ((len(body) // width + 1) // 2) * ((width + 1) // 2)
     index, num = np.empty(most, np.int64), 0
@@ -70,7 +70,7 @@ def _reflected(hits: HitArrays, origin: Float64, wettable: Float64, width: int) 
         for axis in range(3):
             start[num, axis] = origin[axis] + r * direction[i, axis] + 0.01 * normal[i, axis]
         u, v = math.floor(start[num, 0] * _PLACES_PER_M), math.floor(start[num, 1] * _PLACES_PER_M)
-        nx, ny = _SLOPE * hashed(int(u), int(v), 5), _SLOPE * hashed(int(u), int(v), 6)
+        nx, ny = _SLOPE * hash_noise(int(u), int(v), 5), _SLOPE * hash_noise(int(u), int(v), 6)
         dx, dy, dz = float(direction[i, 0]), float(direction[i, 1]), float(direction[i, 2])
         along = 2 * (dx * nx + dy * ny + dz) / (1 + nx * nx + ny * ny)
         x, y, z = dx - along * nx, dy - along * ny, max(dz - along, 0.003)
@@ -96,7 +96,7 @@ def _as_seen(origin: Float64, start: Float64, direction: Float32, range_m: Float
 
 
 @kernel
-def _halved(linear: Float32, index: Int64, width: int, height: int) -> Float32:
+def _halve(linear: Float32, index: Int64, width: int, height: int) -> Float32:
     """Return mirrored light at half the image's width and height, (h, w, 4); the last 1 where there is any."""
     small = np.zeros(((height + 1) // 2, (width + 1) // 2, 4), np.float32)
     for k in range(len(index)):
@@ -108,7 +108,7 @@ def _halved(linear: Float32, index: Int64, width: int, height: int) -> Float32:
 
 
 @kernel
-def _doubled(small: Float32, width: int, height: int) -> Float32:
+def _double(small: Float32, width: int, height: int) -> Float32:
     result = np.zeros((height * width, 4), np.float32)
     for v in range(height):
         i, b = _between(v, small.shape[0])
@@ -138,21 +138,21 @@ def _mixed(image: Float32, i: int, j: int, a: float, b: float, c: int) -> float:
 
 
 _APART_PX = 1 / 3
-"""How far from an edge pixel's centre its two further rays go, in both directions: the three are evenly spread."""
+"""How far from an edge pixel's center its two further rays go, in both directions: the three are evenly spread."""
 _CONTRAST, _FAINT = 0.06, 0.01
 """Share by which the light on both sides of an edge must differ, and by how much of white, for it to be seen."""
 _SAME_WAY, _APART_M, _APART = 0.93, 0.05, 0.003
-"""Cosine between normals of one surface; how far, and how far a metre of range, hits lie off its plane."""
+"""Cosine between normals of one surface; how far, and how far a meter of range, hits lie off its plane."""
 
 
 def edge_pixels(samples: Samples, linear: Float32, width: int) -> Int64:
-    """Indices of pixels that don't show the same surface, in the same light, as a neighbour below, above or beside, and
+    """Indices of pixels that don't show the same surface, in the same light, as a neighbor below, above or beside, and
     differ from it in their light (N, 3) so that one can see it.
     """
     return np.flatnonzero(_edges(samples.arrays, linear, width))
 
 
-def jittered(uv: Float32, pixels: Int64, width: int) -> Float32:
+def jitter(uv: Float32, pixels: Int64, width: int) -> Float32:
     """Places (2 E, 2) of the further rays: those of the first pixel, of the second ...; on one diagonal or, in every
     other pixel, the other, so that no direction of edges is worse than others.
     """
@@ -217,7 +217,7 @@ class Picture:
 
 
 def picture(now: Instant, spec: CameraSpec) -> Picture:
-    """Take an image: one ray through the centre of each pixel, more where edges need it.
+    """Take an image: one ray through the center of each pixel, more where edges need it.
 
     The camera's coordinates are x right, y down, z forward. The noise is its own; the rest is the same for all cameras.
     """
@@ -234,23 +234,23 @@ def picture(now: Instant, spec: CameraSpec) -> Picture:
     uv = eye.pixels()
     samples = first_samples(caster, states, eye, uv, light)
     width, height = spec.size_wh
-    linear = _smoothed(caster, states, eye, uv, samples, scene).reshape(height, width, 3)
+    linear = _antialias(caster, states, eye, uv, samples, scene).reshape(height, width, 3)
     add_streaks(linear, now, model, light)
-    rgb = developed(linear, spec, light, now.draws("camera"))
+    rgb = develop(linear, spec, light, now.generator("camera"))
     image = Image(now.sensor, now.stamp_ns, now.log_ns, jpeg(rgb, spec.jpeg_quality), "jpeg", spec.size_wh)
     return _with_truth(image, rgb, samples, eye.depth_m(uv, samples.hits.range_m))
 
 
-def _smoothed(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, samples: Samples, scene: Scene) -> Float32:
+def _antialias(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, samples: Samples, scene: Scene) -> Float32:
     """Linear light (N, 3) of all pixels, at edges averaged over several rays."""
     mirror = _mirror(caster, states, eye, samples, scene)
     linear = radiances(samples, scene, mirror)
     width = eye.model.size_wh[0]
     pixels = edge_pixels(samples, linear, width)
     if len(pixels):
-        more = more_samples(caster, states, eye, jittered(uv, pixels, width), scene.light, samples, pixels)
+        more = more_samples(caster, states, eye, jitter(uv, pixels, width), scene.light, samples, pixels)
         there = mirror[np.repeat(pixels, len(more.lit) // len(pixels))] if len(mirror) else mirror
-        averaged(linear, radiances(more, scene, there), pixels)
+        average_samples(linear, radiances(more, scene, there), pixels)
     return linear
 
 

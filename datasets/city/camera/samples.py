@@ -16,13 +16,13 @@ _RANGE_M = 250.0
 _WEAK = 0.02
 """Sunlight as a share of the sky's that nobody sees."""
 _MOST_SAME = 2
-"""So many neighbours on the same triangle decide for a pixel."""
+"""So many neighbors on the same triangle decide for a pixel."""
 
 
 def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
     """Tell on which of the pixels (N,) of a whole image, row by row, the sun shines.
 
-    Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbours on the same
+    Every other pixel is asked, like the white fields of a chessboard, and those between whose neighbors on the same
     triangle don't agree: what is missed is smaller than a pixel.
     """
     lit = np.zeros(len(hits.body), bool)
@@ -58,7 +58,7 @@ def _ask(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: L
     if len(index):
         start = _just_above(rays.origin_m[0], rays.direction, hits.range_m, hits.normal, index)
         toward = np.repeat(np.array([light.sun], np.float32), len(index), axis=0)
-        lit[index] = ~caster.blocked(Rays(start, toward, _RANGE_M), states)
+        lit[index] = ~caster.is_blocked(Rays(start, toward, _RANGE_M), states)
 
 
 @kernel
@@ -83,7 +83,7 @@ def _white(facing: Bool, width: int) -> Int64:
 
 @kernel
 def _unsure(facing: Bool, body: Array, triangle: Array, lit: Bool, width: int) -> Int64:
-    """Write what the neighbours of black fields agree on; returns those where they don't."""
+    """Write what the neighbors of black fields agree on; returns those where they don't."""
     index, num = np.empty(len(facing), np.int64), 0
     for i in range(len(facing)):
         if not facing[i] or (i // width + i % width) % 2 == 0:
@@ -155,7 +155,7 @@ class Eye:
     """(4, 4)"""
 
     def pixels(self) -> Float32:
-        """Centres (N, 2) of all pixels, row by row."""
+        """Centers (N, 2) of all pixels, row by row."""
         width, height = self.model.size_wh
         uv = np.empty((height, width, 2), np.float32)
         uv[..., 0], uv[..., 1] = np.arange(width), np.arange(height)[:, None]
@@ -212,7 +212,7 @@ def first_samples(caster: RayCaster, states: BodyStates, eye: Eye, uv: Float32, 
     rays = Rays(eye.world_T_camera[None, :3, 3], eye.directions(uv), RANGE_M)
     hits = caster.cast(rays, states)
     lit = sunlit_pixels(caster, states, rays, hits, light, eye.model.size_wh[0])
-    return Samples(rays, hits, caster.material(hits, states), caster.smoothed(rays, hits, states), lit)
+    return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 
 def more_samples(
@@ -223,7 +223,7 @@ def more_samples(
     hits = caster.cast(rays, states)
     width = eye.model.size_wh[0]
     lit = sunlit_between(caster, states, rays, hits, light, first.hits, first.lit, pixels, width)
-    return Samples(rays, hits, caster.material(hits, states), caster.smoothed(rays, hits, states), lit)
+    return Samples(rays, hits, caster.material(hits, states), caster.smooth_normals(rays, hits, states), lit)
 
 
 @kernel

@@ -181,7 +181,7 @@ _WET_DARKER, _WET_GLOSS = 0.5, 0.02
 _BRIGHTEST = 60.0
 """In the image, white being 1: brighter lamps are no brighter."""
 _HUE_KEPT = 6.0
-"""Lamps brighter than this keep their colour: red lights aren't white, as sensors with a wide range show them."""
+"""Lamps brighter than this keep their color: red lights aren't white, as sensors with a wide range show them."""
 
 
 class Scene(NamedTuple):

@@ -34,7 +34,7 @@ _VALUES = _values()
 
 
 @kernel
-def hashed(x: int, y: int, salt: int) -> float:
+def hash_noise(x: int, y: int, salt: int) -> float:
     """Return a number from -1 to 1 that belongs to two whole numbers and a salt."""
     h = (x * 73856093) ^ (y * 19349663) ^ (salt * 83492791)
     h = ((h ^ (h >> 15)) * 2246822519) & 0xFFFFFFFF
@@ -76,7 +76,7 @@ _DARK_LUX, _DIM_LUX = 500.0, 2_000.0
 
 
 class Light(NamedTuple):
-    """The light of one weather; colours are linear red, green, blue."""
+    """The light of one weather; colors are linear red, green, blue."""
 
     sun: tuple[float, float, float]
     """Unit vector towards the sun, in the world."""
@@ -189,7 +189,7 @@ def sky(light: Light, x: float, y: float, z: float, salt: int) -> Rgb:
     """Return the luminance of the sky in a direction (unit vector); clouds are those of a salt."""
     red, green, blue = plain_sky(light, x, y, z)
     if z > 0.01:
-        red, green, blue = _clouded(light, red, green, blue, x, y, z, salt)
+        red, green, blue = _cover_with_clouds(light, red, green, blue, x, y, z, salt)
     haze = exp(-max(z, 0.0) * (6.0 + 0.01 / light.extinction_per_m)) if light.extinction_per_m < 0.005 else 1.0
     red += (light.airlight[0] - red) * haze
     green += (light.airlight[1] - green) * haze
@@ -201,7 +201,9 @@ def sky(light: Light, x: float, y: float, z: float, salt: int) -> Rgb:
 
 
 @kernel
-def _clouded(light: Light, red: float, green: float, blue: float, x: float, y: float, z: float, salt: int) -> Rgb:
+def _cover_with_clouds(
+    light: Light, red: float, green: float, blue: float, x: float, y: float, z: float, salt: int
+) -> Rgb:
     u, v = 1.1 * x / (z + 0.12), 1.1 * y / (z + 0.12)
     density = 0.5 + 0.5 * fractal_noise(u, v, 5, salt) - (1 - light.clouds)
     cover = min(1.0, max(0.0, density / 0.45)) * min(1.0, z * 12)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fbench.datasets.city.camera.samples import HitArrays
-from fbench.datasets.city.camera.sky import Light, hashed, value_noise
+from fbench.datasets.city.camera.sky import Light, hash_noise, value_noise
 from fbench.datasets.city.instant import BRAKE, EGO, MISS, BodyStates, RayCaster
 from fbench.datasets.city.mesh import INDEX, MATERIALS
 from fbench.replay.data.arrays import Array, Float32, Float64
@@ -35,12 +35,12 @@ class Grid(NamedTuple):
 
 
 def grid_around(x_m: float, y_m: float, center_m: Float64, radius_m: Float64) -> Grid:
-    """Return the cells around (x, y) with the discs that reach into them: centres (N, 2), radii (N,)."""
+    """Return the cells around (x, y) with the discs that reach into them: centers (N, 2), radii (N,)."""
     corner = (x_m - _CELLS * _CELL_M / 2, y_m - _CELLS * _CELL_M / 2)
     low = np.floor((center_m - corner - radius_m[:, None]) / _CELL_M).astype(np.int64)
     high = np.floor((center_m - corner + radius_m[:, None]) / _CELL_M).astype(np.int64)
     low, high = np.clip(low, 0, _CELLS), np.clip(high, -1, _CELLS - 1)
-    start, items = _filled(low, high)
+    start, items = _fill(low, high)
     return Grid(corner[0], corner[1], start, items)
 
 
@@ -52,7 +52,7 @@ def cell_of(corner_x_m: float, corner_y_m: float, x_m: float, y_m: float) -> int
 
 
 @kernel
-def _filled(low: Array, high: Array) -> tuple[Array, Array]:
+def _fill(low: Array, high: Array) -> tuple[Array, Array]:
     start = np.zeros(_CELLS * _CELLS + 1, np.int64)
     for n in range(len(low)):
         for i in range(low[n, 0], high[n, 0] + 1):
@@ -127,7 +127,7 @@ def surfaces_of(caster: RayCaster, states: BodyStates, light: Light) -> Surfaces
 
 @kernel
 def colors(surfaces: Surfaces, hits: HitArrays, emits: Array) -> tuple[Float32, Float32]:
-    """Return albedo or colour of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0.
+    """Return albedo or color of light (N, 3) of what was hit, and its luminance (N,) where it shines, else 0.
 
     `emits` is `EMITS`. Lamps that are off are dark.
     """
@@ -246,7 +246,7 @@ def pattern(table: Array, row: int, u: float, v: float, minor_m: float, major_m:
     pixel_m = math.sqrt(minor_m * major_m)
     if along > 0 and pixel_m < 0.5 * across:
         piece, seam = table[row, _PIECE], table[row, _SEAM]
-        factor *= _laid(along, across, table[row, _JOINT], piece, seam, u, v, pixel_m, salt)
+        factor *= _lay_pieces(along, across, table[row, _JOINT], piece, seam, u, v, pixel_m, salt)
     return float(max(0.1, factor))
 
 
@@ -271,7 +271,7 @@ def _grain(finest_m: float, u: float, v: float, minor_m: float, major_m: float, 
 
 
 @kernel
-def _laid(
+def _lay_pieces(
     along: float, across: float, joint: float, piece: float, seam: float, u: float, v: float, pixel_m: float, salt: int
 ) -> float:
     """Rows of pieces with joints, every other row shifted by half a piece; faded where pixels don't show them."""
@@ -282,5 +282,5 @@ def _laid(
     edge = min(min(x - column, column + 1 - x) * along, min(v / across - row, row + 1 - v / across) * across)
     soft = 0.5 * pixel_m + 1e-4
     inside = min(1.0, max(0.0, (edge - 0.5 * joint + soft) / (2 * soft)))
-    shade = 1 + piece * hashed(int(column), int(row), salt + 80)
+    shade = 1 + piece * hash_noise(int(column), int(row), salt + 80)
     return 1 + fade * (shade * inside + seam * (1 - inside) - 1)

@@ -7,7 +7,7 @@ import numpy as np
 from embreex.rtcore import EmbreeDevice
 
 from fbench.datasets.city.instant import EGO, MISS, STATIC, BodyStates, Hits, Rays
-from fbench.datasets.city.mesh import Actor, Mesh, merged
+from fbench.datasets.city.mesh import Actor, Mesh, merge_meshes
 from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, unit_normals
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
@@ -261,7 +261,7 @@ class EmbreeCaster:
         self._starts = {mesh: int(start) for mesh, start in zip(phases, starts[1:-1], strict=True)}
         self._normals = np.concatenate([unit_normals(mesh) for mesh in meshes])
         self._rounding = rounding(tuple(phases))
-        self._materials = np.append(merged(meshes).material, np.uint8(_NO_MATERIAL))
+        self._materials = np.append(merge_meshes(meshes).material, np.uint8(_NO_MATERIAL))
 
     @property
     def static(self) -> Mesh:
@@ -292,7 +292,7 @@ class EmbreeCaster:
         )
         return Hits(range_m, body, triangle, normal, tuple(alone))
 
-    def blocked(self, rays: Rays, states: BodyStates) -> Bool:
+    def is_blocked(self, rays: Rays, states: BodyStates) -> Bool:
         """Tell of which rays (N,) something is in the way within their range: shadows."""
         found = self._world.blocks(_origins(rays), rays.direction, rays.range_m)
         free = np.flatnonzero(~found)
@@ -308,7 +308,7 @@ class EmbreeCaster:
         first = np.append(self._first(states), [len(self._materials), 0])  # MISS (with triangle -1) and STATIC
         return np.asarray(self._materials[first[hits.body] + hits.triangle])
 
-    def smoothed(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
+    def smooth_normals(self, rays: Rays, hits: Hits, states: BodyStates) -> Float32:
         """Normals (N, 3) as if bodies were round where their triangles meet at small angles."""
         bodies = np.column_stack([states.position_m, states.yaw_rad])
         first = self._first(states) - len(self._static)

@@ -85,14 +85,14 @@ class Rounding(NamedTuple):
 
 def rounding(meshes: tuple[Mesh, ...]) -> Rounding:
     """Prepare the corners of meshes; each mesh is welded on its own."""
-    parts = [_rounded(mesh) for mesh in meshes]
+    parts = [_round_corners(mesh) for mesh in meshes]
     if not parts:
         return Rounding(np.zeros((0, 3, 3), np.float32), np.zeros((0, 3, 3), np.float32), np.zeros(0, bool))
     position, normal, is_round = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return Rounding(position, normal, is_round)
 
 
-def _rounded(mesh: Mesh) -> tuple[Float32, Float32, Bool]:
+def _round_corners(mesh: Mesh) -> tuple[Float32, Float32, Bool]:
     corners = np.ascontiguousarray(mesh.vertices_m[mesh.triangles])
     steps = np.round(corners.reshape(-1, 3).astype(np.float64) / _WELD_M).astype(np.int64) + (1 << (_BITS - 1))
     key = (steps[:, 0] << (2 * _BITS)) + (steps[:, 1] << _BITS) + steps[:, 2]

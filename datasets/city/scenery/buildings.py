@@ -16,15 +16,15 @@ from fbench.datasets.city.mesh import (
     below,
     blocks,
     box,
-    joined,
+    join_quads,
     leftward,
-    merged,
+    merge_meshes,
     mesh,
     on_wall,
-    painted,
+    paint_quads,
     quads_mesh,
     rightward,
-    shaded,
+    scale_color,
     upright,
 )
 from fbench.replay.data.arrays import Array, Float64
@@ -93,7 +93,7 @@ def draw_style(size_lwh_m: tuple[float, float, float], rng: np.random.Generator)
     use = _use(size_lwh_m, rng)
     palette = {"office": _OFFICE_WALLS, "hall": _HALL_WALLS}.get(use, _WALLS)
     material, color = palette[int(rng.integers(len(palette)))]
-    wall = Skin(material, shaded(color, float(rng.uniform(0.85, 1.12))))
+    wall = Skin(material, scale_color(color, float(rng.uniform(0.85, 1.12))))
     pale = float(rng.uniform(0.45, 0.68))
     dark_frames = rng.random() < (0.7 if use == "office" else 0.35)
     shop = use in ("flats", "office") and bool(rng.random() < 0.6)
@@ -102,7 +102,7 @@ def draw_style(size_lwh_m: tuple[float, float, float], rng: np.random.Generator)
     return Style(
         use=use,
         wall=wall,
-        base=Skin("concrete", shaded(color, 0.7)) if rng.random() < 0.4 else wall,
+        base=Skin("concrete", scale_color(color, 0.7)) if rng.random() < 0.4 else wall,
         trim=Skin("concrete", (pale, pale, pale * 0.96)),
         frame=Skin("plastic", (0.045, 0.045, 0.05) if dark_frames else (0.66, 0.66, 0.64)),
         roof=Skin("roof", _ROOFS[int(rng.integers(len(_ROOFS)))]),
@@ -136,7 +136,7 @@ _FRAME_M = 0.07
 _OUT_M = 0.8
 """How far balconies and awnings stand out."""
 _LIT: tuple[Rgb, ...] = ((0.30, 0.21, 0.12), (0.30, 0.24, 0.16), (0.27, 0.27, 0.25))
-"""Colours of rooms behind lit windows: by day they are curtains, so not too bright."""
+"""Colors of rooms behind lit windows: by day they are curtains, so not too bright."""
 _DOORS: tuple[Rgb, ...] = ((0.12, 0.06, 0.03), (0.03, 0.08, 0.05), (0.05, 0.06, 0.12), (0.22, 0.03, 0.03))
 
 
@@ -152,7 +152,7 @@ def facade(width_m: float, height_m: float, style: Style, front: bool, rng: np.r
     parts = [upper, _ground_floor(width_m, ground, style, front, rng)]
     if front and style.balconies and storeys and bays:
         parts.append(_balconies(width_m, bays, floors[:-1], style, rng))
-    return joined(parts)
+    return join_quads(parts)
 
 
 def _wall(width: float, v0: float, v1: float, skin: Skin) -> Quads:
@@ -173,25 +173,25 @@ def _rows(width: float, bays: int, floors: Float64, style: Style, deep: bool, rn
     if not deep:
         frames = upright(*openings, 0.02, style.frame)
         wall = _wall(width, float(floors[0]), float(floors[-1]), style.wall)
-        return joined([wall, frames, _panes(*openings, 0.04, style, rng)])
+        return join_quads([wall, frames, _panes(*openings, 0.04, style, rng)])
     bands = upright(0.0, width, np.append(floors[0], v1), np.append(v0, floors[-1]), 0.0, style.wall)
     left, right = np.append(0.0, middle + half), np.append(middle - half, width)
     rows, columns = np.repeat(np.arange(len(v0)), bays + 1), np.tile(np.arange(bays + 1), len(v0))
     piers = upright(left[columns], right[columns], v0[rows], v1[rows], 0.0, style.wall)
-    return joined([bands, piers, windows(*openings, style, rng)])
+    return join_quads([bands, piers, windows(*openings, style, rng)])
 
 
 def windows(u0: Array, u1: Array, v0: Array, v1: Array, style: Style, rng: np.random.Generator) -> Quads:
     """Return what fills openings of a wall: reveals, frames and panes, some lit, some with curtains."""
     d = -_RECESS_M
-    reveal = replace(style.wall, color=shaded(style.wall.color, 0.85))
+    reveal = replace(style.wall, color=scale_color(style.wall.color, 0.85))
     sides = [
         above(u0, u1, d, 0.0, v0, style.trim),
         below(u0, u1, d, 0.0, v1, reveal),
         rightward(v0, v1, d, 0.0, u0, reveal),
         leftward(v0, v1, d, 0.0, u1, reveal),
     ]
-    return joined([*sides, upright(u0, u1, v0, v1, d, style.frame), _panes(u0, u1, v0, v1, d + 0.02, style, rng)])
+    return join_quads([*sides, upright(u0, u1, v0, v1, d, style.frame), _panes(u0, u1, v0, v1, d + 0.02, style, rng)])
 
 
 def _panes(u0: Array, u1: Array, v0: Array, v1: Array, d: float, style: Style, rng: np.random.Generator) -> Quads:
@@ -220,13 +220,13 @@ def _ground_floor(width: float, height: float, style: Style, front: bool, rng: n
     # Between two windows: on the pier in the middle, or at the side of the only one.
     bay = width / max(bays, 1)
     u = bay * (bays // 2) if bays > 1 else 0.65
-    return joined([rows, _door(u, min(0.5, bay * (1 - ground.window_share) / 2 - 0.05), height, style, rng)])
+    return join_quads([rows, _door(u, min(0.5, bay * (1 - ground.window_share) / 2 - 0.05), height, style, rng)])
 
 
 def _door(u: float, half: float, height: float, style: Style, rng: np.random.Generator) -> Quads:
     half, top = max(half, 0.35), min(2.25, height - 0.4)
     leaf = Skin("wood", _DOORS[int(rng.integers(len(_DOORS)))])
-    return joined([
+    return join_quads([
         upright(u - half - 0.1, u + half + 0.1, 0.0, top + 0.1, 0.02, style.trim),
         upright(u - half, u + half, 0.0, top, 0.04, leaf),
         upright(u - half * 0.55, u + half * 0.55, top * 0.55, top * 0.9, 0.05, Skin("window", (0.03, 0.035, 0.04))),
@@ -251,14 +251,14 @@ def _shops(width: float, height: float, style: Style, rng: np.random.Generator) 
     ]
     colors = np.asarray(SHOP_COLORS)[rng.integers(len(SHOP_COLORS), size=bays)]
     boards = upright(start + 0.12, start + bay - 0.12, head + 0.12, head + 0.75, 0.04, Skin("paint", (0, 0, 0)))
-    parts.append(painted(boards, colors))
+    parts.append(paint_quads(boards, colors))
     wide = rng.uniform(0.2, 0.38, bays) * bay
     letters = upright(start + bay / 2 - wide, start + bay / 2 + wide, head + 0.3, head + 0.56, 0.06,
                       Skin("paint", (0.7, 0.68, 0.62)))  # fmt: skip
-    parts.append(letters if colors.mean() < 0.3 else painted(letters, np.full((bays, 3), 0.05)))
+    parts.append(letters if colors.mean() < 0.3 else paint_quads(letters, np.full((bays, 3), 0.05)))
     if style.awnings:
         parts.append(_awnings(start + 0.1, start + bay - 0.1, head + 0.05, colors))
-    return joined(parts)
+    return join_quads(parts)
 
 
 def _awnings(u0: Array, u1: Array, top: float, colors: Array) -> Quads:
@@ -270,7 +270,7 @@ def _awnings(u0: Array, u1: Array, top: float, colors: Array) -> Quads:
     lip = upright(u0, u1, top - 0.75, top - 0.55, _OUT_M, Skin("cloth", (0, 0, 0)))
     both = Quads(np.concatenate([corners, under, lip.corners_m, lip.corners_m[:, ::-1] - np.array([0.0, 0.0, 0.01])]),
                  np.tile(flat.material, 4), np.tile(flat.color, (4, 1)))  # fmt: skip
-    return painted(both, np.concatenate([colors, colors * 0.8, colors * 1.1, colors * 0.8]))
+    return paint_quads(both, np.concatenate([colors, colors * 0.8, colors * 1.1, colors * 0.8]))
 
 
 def _balconies(width: float, bays: int, floors: Float64, style: Style, rng: np.random.Generator) -> Quads:
@@ -281,7 +281,7 @@ def _balconies(width: float, bays: int, floors: Float64, style: Style, rng: np.r
     u0, u1, out = (column + 0.06) * bay, (column + 0.94) * bay, _OUT_M
     rail = style.frame if rng.random() < 0.5 else style.trim
     top = v + 1.0
-    return joined([
+    return join_quads([
         blocks(u0, u1, v - 0.16, v, 0.0, out, style.trim, back=False),
         blocks(u0, u1, v + 0.1, top, out - 0.05, out, rail),
         blocks(u0, u0 + 0.05, v + 0.1, top, 0.0, out - 0.05, rail),
@@ -308,7 +308,7 @@ def _hall(width: float, height: float, style: Style, front: bool, rng: np.random
     top = min(4.2, v0 - 0.4)
     parts.append(upright(gates - 1.9, gates + 1.9, 0.0, top + 0.15, 0.03, style.trim))
     parts.append(upright(gates - 1.75, gates + 1.75, 0.0, top, 0.06, Skin("metal", (0.25, 0.27, 0.29))))
-    return joined(parts)
+    return join_quads(parts)
 
 
 _INSET_M = 0.12
@@ -328,11 +328,13 @@ def building(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     has_shed = not style.pitched and height > 9 and bool(rng.random() < 0.6)
     rise = min(0.32 * min(length, width), 0.4 * height) if style.pitched else 2.2 if has_shed else 0.0
     eaves = height - rise
-    walls = quads_mesh(joined([_side(core, k, eaves, style, rng) for k in range(4)]))
+    walls = quads_mesh(join_quads([_side(core, k, eaves, style, rng) for k in range(4)]))
     step = box((0.0, 0.0, 0.04), (length, width, 0.08), style.trim)
     if style.pitched:
-        return merged([walls, step, *_gable(core, eaves, height, style, rng)])
-    return merged([walls, step, *_flat_roof(core, eaves, style), *([_shed(core, eaves, height, style)] * has_shed)])
+        return merge_meshes([walls, step, *_gable(core, eaves, height, style, rng)])
+    return merge_meshes(
+        [walls, step, *_flat_roof(core, eaves, style), *([_shed(core, eaves, height, style)] * has_shed)]
+    )
 
 
 def _side(core: Float64, k: int, eaves: float, style: Style, rng: np.random.Generator) -> Quads:

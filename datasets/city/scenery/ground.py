@@ -4,13 +4,25 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fbench.datasets.city.mesh import INDEX, Mesh, Quads, Rgb, Skin, joined, merged, mesh, quad, quads_mesh, shaded
+from fbench.datasets.city.mesh import (
+    INDEX,
+    Mesh,
+    Quads,
+    Rgb,
+    Skin,
+    join_quads,
+    merge_meshes,
+    mesh,
+    quad,
+    quads_mesh,
+    scale_color,
+)
 from fbench.datasets.city.world.city_map import GROUND_Z_M, Patch
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64
 
 _STRAIGHT_M = 1e-4
-"""A point so near the line between its neighbours that it only makes slivers."""
+"""A point so near the line between its neighbors that it only makes slivers."""
 
 
 def surface(points_m: Float64) -> tuple[Float64, Array]:
@@ -25,7 +37,7 @@ def surface(points_m: Float64) -> tuple[Float64, Array]:
     strip = _strip(points_m)
     if strip is not None:
         return points_m, strip
-    outline = _simplified(points_m)
+    outline = _simplify(points_m)
     if is_convex(outline):
         num = len(outline)
         return outline, np.column_stack([np.zeros(num - 2, np.int64), np.arange(1, num - 1), np.arange(2, num)])
@@ -54,7 +66,7 @@ def _strip(points: Float64) -> Array | None:
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def _simplified(points_m: Float64) -> Float64:
+def _simplify(points_m: Float64) -> Float64:
     """Leave out points of an outline (P, 2) that repeat others or lie on straight lines."""
     points = points_m
     while len(points) > 3:
@@ -153,11 +165,11 @@ def ground(patches: Sequence[Patch]) -> Mesh:
     is_quad = np.array([len(patch.points_m) == 4 and bool(is_convex(patch.points_m)) for patch in patches], bool)
     quads = [patch for patch, simple in zip(patches, is_quad, strict=True) if simple]
     others = [(patch, *surface(patch.points_m)) for patch, simple in zip(patches, is_quad, strict=True) if not simple]
-    parts = [_plane(patches), quads_mesh(joined([_flat_quad(patch) for patch in quads]))]
+    parts = [_plane(patches), quads_mesh(join_quads([_flat_quad(patch) for patch in quads]))]
     parts += [_flat(patch, outline, triangles) for patch, outline, triangles in others]
     kerbs = [_kerb(patch.z_m, patch.points_m) for patch in quads if patch.has_kerb]
     kerbs += [_kerb(patch.z_m, outline) for patch, outline, _ in others if patch.has_kerb]
-    return merged([*parts, quads_mesh(joined(kerbs))])
+    return merge_meshes([*parts, quads_mesh(join_quads(kerbs))])
 
 
 def _flat_quad(patch: Patch) -> Quads:
@@ -171,7 +183,7 @@ def _flat(patch: Patch, outline: Float64, triangles: Array) -> Mesh:
 
 
 def _skin(patch: Patch) -> Skin:
-    return Skin(patch.material, shaded(COLORS.get(patch.material, _OTHER), patch.shade))
+    return Skin(patch.material, scale_color(COLORS.get(patch.material, _OTHER), patch.shade))
 
 
 def _kerb(z_m: float, outline: Float64) -> Quads:

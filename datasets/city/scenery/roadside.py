@@ -11,9 +11,9 @@ from fbench.datasets.city.mesh import (
     blocks,
     box,
     cylinder,
-    joined,
+    join_quads,
     loft,
-    merged,
+    merge_meshes,
     mesh,
     on_wall,
     quads_mesh,
@@ -55,7 +55,9 @@ def gantry(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     at = np.linspace(-width / 2 + 0.1, width / 2 - 0.1, num + 1)
     parts += [_strut(x, a, b, low, top, i % 2 == 0) for x in (-deep / 2, deep / 2)
               for i, (a, b) in enumerate(zip(at[:-1].tolist(), at[1:].tolist(), strict=True))]  # fmt: skip
-    return merged([*parts, quads_mesh(on_wall(_panels(width, height, deep / 2 + 0.1, rng), (0.0, 0.0, 0.0), 0.0))])
+    return merge_meshes(
+        [*parts, quads_mesh(on_wall(_panels(width, height, deep / 2 + 0.1, rng), (0.0, 0.0, 0.0), 0.0))]
+    )
 
 
 def _guard_rail(size_lwh_m: Three) -> Mesh:
@@ -64,7 +66,7 @@ def _guard_rail(size_lwh_m: Three) -> Mesh:
     at = (np.arange(num) + 0.5) * (length / num) - length / 2
     half = max(width / 2 - 0.09, 0.03)
     posts = blocks(at - 0.04, at + 0.04, 0.0, height - 0.06, -half, half, _POST)
-    return merged(
+    return merge_meshes(
         [
             quads_mesh(on_wall(posts, (0.0, 0.0, 0.0), -np.pi / 2)),
             _beam(length, width / 2, height),
@@ -99,7 +101,7 @@ def _oblong(length: float, width: float, z: float) -> Float64:
 
 
 def _noise_wall(at: Float64, half: float, height: float, rng: np.random.Generator) -> Quads:
-    """Panels of concrete below coloured ones, between steel posts."""
+    """Panels of concrete below colored ones, between steel posts."""
     tint = ((0.25, 0.3, 0.24), (0.34, 0.31, 0.25), (0.24, 0.3, 0.34))[int(rng.integers(3))]
     rows = max(1, round(height / 1.0))
     v = np.linspace(0.0, height - 0.04, rows + 1)
@@ -108,7 +110,7 @@ def _noise_wall(at: Float64, half: float, height: float, rng: np.random.Generato
     deep = np.where(np.tile(np.arange(rows), len(at) - 1) % 2 == 0, 0.6, 0.66) * half
     panels = blocks(u0, u1, low, high, -deep, deep, Skin("concrete", tint))
     posts = blocks(at - 0.06, at + 0.06, 0.0, height, -half, half, _POST)
-    return joined([panels, posts])
+    return join_quads([panels, posts])
 
 
 def _strut(x: float, y0: float, y1: float, low: float, top: float, rises: bool) -> Mesh:
@@ -140,7 +142,7 @@ def _panels(width: float, height: float, x: float, rng: np.random.Generator) -> 
         ),
         upright(u - 0.08, u + 0.08, v0 + 0.5, v0 + 0.95, x + 0.012, white),
     ]
-    return joined([*parts, _arrows(u, v0, x + 0.012, white)])
+    return join_quads([*parts, _arrows(u, v0, x + 0.012, white)])
 
 
 def _arrows(u: Float64, v0: float, x: float, skin: Skin) -> Quads:
@@ -166,8 +168,8 @@ def sign(size_lwh_m: Three, kind: str) -> Mesh:
     half = min(width, height) / 2
     middle = height - half
     post = cylinder((0.0, 0.0, 0.0), (0.0, 0.0, height - 0.1 * half), 0.03, 8, Skin("pole", (0.3, 0.31, 0.32)))
-    plate = [_moved(part, 0.035, middle) for part in _plate(kind, half)]
-    return merged([post, *plate])
+    plate = [_move_mesh(part, 0.035, middle) for part in _plate(kind, half)]
+    return merge_meshes([post, *plate])
 
 
 def _plate(kind: str, half: float) -> list[Mesh]:
@@ -246,7 +248,7 @@ def _disc(num: int, radius: float, turn_rad: float = 0.0) -> Float64:
 
 
 def _board(outline: Float64) -> Mesh:
-    """A grey sheet behind the plate's face: y to the right of who looks at it, z up."""
+    """A gray sheet behind the plate's face: y to the right of who looks at it, z up."""
     rings = [np.column_stack([np.full(len(outline), x), outline]) for x in (-0.02, 0.0)]
     return loft(rings, Skin("metal", (0.35, 0.35, 0.35)))
 
@@ -257,7 +259,7 @@ def _face(outline: Float64, layer: int, color: Rgb) -> Mesh:
     return mesh(np.column_stack([np.full(num, layer * _LAYER_M), outline]), fan, Skin("sign", color))
 
 
-def _moved(part: Mesh, x: float, z: float) -> Mesh:
+def _move_mesh(part: Mesh, x: float, z: float) -> Mesh:
     vertices = (part.vertices_m + np.array([x, 0, z], np.float32)).astype(np.float32)
     return Mesh(vertices, part.triangles, part.material, part.color, part.lamp)
 
@@ -278,7 +280,7 @@ def lamp_post(size_lwh_m: Three) -> Mesh:
     middle = reach - 0.35
     head = box((middle, 0.0, height - 0.05), (0.7, min(0.26, width), 0.1), _STEEL)
     glass = box((middle + 0.03, 0.0, height - 0.115), (0.5, 0.7 * min(0.26, width), 0.03), _BULB)
-    return merged([base, pole, arm, head, glass])
+    return merge_meshes([base, pole, arm, head, glass])
 
 
 def bench(size_lwh_m: Three) -> Mesh:
@@ -295,7 +297,7 @@ def bench(size_lwh_m: Three) -> Mesh:
             box((-0.38 * length, y, seat / 2 - 0.05), (0.05, 0.05, seat - 0.1), _DARK),
             box((-length / 2 + 0.075, y, 0.75 * height), (0.05, 0.05, 0.48 * height), _DARK),
         ]
-    return merged(parts)
+    return merge_meshes(parts)
 
 
 def bin_(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
@@ -303,7 +305,7 @@ def bin_(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:
     length, width, height = size_lwh_m
     radius = min(length, width) / 2
     color = ((0.03, 0.09, 0.05), (0.05, 0.05, 0.055), (0.35, 0.13, 0.02))[int(rng.integers(3))]
-    return merged([
+    return merge_meshes([
         cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 0.78 * height), 0.85 * radius, 10, Skin("plastic", color), 0.97 * radius),
         cylinder((0.0, 0.0, 0.78 * height), (0.0, 0.0, 0.9 * height), 0.8 * radius, 10, Skin("plastic", (0.01,) * 3)),
         cylinder((0.0, 0.0, 0.9 * height), (0.0, 0.0, height), radius, 10, Skin("plastic", color), 0.6 * radius),
@@ -316,7 +318,7 @@ def hydrant(size_lwh_m: Three) -> Mesh:
     red = Skin("paint", (0.42, 0.03, 0.025))
     r = 0.32 * min(length, width)
     z = 0.62 * height
-    return merged([
+    return merge_meshes([
         cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 0.06), 1.35 * r, 10, red),
         cylinder((0.0, 0.0, 0.05), (0.0, 0.0, 0.8 * height), r, 10, red),
         cylinder((0.0, 0.0, 0.8 * height), (0.0, 0.0, height), 1.2 * r, 10, red, 0.3 * r),
@@ -348,7 +350,7 @@ def signal(size_lwh_m: Three) -> Mesh:
     post = -deep / 2 + 0.045
     lamps = (0, 1, 2) if height >= 3.0 else (0, 2)
     top = height - 0.16 * len(lamps) - 0.02
-    return merged([
+    return merge_meshes([
         cylinder((post, 0.0, 0.0), (post, 0.0, height), 0.045, 8, _STREET_POST),
         *_head((post + 0.04, 0.0, top), deep / 2, min(width, 0.32), lamps),
     ])  # fmt: skip

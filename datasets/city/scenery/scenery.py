@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fbench.datasets.city.mesh import Mesh, Rgb, Skin, Three, cylinder, loft, merged, mesh
+from fbench.datasets.city.mesh import Mesh, Rgb, Skin, Three, cylinder, loft, merge_meshes, mesh
 from fbench.datasets.city.scenery.buildings import building
 from fbench.datasets.city.scenery.ground import ground
 from fbench.datasets.city.scenery.roadside import (
@@ -26,7 +26,7 @@ from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64
 
 Blob: TypeAlias = tuple[Three, Three]
-"""An ellipsoid's centre and radii."""
+"""An ellipsoid's center and radii."""
 SPECIES = 4
 _LEAVES: tuple[Rgb, ...] = ((0.062, 0.115, 0.028), (0.075, 0.12, 0.03), (0.028, 0.065, 0.028), (0.085, 0.125, 0.035))
 _BARK: Rgb = (0.11, 0.085, 0.06)
@@ -45,7 +45,7 @@ def tree(species: int, num_leaves: int, rng: np.random.Generator) -> Mesh:
     trunk = [_trunk(foot + 0.18 if species != 2 else 0.6)]
     if species in (0, 3):
         trunk += [_branch(foot, rng) for _ in range(2)]
-    return merged([*trunk, leaves])
+    return merge_meshes([*trunk, leaves])
 
 
 def bush(rng: np.random.Generator) -> Mesh:
@@ -77,7 +77,7 @@ def _foliage(blobs: Sequence[Blob], num: int, size: float, color: Rgb, squash: f
     low, high = points[:, 2].min(), points[:, 2].max()
     up = (points[:, 2] - low) / (high - low)
     sizes = size * rng.uniform(0.7, 1.25, (len(points), 1))
-    return merged([*cores, _cards(points, normals, sizes, color, up, squash, rng)])
+    return merge_meshes([*cores, _cards(points, normals, sizes, color, up, squash, rng)])
 
 
 def _on_surface(blobs: Sequence[Blob], num: int, rng: np.random.Generator) -> tuple[Float64, Float64]:
@@ -113,7 +113,7 @@ def _cards(
     whole = mesh(corners.reshape(-1, 3), np.arange(3 * num).reshape(-1, 3), Skin("foliage", color))
     light = (0.62 + 0.5 * up) * rng.uniform(0.75, 1.25, num)
     hue = 1.0 + rng.normal(0.0, 0.07, (num, 3)) * np.array([1.0, 0.4, 1.0])
-    return _colored(whole, np.asarray(color) * light[:, None] * hue)
+    return _color_leaves(whole, np.asarray(color) * light[:, None] * hue)
 
 
 def _core(center: Three, radii: Three, color: Rgb, rng: np.random.Generator) -> Mesh:
@@ -155,7 +155,7 @@ def _within(leaves: Mesh, foot: float) -> Mesh:
     return Mesh(fitted.astype(np.float32), leaves.triangles, leaves.material, leaves.color, leaves.lamp)
 
 
-def _colored(whole: Mesh, color: Array) -> Mesh:
+def _color_leaves(whole: Mesh, color: Array) -> Mesh:
     albedo: Float32 = np.clip(color, 0.0, 1.0).astype(np.float32)
     return Mesh(whole.vertices_m, whole.triangles, whole.material, albedo, whole.lamp)
 
@@ -170,7 +170,7 @@ def copies(
         position_m: (N, 3) where its origin comes to lie.
         yaw_rad: (N,) about z.
         scale: (N, 3) along its own axes, applied first; positive.
-        tint: (N, 3) factors on its colours, of which none exceeds 1 afterwards.
+        tint: (N, 3) factors on its colors, of which none exceeds 1 afterwards.
         lamp_base: (N,) what is added to the numbers of its lamps; -1: this copy's lamps can't be switched.
     """
     num = len(position_m)
@@ -238,8 +238,8 @@ def scenery(layout: Layout, seed: int) -> Mesh:
         allowed = np.asarray(size) * np.array([1.0 if kind == "lamp_post" else 0.5, 0.5, 1.0])
         vertices = (made.vertices_m * np.minimum(1.0, allowed / reach)).astype(np.float32)
         mesh = Mesh(vertices, made.triangles, made.material, made.color, made.lamp)
-        parts.append(_placed(mesh, [layout.placements[i] for i in indices], size, rng))
-    return merged(parts)
+        parts.append(_place(mesh, [layout.placements[i] for i in indices], size, rng))
+    return merge_meshes(parts)
 
 
 def _look(placement: Placement, index: int) -> tuple[Kind, Three, int]:
@@ -253,7 +253,7 @@ def _look(placement: Placement, index: int) -> tuple[Kind, Three, int]:
     return kind, size, placement.variant % _LOOKS[kind]
 
 
-def _placed(mesh: Mesh, placements: Sequence[Placement], size: Three, rng: np.random.Generator) -> Mesh:
+def _place(mesh: Mesh, placements: Sequence[Placement], size: Three, rng: np.random.Generator) -> Mesh:
     num = len(placements)
     sizes = np.array([p.size_lwh_m for p in placements])
     is_plant = placements[0].kind in ("tree", "bush")

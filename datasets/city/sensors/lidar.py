@@ -175,8 +175,8 @@ def sweep(now: Instant, spec: LidarSpec) -> Sweep:
     hits = now.caster.cast(rays, now.states)
     true_m = hits.range_m.astype(np.float64)
     reflected = reflectivity(hits, now.caster.material(hits, now.states), rays.direction)
-    received = echoes(true_m, reflected, now.weather, spec.range_m, now.draws("lidar air"))
-    own = now.draws("lidar")
+    received = echoes(true_m, reflected, now.weather, spec.range_m, now.generator("lidar air"))
+    own = now.generator("lidar")
     measured_m = received.range_m + spec.noise_m * own.standard_normal(len(true_m))
     kept = np.flatnonzero(np.isfinite(received.range_m) & (own.random(len(true_m)) >= spec.dropout))
     cloud = _cloud(shots, np.maximum(measured_m[kept], 0.0), received, kept, now)
@@ -198,12 +198,12 @@ def _rays(states: BodyStates, spec: LidarSpec, body_T_sensor: Float64, shots: Fi
     middle = states.position_m[EGO] + states.velocity_mps[EGO] * offset_s[:, None]
     rotation = body_T_sensor.copy()
     rotation[:3, 3] = 0.0
-    origin_m = middle + _turned(body_T_sensor[None, :3, 3], yaw)
-    direction = _turned(transform(rotation, shots.direction), yaw).astype(np.float32)
+    origin_m = middle + _turn_into_axes(body_T_sensor[None, :3, 3], yaw)
+    direction = _turn_into_axes(transform(rotation, shots.direction), yaw).astype(np.float32)
     return Rays(origin_m, direction, spec.range_m, offset_s if spec.motion else None)
 
 
-def _turned(xyz: Float64, yaw_rad: Float64) -> Float64:
+def _turn_into_axes(xyz: Float64, yaw_rad: Float64) -> Float64:
     """Turn vectors (N, 3) or (1, 3) about z by angles (N,) or (1,)."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = xyz[:, 0], xyz[:, 1], xyz[:, 2]

@@ -47,7 +47,7 @@ class Echoes:
         return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
-def joined(parts: Sequence[Echoes]) -> Echoes:
+def join_echoes(parts: Sequence[Echoes]) -> Echoes:
     """Join echoes, in their order."""
     return Echoes(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Echoes)))
 
@@ -108,7 +108,7 @@ def margin_db(beam_rcs_dbsm: Float64, range_m: Float64, radar_range_m: float) ->
     return margin
 
 
-def noisy(echoes: Echoes, spec: RadarSpec, normals: Float64) -> Echoes:
+def add_noise(echoes: Echoes, spec: RadarSpec, normals: Float64) -> Echoes:
     """Return echoes as they are measured.
 
     Args:
@@ -125,22 +125,22 @@ def noisy(echoes: Echoes, spec: RadarSpec, normals: Float64) -> Echoes:
     )
 
 
-def stepped(echoes: Echoes, spec: RadarSpec) -> Echoes:
+def quantize(echoes: Echoes, spec: RadarSpec) -> Echoes:
     """Return echoes whose range, direction and speed are multiples of the sensor's resolution, where it has one."""
     return replace(
         echoes,
-        range_m=_rounded(echoes.range_m, spec.range_resolution_m),
-        azimuth_rad=_rounded(echoes.azimuth_rad, np.radians(spec.azimuth_resolution_deg)),
-        altitude_rad=_rounded(echoes.altitude_rad, np.radians(spec.altitude_resolution_deg)),
-        speed_mps=_rounded(echoes.speed_mps, spec.speed_resolution_mps),
+        range_m=_round_to_cells(echoes.range_m, spec.range_resolution_m),
+        azimuth_rad=_round_to_cells(echoes.azimuth_rad, np.radians(spec.azimuth_resolution_deg)),
+        altitude_rad=_round_to_cells(echoes.altitude_rad, np.radians(spec.altitude_resolution_deg)),
+        speed_mps=_round_to_cells(echoes.speed_mps, spec.speed_resolution_mps),
     )
 
 
-def _rounded(value: Float64, step: float) -> Float64:
+def _round_to_cells(value: Float64, step: float) -> Float64:
     return np.round(value / step) * step if step > 0 else value
 
 
-def merged_cells(echoes: Echoes) -> Echoes:
+def merge_cells(echoes: Echoes) -> Echoes:
     """Return one echo for all of equal range, direction and speed: powers add up, the rest is that of the strongest.
 
     Sorted by range, azimuth, altitude, speed.
@@ -191,7 +191,7 @@ _GOLDEN = (np.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class RadarRays:
     """The rays of one scan in polar coordinates of the sensor."""
 
     azimuth_rad: Float64
@@ -204,7 +204,7 @@ class Looks:
         freeze_fields(self, azimuth_rad=one, altitude_rad=one, solid_angle_sr=one)
 
 
-def looks(spec: RadarSpec, rng: np.random.Generator) -> Looks:
+def radar_rays(spec: RadarSpec, rng: np.random.Generator) -> RadarRays:
     """Return points_per_s / rate_hz rays, spread evenly over azimuth and altitude, never where they were before.
 
     A golden-ratio lattice at a random place: every part of the field of view gets its share of rays in every scan.
@@ -215,7 +215,7 @@ def looks(spec: RadarSpec, rng: np.random.Generator) -> Looks:
     i = np.arange(num)
     azimuth = ((i + shift[0]) / num - 0.5) * width
     altitude = ((i * _GOLDEN + shift[1]) % 1 - 0.5) * height
-    return Looks(azimuth, altitude, np.cos(altitude) * (width * height / num))
+    return RadarRays(azimuth, altitude, np.cos(altitude) * (width * height / num))
 
 
 GHOST_LOSS_DB = 10.0
@@ -301,20 +301,20 @@ def scan(now: Instant, spec: RadarSpec) -> Scan:
     Rain and fog weaken echoes on their way there and back; no car radar makes up for it, so the RCS that it gives
     falls by the same.
     """
-    view = looks(spec, now.draws("radar"))
-    normals = now.draws("radar", "noise").standard_normal((5, len(view.azimuth_rad)))
-    received = _received(now, spec, view, normals[4])
+    view = radar_rays(spec, now.generator("radar"))
+    normals = now.generator("radar", "noise").standard_normal((5, len(view.azimuth_rad)))
+    received = _receive(now, spec, view, normals[4])
     found = np.flatnonzero(received.margin_db >= 0)
-    echoes = noisy(received[found], spec, normals[:4, found])
-    false = _false_echoes(echoes, now, spec, now.draws("radar", "false"))
-    echoes = stepped(joined([echoes, *false]), spec)
-    return _scan(merged_cells(echoes) if spec.merge_cells else echoes, now)
+    echoes = add_noise(received[found], spec, normals[:4, found])
+    false = _false_echoes(echoes, now, spec, now.generator("radar", "false"))
+    echoes = quantize(join_echoes([echoes, *false]), spec)
+    return _scan(merge_cells(echoes) if spec.merge_cells else echoes, now)
 
 
-def _received(now: Instant, spec: RadarSpec, view: Looks, fading: Float64) -> Echoes:
+def _receive(now: Instant, spec: RadarSpec, view: RadarRays, fading: Float64) -> Echoes:
     """Return the echoes of all rays that hit something, however weak; `fading` (N,) are standard normal numbers."""
     world_T_sensor, states = now.world_T_sensor, now.states
-    toward = _turned(world_T_sensor, directions(view.azimuth_rad, view.altitude_rad))
+    toward = _turn_into_axes(world_T_sensor, directions(view.azimuth_rad, view.altitude_rad))
     sensor_m = world_T_sensor[:3, 3]
     hits = now.caster.cast(Rays(sensor_m[None], toward.astype(np.float32), spec.range_m), states)
     material = now.caster.material(hits, states)
@@ -362,7 +362,7 @@ def _scan(echoes: Echoes, now: Instant) -> Scan:
     return Scan(message, echoes.body, echoes.true_range_m)
 
 
-def _turned(dst_T_src: Float64, vectors: Float64) -> Float64:
+def _turn_into_axes(dst_T_src: Float64, vectors: Float64) -> Float64:
     """Turn vectors (N, 3) without moving them."""
     turned: Float64 = (vectors[:, None, :] * dst_T_src[:3, :3]).sum(axis=2)
     return turned

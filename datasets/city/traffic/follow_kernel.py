@@ -14,12 +14,12 @@ from fbench.datasets.city.traffic.gate_kernel import GREEN, first_gate
 from fbench.datasets.city.traffic.network import ALONG, AXLE, CHANGE_S, CURVE, DRIVE, HERE, WINDOW, Roads
 from fbench.datasets.city.traffic.occupancy_kernel import (
     Occupancy,
-    beside,
     last_on,
     leader,
-    leader_beside,
+    leader_on_neighbor,
     left_side,
-    neighbour,
+    nearest_point,
+    neighbor,
 )
 from fbench.datasets.city.traffic.path_kernel import curve, segment
 from fbench.replay.data.arrays import Array, Float64
@@ -49,7 +49,7 @@ def interaction(v: float, gap: float, closing: float, headway: float, standing: 
 
 
 @kernel
-def limited(acceleration: float) -> float:
+def limit_braking(acceleration: float) -> float:
     """What brakes can do."""
     return max(acceleration, -HARDEST_MPS2)
 
@@ -87,7 +87,7 @@ def desired_speed(path: Float64, lanes: Array, me: np.void, way: Array) -> float
 
 
 @kernel
-def behind(movers: Array, i: int, v: float, gap: float, n: int) -> float:
+def loss_to_leader(movers: Array, i: int, v: float, gap: float, n: int) -> float:
     """How much less mover `i` accelerates because `n` is `gap` ahead."""
     if n < 0:
         return 0.0
@@ -117,14 +117,14 @@ def accelerate(roads: Roads, gates: Array, lights: Array, movers: Array, way: Ar
         v = me["speed_mps"]
         a, b = me["acceleration_mps2"], me["braking_mps2"]
         gap, n = leader(roads, movers, way[i], taken, i, far(v))
-        less = behind(movers, i, v, gap, n)
+        less = loss_to_leader(movers, i, v, gap, n)
         side = left_side(me)
         if side != 0:
-            gap, n = leader_beside(roads, movers, way[i], taken, i, side, far(v))
-            less = max(less, behind(movers, i, v, gap, n))
+            gap, n = leader_on_neighbor(roads, movers, way[i], taken, i, side, far(v))
+            less = max(less, loss_to_leader(movers, i, v, gap, n))
         less = max(less, before_gate(roads.lanes, gates, lights, me, way[i]))
         free = free_acceleration(v, desired_speed(roads.path, roads.lanes, me, way[i]), a, b)
-        wanted = limited(min(free, a - less) if free > 0.0 and less > a else free - less)
+        wanted = limit_braking(min(free, a - less) if free > 0.0 and less > a else free - less)
         me["accel_mps2"] = 0.0 if v == 0.0 and wanted < 0.0 else wanted
         me["braking"] = wanted < -_BRAKE_LIGHT_MPS2 or v < _STANDING_MPS
         me["frozen"] = False
@@ -161,7 +161,7 @@ def change_lanes(roads: Roads, gates: Array, movers: Array, way: Array, taken: O
 
 @kernel
 def _may_think(lanes: Array, gates: Array, me: np.void, way: Array) -> bool:
-    """Not while changing or slow, and not with a gate or the end of the neighbours near."""
+    """Not while changing or slow, and not with a gate or the end of the neighbors near."""
     lane, v = lanes[way[HERE]], me["speed_mps"]
     if lane["kind"] != DRIVE or v < _SLOWEST_MPS or (lane["left"] < 0 and lane["right"] < 0):
         return False
@@ -179,16 +179,16 @@ def _better_side(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: i
     lanes, me = roads.lanes, movers[i]
     v = me["speed_mps"]
     gap, n = leader(roads, movers, way, taken, i, far(v))
-    now = _wanted(lanes[way[HERE]], me, behind(movers, i, v, gap, n))
+    now = _wanted(lanes[way[HERE]], me, loss_to_leader(movers, i, v, gap, n))
     best, best_gain = 0, _THRESHOLD_MPS2
     for side in (-1, 1):
-        lane = neighbour(lanes[way[HERE]], side)
+        lane = neighbor(lanes[way[HERE]], side)
         if lane < 0 or me["length_m"] > lanes[lane]["longest_m"]:
             continue
         if side == 1 and me["keeps_right"] and lanes[lane]["left"] < 0:
             continue
-        gap, n = leader_beside(roads, movers, way, taken, i, side, far(v))
-        then = behind(movers, i, v, gap, n)
+        gap, n = leader_on_neighbor(roads, movers, way, taken, i, side, far(v))
+        then = loss_to_leader(movers, i, v, gap, n)
         if gap < me["standing_gap_m"] + 0.5 * v * me["headway_s"] or then > _SAFE_MPS2:
             continue
         loss = _loss_behind(roads.path, lanes, movers, way, taken, i, side)
@@ -214,10 +214,10 @@ def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: 
             return 0.0
         if k < HERE:
             offset += lanes[way[k]]["length_m"]
-        lane = neighbour(lanes[way[k]], side)
+        lane = neighbor(lanes[way[k]], side)
         if lane < 0:
             return 0.0
-        s = beside(path, lanes[way[k]], lanes[lane], me["at_m"] + offset)
+        s = nearest_point(path, lanes[way[k]], lanes[lane], me["at_m"] + offset)
         row = last_on(taken, lane, s, i)
         if row >= 0:
             n = taken.who[row]
@@ -226,7 +226,7 @@ def _loss_behind(path: Float64, lanes: Array, movers: Array, way: Array, taken: 
             v = other["speed_mps"]
             if gap < other["standing_gap_m"] + 0.5 * v * other["headway_s"]:
                 return np.inf
-            return behind(movers, n, v, gap, i)
+            return loss_to_leader(movers, n, v, gap, i)
         if me["at_m"] + offset > far(me["speed_mps"]):
             return 0.0
     return 0.0
@@ -245,12 +245,12 @@ def _near_another(path: Float64, lanes: Array, movers: Array, way: Array, i: int
 
 @kernel
 def _begin(path: Float64, lanes: Array, me: np.void, way: Array, side: int) -> None:
-    """Go on along the neighbour, beside it at first."""
+    """Go on along the neighbor, beside it at first."""
     work, there = np.empty(9), np.empty(9)
     old, s = lanes[way[HERE]], me["at_m"]
     curve(path, old, s, work)
-    lane = lanes[neighbour(lanes[way[HERE]], side)]
-    at = beside(path, old, lane, s)
+    lane = lanes[neighbor(lanes[way[HERE]], side)]
+    at = nearest_point(path, old, lane, s)
     curve(path, lane, at, there)
     norm = np.sqrt(there[3] ** 2 + there[4] ** 2)
     me["side_m"] = ((work[0] - there[0]) * -there[4] + (work[1] - there[1]) * there[3]) / norm
@@ -260,7 +260,7 @@ def _begin(path: Float64, lanes: Array, me: np.void, way: Array, side: int) -> N
     me["side_from_m"] = me["base_m"] + at + AXLE * me["length_m"]
     me["side_for_m"] = CHANGE_S * me["speed_mps"]
     for k in range(HERE + 1):
-        beside_it = neighbour(lanes[way[k]], side) if way[k] >= 0 else -1
+        beside_it = neighbor(lanes[way[k]], side) if way[k] >= 0 else -1
         way[k] = beside_it if beside_it >= 0 else way[k]
     for k in range(HERE + 1, WINDOW):
         way[k] = -1

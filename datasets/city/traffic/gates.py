@@ -34,7 +34,7 @@ class Conflicts:
 
 def conflicts_of(lanes: tuple[Lane, ...], along: list[Float64]) -> Conflicts:
     """Find all pairs of lanes that meet."""
-    sampled = [_sampled(lane, a) for lane, a in zip(lanes, along, strict=True)]
+    sampled = [_sample_points(lane, a) for lane, a in zip(lanes, along, strict=True)]
     index = np.concatenate([np.full(len(s), i) for i, (s, _) in enumerate(sampled)])
     at = np.concatenate([s for s, _ in sampled])
     half = np.array([HALF_WIDTH_M[lane.kind] for lane in lanes])
@@ -45,19 +45,19 @@ def conflicts_of(lanes: tuple[Lane, ...], along: list[Float64]) -> Conflicts:
     i, j = index[pairs[:, 0]], index[pairs[:, 1]]
     apart = tree.data[pairs[:, 0]] - tree.data[pairs[:, 1]]
     near = np.sqrt((apart * apart).sum(axis=1)) < half[i] + half[j] + np.maximum(margin[i], margin[j])
-    followed = _followed(lanes, along)
+    followed = _follow(lanes, along)
     keep = near & (i != j) & ~followed[i, j] & ~followed[j, i]
     rows = pairs[keep]
     both = np.concatenate([rows, rows[:, ::-1]])
-    return _grouped(index, at, both, _siblings(lanes))
+    return _group_conflicts(index, at, both, _siblings(lanes))
 
 
-def _sampled(lane: Lane, along: Float64) -> tuple[Float64, Float64]:
+def _sample_points(lane: Lane, along: Float64) -> tuple[Float64, Float64]:
     s = np.linspace(0, along[-1], max(int(along[-1] / _SAMPLE_M), 2) + 1)
     return s, np.column_stack([np.interp(s, along, lane.points_m[:, k]) for k in range(2)])
 
 
-def _followed(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
+def _follow(lanes: tuple[Lane, ...], along: list[Float64]) -> Bool:
     """(L, L) whether the second lane follows the first at once or over short lanes, or runs beside it for changes."""
     result = np.zeros((len(lanes), len(lanes)), bool)
     for i, lane in enumerate(lanes):
@@ -81,7 +81,7 @@ def _siblings(lanes: tuple[Lane, ...]) -> Bool:
     return result
 
 
-def _grouped(index: Array, at: Float64, both: Int64, siblings: Bool) -> Conflicts:
+def _group_conflicts(index: Array, at: Float64, both: Int64, siblings: Bool) -> Conflicts:
     i, j = index[both[:, 0]], index[both[:, 1]]
     order = np.lexsort((j, i))
     i, j, s, t = i[order], j[order], at[both[order, 0]], at[both[order, 1]]
@@ -128,7 +128,7 @@ def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts
     for i, lane in enumerate(lanes):
         mine = np.flatnonzero((conflicts.lane == i) & ~conflicts.parts)
         whole = lane.in_junction or i in after_signal
-        for begin, end, members in _merged(conflicts, mine, float(along[i][-1]), whole):
+        for begin, end, members in _merge_spans(conflicts, mine, float(along[i][-1]), whole):
             gates.append((begin, end, len(rows), len(rows) + len(members)))
             rows += members
         first.append(len(gates))
@@ -138,7 +138,9 @@ def gates_of(lanes: tuple[Lane, ...], along: list[Float64], conflicts: Conflicts
     return np.array(first), np.array(gates, GATE), met
 
 
-def _merged(conflicts: Conflicts, mine: Array, length_m: float, whole: bool) -> list[tuple[float, float, list[int]]]:
+def _merge_spans(
+    conflicts: Conflicts, mine: Array, length_m: float, whole: bool
+) -> list[tuple[float, float, list[int]]]:
     if whole:
         return [(0.0, length_m, [int(row) for row in mine])]
     gates: list[tuple[float, float, list[int]]] = []

@@ -72,7 +72,7 @@ _SHORT_M, _STEP_M = 7.0, 0.25
 
 def usable_lengths(lanes: tuple[Lane, ...], along: list[Float64], tangents: list[Float64]) -> Float64:
     """Length (L,) of the longest vehicle that may use a lane, and that is never led to where it may not go on."""
-    longest = np.array([_fitting(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)])
+    longest = np.array([_longest_fitting(lane, a, t) for lane, a, t in zip(lanes, along, tangents, strict=True)])
     while True:
         onwards = np.array([max(longest[list(lane.successors)]) for lane in lanes])
         if (longest <= onwards).all():
@@ -80,7 +80,7 @@ def usable_lengths(lanes: tuple[Lane, ...], along: list[Float64], tangents: list
         longest = np.minimum(longest, onwards)
 
 
-def _fitting(lane: Lane, along: Float64, tangent: Float64) -> float:
+def _longest_fitting(lane: Lane, along: Float64, tangent: Float64) -> float:
     cross = tangent[:-1, 0] * tangent[1:, 1] - tangent[:-1, 1] * tangent[1:, 0]
     bend = float(np.quantile(np.abs(np.arcsin(np.clip(cross, -1, 1))) / np.diff(along), 0.9))
     if lane.kind != "drive" or bend < 1e-3:
@@ -119,7 +119,7 @@ LANE = np.dtype([
     ("signal", "i8"), ("point_from", "i8"), ("point_to", "i8"), ("next_from", "i8"), ("next_to", "i8"),
     ("split_from", "i8"), ("split_to", "i8"), ("gate_from", "i8"), ("gate_to", "i8"), ("turns_left", "i8"),
 ])  # fmt: skip
-"""A lane; -1 for no neighbour and no signal; `_from` and `_to` are rows of the other arrays. turns_left: crosses
+"""A lane; -1 for no neighbor and no signal; `_from` and `_to` are rows of the other arrays. turns_left: crosses
 oncoming traffic, which goes first."""
 NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])
 """A successor, and how often it is chosen."""
@@ -224,7 +224,7 @@ def lane_lengths(lane: Lane) -> Float64:
 
 
 def _tangents(points: Float64) -> Float64:
-    """Of a parabola through each point and its neighbours."""
+    """Of a parabola through each point and its neighbors."""
     step = np.diff(points, axis=0)
     h = np.sqrt((step * step).sum(axis=1))[:, None]
     slope = step / h

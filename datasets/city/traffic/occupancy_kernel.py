@@ -24,7 +24,7 @@ class Occupancy(NamedTuple):
 
 
 @kernel
-def beside(path: Float64, lane: np.void, other: np.void, s: float) -> float:
+def nearest_point(path: Float64, lane: np.void, other: np.void, s: float) -> float:
     """Where along `other`, which runs beside `lane`, one is at `s` of it."""
     if s <= 0.0:
         return s
@@ -59,7 +59,7 @@ def left_sides(movers: Array) -> Array:
 
 
 @kernel
-def neighbour(lane: np.void, side: int) -> int:
+def neighbor(lane: np.void, side: int) -> int:
     """Lane to the left (1) or to the right (-1) of one; -1 for none."""
     found: int = lane["left"] if side > 0 else lane["right"]
     return found
@@ -84,18 +84,18 @@ def occupancy(path: Float64, lanes: Array, movers: Array, way: Array) -> Occupan
             lane = way[i, k]
             on[count], whos[count], ats[count] = lane, i, me["at_m"] - offset
             count += 1
-            old = neighbour(lanes[lane], side)
+            old = neighbor(lanes[lane], side)
             if side != 0 and old >= 0:
                 on[count], whos[count] = old, i
-                ats[count] = beside(path, lanes[lane], lanes[old], me["at_m"] - offset)
+                ats[count] = nearest_point(path, lanes[lane], lanes[old], me["at_m"] - offset)
                 count += 1
             offset += lanes[lane]["length_m"]
             k += 1
-    return _sorted(len(lanes), on[:count], whos[:count], ats[:count])
+    return _sort_by_lane(len(lanes), on[:count], whos[:count], ats[:count])
 
 
 @kernel
-def _sorted(num_lanes: int, lanes: Array, whos: Array, ats: Float64) -> Occupancy:
+def _sort_by_lane(num_lanes: int, lanes: Array, whos: Array, ats: Float64) -> Occupancy:
     first = np.zeros(num_lanes + 1, np.int64)
     for lane in lanes:
         first[lane + 1] += 1
@@ -157,17 +157,17 @@ def leader(roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, fa
 
 
 @kernel
-def leader_beside(
+def leader_on_neighbor(
     roads: Roads, movers: Array, way: Array, taken: Occupancy, i: int, side: int, far_m: float
 ) -> tuple[float, int]:
     """Net gap to whoever is next on the lanes left (1) or right (-1) of a mover's way, and who; -1: none."""
     lanes, me = roads.lanes, movers[i]
     offset = 0.0
     for k in range(HERE, WINDOW):
-        lane = neighbour(lanes[way[k]], side)
+        lane = neighbor(lanes[way[k]], side)
         if lane < 0 or offset - me["at_m"] > far_m:
             break
-        s = beside(roads.path, lanes[way[k]], lanes[lane], me["at_m"] - offset)
+        s = nearest_point(roads.path, lanes[way[k]], lanes[lane], me["at_m"] - offset)
         row = next_on(taken, lane, s, i)
         if row >= 0:
             n = taken.who[row]

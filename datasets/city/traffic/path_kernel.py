@@ -39,7 +39,7 @@ def curve(path: Float64, lane: np.void, s: float, out: Float64) -> None:
 
 
 @kernel
-def located(lanes: Array, way: Array, s: float) -> tuple[int, float]:
+def locate(lanes: Array, way: Array, s: float) -> tuple[int, float]:
     """Which lane of a way `s` along the lane `HERE` is on, before or after it, and where there."""
     k = HERE
     while s < 0 and k > 0:
@@ -68,7 +68,7 @@ def axle(path: Float64, lanes: Array, me: np.void, way: Array, s: float, v: floa
     span = me["side_for_m"]
     rest, rate = sideways((me["base_m"] + s - me["side_from_m"]) / span)
     side, side_v = me["side_m"] * rest, me["side_m"] * rate / span * v
-    lane, local = located(lanes, way, s)
+    lane, local = locate(lanes, way, s)
     curve(path, lanes[lane], local, work)
     tx, ty, ax, ay = work[3], work[4], work[6], work[7]
     norm = np.sqrt(tx * tx + ty * ty)
@@ -83,7 +83,7 @@ def axle(path: Float64, lanes: Array, me: np.void, way: Array, s: float, v: floa
 
 
 @kernel
-def travelled(v: float, a: float, t: float) -> tuple[float, float]:
+def travel(v: float, a: float, t: float) -> tuple[float, float]:
     """Distance and speed after `t` at constant acceleration, never backwards."""
     if a < 0.0 and v + a * t <= 0.0:
         return -0.5 * v * v / a, 0.0
@@ -97,7 +97,7 @@ def poses(path: Float64, lanes: Array, movers: Array, way: Array, since_s: float
     work, front, rear = np.empty(9), np.empty(6), np.empty(6)
     for i in range(len(movers)):
         me = movers[i]
-        gone, v = travelled(me["speed_mps"], me["accel_mps2"], since_s)
+        gone, v = travel(me["speed_mps"], me["accel_mps2"], since_s)
         if me["frozen"]:
             gone, v = 0.0, 0.0
         s, half = me["at_m"] + gone, AXLE * me["length_m"]
@@ -119,7 +119,7 @@ def move(lanes: Array, movers: Array, way: Array, step_s: float) -> None:
         if me["frozen"]:
             me["speed_mps"] = 0.0
             continue
-        gone, v = travelled(me["speed_mps"], me["accel_mps2"], step_s)
+        gone, v = travel(me["speed_mps"], me["accel_mps2"], step_s)
         me["at_m"] += gone
         me["speed_mps"] = v if v > 1e-3 else 0.0
         while me["at_m"] > lanes[way[i, HERE]]["length_m"]:
@@ -139,11 +139,11 @@ def extend(lanes: Array, nexts: Array, movers: Array, way: Array, choices: Float
             if way[i, k] < 0:
                 drawn = choices[i, movers[i]["num_chosen"] % NUM_CHOICES]
                 movers[i]["num_chosen"] += 1
-                way[i, k] = chosen(lanes, nexts, way[i, k - 1], movers[i]["length_m"], drawn)
+                way[i, k] = choose_next(lanes, nexts, way[i, k - 1], movers[i]["length_m"], drawn)
 
 
 @kernel
-def chosen(lanes: Array, nexts: Array, lane: int, length_m: float, drawn: float) -> int:
+def choose_next(lanes: Array, nexts: Array, lane: int, length_m: float, drawn: float) -> int:
     """Choose a successor that bodies of this length may use."""
     first, last = lanes[lane]["next_from"], lanes[lane]["next_to"]
     total = 0.0

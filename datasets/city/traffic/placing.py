@@ -61,7 +61,7 @@ _STRIDE_M, _TALL_M, _PEDALS_M = 1.4, 1.75, 4.5
 """A cycle of two steps of a person this tall; what a turn of the pedals goes."""
 
 
-def drawn_driver(label: str, height_m: float, spread: float, draw: np.random.Generator) -> Driver:
+def draw_driver(label: str, height_m: float, spread: float, draw: np.random.Generator) -> Driver:
     """Draw whoever moves a body."""
     habits = HABITS[label]
     walks, rides = label == "pedestrian", label == "bicycle"
@@ -81,7 +81,7 @@ _START = 0.7
 """Share of the desired speed at first."""
 _FREE_M = {0: 6.0, 1: 3.0, 2: 1.0}
 _FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}
-"""Least gap to others: in metres, and in seconds of one's speed on top."""
+"""Least gap to others: in meters, and in seconds of one's speed on top."""
 _LEAST_LANE_M = 6.0
 _LEAVING_MPS2 = 1.5
 """One can brake so gently and stop at the end of the lane."""
@@ -96,12 +96,12 @@ class Place:
     speed_mps: float
 
 
-def placed(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
+def place_movers(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[list[Body], State]:
     """Place bodies on lanes of their kind, the longest first; who finds no place stays away.
 
     Returns those who have a place, in their order, and their state.
     """
-    drivers = [drawn_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
+    drivers = [draw_driver(body.label, body.size_lwh_m[2], spread, generator(seed, "traffic", "driver", i))
                for i, body in enumerate(bodies)]  # fmt: skip
     draw = generator(seed, "traffic", "places")
     found: dict[int, Place] = {}
@@ -116,7 +116,7 @@ def placed(net: Network, bodies: list[Body], spread: float, seed: int) -> tuple[
     return [bodies[i] for i in keep], state
 
 
-def parked(city_map: CityMap, bodies: list[Body], rows: Array) -> tuple[list[Actor], Float64]:
+def place_parked(city_map: CityMap, bodies: list[Body], rows: Array) -> tuple[list[Actor], Float64]:
     """Actors that stand in places to park, and their x, y, z, yaw (K, 4)."""
     places = [city_map.parkings[row] for row in rows]
     at = np.array([[*place.position_m, place.yaw_rad] for place in places], np.float64).reshape(-1, 4)

@@ -14,7 +14,7 @@ from fbench.datasets.city.traffic.gate_kernel import asking_movers, give_rights,
 from fbench.datasets.city.traffic.network import CHANGE, DRIVE, EMERGENCY, HERE, KINDS, Network, State, network_of
 from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader, left_sides, near_pairs, occupancy
 from fbench.datasets.city.traffic.path_kernel import MARGIN_M, extend, move, poses, stop_before_touching
-from fbench.datasets.city.traffic.placing import TrafficParams, parked, placed
+from fbench.datasets.city.traffic.placing import TrafficParams, place_movers, place_parked
 from fbench.datasets.city.world.city_map import CityMap, Layout, SignalPlan
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
@@ -23,7 +23,7 @@ from fbench.replay.data.arrays import Array, Bool, Float64
 
 def decide(net: Network, state: State, sizes: Float64, step: int, step_s: float) -> None:
     """Set what everybody does from step `step` to the next; `sizes` (N, 2) are lengths and widths."""
-    taken, lights, roads = occupied(net, state), lights_at(net, step * step_s), net.roads
+    taken, lights, roads = find_occupancy(net, state), lights_at(net, step * step_s), net.roads
     num_changed = change_lanes(roads, net.gates, state.movers, state.way, taken, step)
     if num_changed:
         extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
@@ -47,7 +47,7 @@ def advance(net: Network, state: State, step_s: float) -> None:
     extend(net.lanes, net.nexts, state.movers, state.way, state.choices)
 
 
-def occupied(net: Network, state: State) -> Occupancy:
+def find_occupancy(net: Network, state: State) -> Occupancy:
     """Find who is where on each lane."""
     return occupancy(net.path, net.lanes, state.movers, state.way)
 
@@ -174,7 +174,7 @@ def _border(here: Float64) -> Float64:
 
 def _has_room(net: Network, state: State, cars: Array) -> Array:
     """Which cars (K,) are not changing lanes and have nobody just before or behind them."""
-    taken, sides, room = occupied(net, state), left_sides(state.movers), np.zeros(len(cars), bool)
+    taken, sides, room = find_occupancy(net, state), left_sides(state.movers), np.zeros(len(cars), bool)
     for row, i in enumerate(cars):
         ahead, _ = leader(net.roads, state.movers, state.way[i], taken, i, 50.0)
         same = taken.first[state.way[i, HERE]], taken.first[state.way[i, HERE] + 1]
@@ -206,7 +206,7 @@ class Traffic:
         self._signals = layout.map.signals
         self._net = network_of(layout.map)
         self._step, self._steps = -_WARM_UP_STEPS, list[State]()
-        bodies, state = placed(self._net, _bodies(self._net, params, seed), params.speed_spread, seed)
+        bodies, state = place_movers(self._net, _bodies(self._net, params, seed), params.speed_spread, seed)
         if not any(body.label == "car" for body in bodies):
             raise ConfigError(f"traffic: no car found room on map {layout.map.name!r}; raise vehicles_per_km")
         self._state, self._sizes = state, sizes_of(state)
@@ -218,7 +218,7 @@ class Traffic:
         """The ego car, other moving vehicles, bicycles, pedestrians, parked vehicles."""
         self._begin = _copy(self._state)
 
-    def rewound(self) -> "Traffic":
+    def rewind(self) -> "Traffic":
         """Return the same traffic as it was at the beginning; this one stays as it is."""
         other = copy(self)
         other._state, other._step, other._steps = _copy(self._begin), 0, []
@@ -331,7 +331,7 @@ def _parked(city_map: CityMap, params: TrafficParams, seed: int) -> tuple[list[A
             if body.size_lwh_m[0] < place.length_m - 0.4:
                 rows.append(row)
                 bodies.append(body)
-    return parked(city_map, bodies, np.array(rows, np.int64))
+    return place_parked(city_map, bodies, np.array(rows, np.int64))
 
 
 def _ego_body(seed: int) -> Body:

@@ -16,7 +16,7 @@ class Lane:
     """One lane between two nodes of the graph, in its direction of travel."""
 
     points_m: Float64
-    """(P, 3) centre line in the world, from the first point to the last, at most 1 m apart; smooth, and continued
+    """(P, 3) center line in the world, from the first point to the last, at most 1 m apart; smooth, and continued
     smoothly by the first point of each successor, which is equal to its last."""
     width_m: float
     speed_mps: float
@@ -115,7 +115,7 @@ class Draft:
     longest_m: float = float("inf")
 
 
-def joined(drafts: list[Draft]) -> tuple[Lane, ...]:
+def join_points(drafts: list[Draft]) -> tuple[Lane, ...]:
     """Number the lanes in their order.
 
     Raises:
@@ -141,7 +141,7 @@ TURN_RAD = 0.08
 """The heading changes by at most so much from one piece between two points to the next."""
 
 
-def rounded(corners_m: Float64, radii_m: list[float]) -> Float64:
+def round_corners(corners_m: Float64, radii_m: list[float]) -> Float64:
     """Follow a polyline (K, 2) whose K - 2 inner corners are rounded by arcs of these radii; returns points (P, 2).
 
     Raises:
@@ -166,13 +166,13 @@ def straight(start_m: Float64, end_m: Float64) -> Float64:
     return np.concatenate([start_m[None], _line(start_m, end_m)])
 
 
-def lifted(points_m: Float64, z_m: float | Float64) -> Float64:
+def lift(points_m: Float64, z_m: float | Float64) -> Float64:
     """Give points (P, 2) a height: (P, 3)."""
     return np.column_stack([points_m, np.broadcast_to(np.asarray(z_m, np.float64), len(points_m))])
 
 
 def sparse(points_m: Float64) -> Float64:
-    """Drop points (P, 2) of an open line that lie on the straight between their neighbours."""
+    """Drop points (P, 2) of an open line that lie on the straight between their neighbors."""
     before, after = points_m[1:-1] - points_m[:-2], points_m[2:] - points_m[1:-1]
     bend = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
     kept: Float64 = points_m[np.concatenate([[True], bend > 1e-6, [True]])]
@@ -227,7 +227,7 @@ class Patch:
     """Its height; where it is above the ground and has a kerb, its sides go down to 0."""
     has_kerb: bool = False
     shade: float = 1.0
-    """Factor on the material's usual colour."""
+    """Factor on the material's usual color."""
 
 
 @dataclass(frozen=True)

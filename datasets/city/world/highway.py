@@ -13,8 +13,8 @@ from fbench.datasets.city.world.city_map import (
     Placement,
     Polygon,
     SignalPlan,
-    joined,
-    lifted,
+    join_points,
+    lift,
 )
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
@@ -72,7 +72,7 @@ def _lane(way: int, segment: int, k: int) -> Draft:
     num = int(np.ceil(step * (RADIUS_M + RIGHT_EDGE_M) / RADIUS_M)) + 1
     s = (segment + np.linspace(0, 1, num)) * step * way
     return Draft(
-        (way, segment, k), lifted(ring_points(s, -way * lane_offset_m(k)), 0.0), "drive", LANE_M, SPEEDS_MPS[k],
+        (way, segment, k), lift(ring_points(s, -way * lane_offset_m(k)), 0.0), "drive", LANE_M, SPEEDS_MPS[k],
         ((way, (segment + 1) % NUM_SEGMENTS, k),),
         left=(way, segment, k - 1) if k else None,
         right=(way, segment, k + 1) if k + 1 < NUM_LANES else None,
@@ -210,7 +210,7 @@ def _chain(
 
 
 def _gantries(seed: int, bays_m: Float64) -> list[Placement]:
-    """Over one carriageway each, some hundred metres apart; their feet stand between and behind the barriers."""
+    """Over one carriageway each, some hundred meters apart; their feet stand between and behind the barriers."""
     draw = generator(seed, "highway layout", "gantries")
     width = PAVED_M + 1.5
     placements = []
@@ -307,7 +307,7 @@ def highway_layout(seed: int) -> Layout:
     bays_m = np.array([[(k + float(draw.uniform(0.1, 0.9))) * spacing, side] for side in (-1, 1) for k in range(_BAYS)])
     city_map = CityMap(
         "highway",
-        joined(highway_lanes()),
+        join_points(highway_lanes()),
         no_signals,
         highway_regions(bays_m),
         _parkings(bays_m),

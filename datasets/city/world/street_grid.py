@@ -177,7 +177,7 @@ class Grid:
 _JUNCTIONS = 4
 
 
-def drawn_grid(seed: int) -> Grid:
+def draw_grid(seed: int) -> Grid:
     """Draw a grid of `_JUNCTIONS` x `_JUNCTIONS` junctions, about the origin.
 
     Border streets have one lane a direction, so that corners join equals; one or two inner streets are avenues.
@@ -202,6 +202,6 @@ def _outer_parkings(draw: np.random.Generator, num: int) -> frozenset[tuple[Cell
 
 
 def _lines(blocks_m: Float64) -> tuple[float, ...]:
-    """Places of streets between blocks, with some metres for the streets themselves, about 0."""
+    """Places of streets between blocks, with some meters for the streets themselves, about 0."""
     places = np.concatenate([[0.0], np.cumsum(np.round(blocks_m + 12.0, 1))])
     return tuple(float(place) for place in places - np.round(places[-1] / 2, 1))

@@ -9,7 +9,7 @@ signals, signs, trees, benches, bins, hydrants.
 
 A junction, outwards from the crossing street's drive lanes: kerbs bend up to 6.5 m, people cross from 7.2 to 10.8 m,
 vehicles wait at 12.5 m. Approaches that face each other are green together, then the others, then all crossings: see
-`urban_signals`. Right turns of cars and bicycles are arcs about one centre, bicycles inside; left turns are as wide as
+`urban_signals`. Right turns of cars and bicycles are arcs about one center, bicycles inside; left turns are as wide as
 fits, 12.4 m and more.
 """
 
@@ -19,9 +19,9 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from fbench.datasets.city.spec import WorldName
-from fbench.datasets.city.world.city_map import CityMap, Draft, Kind, Layout, Placement, SignalPlan, joined, length
+from fbench.datasets.city.world.city_map import CityMap, Draft, Kind, Layout, Placement, SignalPlan, join_points, length
 from fbench.datasets.city.world.highway import highway_layout
-from fbench.datasets.city.world.street_grid import PARKING_M, Arm, Grid, Node, drawn_grid
+from fbench.datasets.city.world.street_grid import PARKING_M, Arm, Grid, Node, draw_grid
 from fbench.datasets.city.world.urban_ground import block_placements, ground_patches, marking_patches, regions
 from fbench.datasets.city.world.urban_lanes import (
     CROSSING_M,
@@ -143,7 +143,7 @@ def signal_plan(seed: int, grid: Grid, groups: Groups, lanes: list[Draft]) -> Si
     rest = {node: _rest_s(groups, clear, node, phases[node]) for node in grid.nodes}
     cycle = float(max(sum(least[node]) + rest[node] for node in grid.nodes))
     timed = {
-        node: _timed(phases[node], [s + (cycle - sum(least[node]) - rest[node]) / len(phases[node])
+        node: _time_phases(phases[node], [s + (cycle - sum(least[node]) - rest[node]) / len(phases[node])
                                     for s in least[node]])
         for node in grid.nodes
     }  # fmt: skip
@@ -170,7 +170,7 @@ def _rest_s(groups: Groups, clear: Float64, node: Node, phases: list[list[int]])
     return between + last + _WALK_GREEN_S + float(clear[groups.walks[node]])
 
 
-def _timed(phases: list[list[int]], greens: list[float]) -> Phases:
+def _time_phases(phases: list[list[int]], greens: list[float]) -> Phases:
     begins = [k * (YELLOW_S + _ALL_RED_S) + sum(greens[:k]) for k in range(len(phases))]
     return {way: (begins[k], greens[k]) for k, ways in enumerate(phases) for way in ways}
 
@@ -292,7 +292,7 @@ def _at_kerb(
 
 def urban_layout(seed: int) -> Layout:
     """Lay out a world of 4 x 4 junctions, about 400 m wide."""
-    grid = drawn_grid(seed)
+    grid = draw_grid(seed)
     groups = signal_groups(grid)
     drafts = [
         *drive_lanes(grid, groups.approaches),
@@ -300,7 +300,7 @@ def urban_layout(seed: int) -> Layout:
         *walk_lanes(grid, groups.walks),
     ]
     signals = signal_plan(seed, grid, groups, drafts)
-    city_map = CityMap("urban", joined(drafts), signals, regions(grid), parkings(grid), street_lamps_m(grid))
+    city_map = CityMap("urban", join_points(drafts), signals, regions(grid), parkings(grid), street_lamps_m(grid))
     patches = (*ground_patches(seed, grid), *marking_patches(grid))
     return Layout(city_map, patches, (*block_placements(seed, grid), *furniture(seed, grid, groups)))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.datasets.city.world.city_map import Patch, Placement, Polygon, rounded, sparse, straight
+from fbench.datasets.city.world.city_map import Patch, Placement, Polygon, round_corners, sparse, straight
 from fbench.datasets.city.world.street_grid import (
     BIKE_M,
     CORNER_M,
@@ -43,17 +43,17 @@ _STOP_LINE_M = (11.8, 12.2)
 def marking_patches(grid: Grid) -> list[Patch]:
     """Markings of all streets."""
     arms = list(grid.arm.values())
-    centre = [outline for arm in arms if arm.way < 2 for outline in _centre_line(arm, grid.opposite(arm))]
+    center = [outline for arm in arms if arm.way < 2 for outline in _center_line(arm, grid.opposite(arm))]
     sides = [outline for arm in arms for outline in _left_side(arm, grid.opposite(arm))]
     ends = [outline for arm in arms for outline in (*_zebra(arm), *_stop_lines(arm))]
     arrows = [outline for arm in arms if arm.num_lanes > 1 for outline in _arrows(grid, arm)]
     return [
-        *(Patch("marking", outline, PAINT_Z_M) for outline in (*centre, *sides, *ends)),
+        *(Patch("marking", outline, PAINT_Z_M) for outline in (*center, *sides, *ends)),
         *(Patch("marking", outline, ARROW_Z_M) for outline in arrows),
     ]
 
 
-def _centre_line(arm: Arm, far: Arm) -> Iterator[Float64]:
+def _center_line(arm: Arm, far: Arm) -> Iterator[Float64]:
     end = arm.length_to(far) - STOP_M
     if arm.num_lanes > 1:
         yield from (_bar(arm, (STOP_M, end), (o - _THIN_M / 2, o + _THIN_M / 2)) for o in (-0.12, 0.12))
@@ -293,7 +293,7 @@ def junction_outline(grid: Grid, node: Node) -> Float64:
         corner = arm.origin_m + left * arm.left - right * after.left
         inner = (after.way - arm.way) % 4 == 1
         radius = CORNER_M - max(arm.left_extra_m, after.right_extra_m) if inner else OUTER_CORNER_M
-        pieces.append(sparse(rounded(np.array([start, corner, end]), [radius])))
+        pieces.append(sparse(round_corners(np.array([start, corner, end]), [radius])))
     return np.concatenate(pieces)
 
 
@@ -318,7 +318,7 @@ def _kerb_line(ring: list[Arm], k: int, inset_m: float) -> Float64:
     if arm.way == after.way:
         return straight(start, end)[[0, -1]]
     corner, radius = kerb_corner(arm, after, inset_m)
-    return sparse(rounded(np.array([start, corner, end]), [radius]))
+    return sparse(round_corners(np.array([start, corner, end]), [radius]))
 
 
 def _outskirts(grid: Grid) -> list[Patch]:

@@ -9,7 +9,7 @@ from collections.abc import Hashable
 
 import numpy as np
 
-from fbench.datasets.city.world.city_map import Draft, LaneKind, Parking, lifted, rounded, straight
+from fbench.datasets.city.world.city_map import Draft, LaneKind, Parking, lift, round_corners, straight
 from fbench.datasets.city.world.street_grid import BIKE_M, CORNER_M, LANE_M, PARKING_M, STOP_M, Arm, Grid
 from fbench.replay.data.arrays import Float64
 
@@ -50,7 +50,7 @@ def turn_path(approach: Arm, exit_: Arm, offsets_m: tuple[float, float], radius_
     if (exit_.way - approach.way) % 4 == 2:
         return straight(start, end)
     corner = approach.origin_m + offsets_m[0] * approach.left - offsets_m[1] * exit_.left
-    return rounded(np.array([start, corner, end]), [radius_m])
+    return round_corners(np.array([start, corner, end]), [radius_m])
 
 
 def _links(grid: Grid, arm: Arm, groups: Groups) -> list[Draft]:
@@ -61,7 +61,7 @@ def _links(grid: Grid, arm: Arm, groups: Groups) -> list[Draft]:
     return [
         Draft(
             ("drive", arm.node, arm.way, k),
-            lifted(straight(arm.at(STOP_M, -lane_offset_m(k)), far.at(STOP_M, lane_offset_m(k))), 0.0),
+            lift(straight(arm.at(STOP_M, -lane_offset_m(k)), far.at(STOP_M, lane_offset_m(k))), 0.0),
             "drive", LANE_M, _AVENUE_MPS if avenue else _STREET_MPS,
             tuple(("turn", far.node, far.way, k, way, to) for way, start, to in sorted(exits) if start == k),
             left=("drive", arm.node, arm.way, k - 1) if k else None,
@@ -94,7 +94,7 @@ def _connector(approach: Arm, exit_: Arm, k: int, to: int) -> Draft:
     speed = _AVENUE_MPS if approach.num_lanes > 1 else _STREET_MPS
     return Draft(
         ("turn", approach.node, approach.way, k, exit_.way, to),
-        lifted(turn_path(approach, exit_, offsets, radius), 0.0), "drive", LANE_M,
+        lift(turn_path(approach, exit_, offsets, radius), 0.0), "drive", LANE_M,
         speed if turn == 2 else float(np.sqrt(_LATERAL_MPS2 * radius)),
         (("drive", exit_.node, exit_.way, to),), in_junction=True,
         longest_m=_longest_m(approach, exit_),
@@ -119,8 +119,8 @@ def _bike(grid: Grid, ring: list[Arm], k: int, groups: Groups) -> list[Draft]:
     turn_mps = float(np.sqrt(_LATERAL_MPS2 * radius))
     onto = ("bike turn", *key)
     return [
-        Draft(("bike", *key), lifted(along, 0.0), "bike", BIKE_M, _BIKE_MPS, (onto,), signal=groups[key]),
-        Draft(onto, lifted(turn, 0.0), "bike", BIKE_M, turn_mps, (("bike", before.node, before.way),),
+        Draft(("bike", *key), lift(along, 0.0), "bike", BIKE_M, _BIKE_MPS, (onto,), signal=groups[key]),
+        Draft(onto, lift(turn, 0.0), "bike", BIKE_M, turn_mps, (("bike", before.node, before.way),),
               in_junction=True),
     ]  # fmt: skip
 
@@ -178,7 +178,7 @@ def _around(arm: Arm, after: Arm, start_m: Float64) -> Float64:
     if after.way == arm.way:
         return straight(start_m, end)
     corner, radius = kerb_corner(arm, after, KERB_LANE_M)
-    return rounded(np.array([start_m, corner, end]), [radius])
+    return round_corners(np.array([start_m, corner, end]), [radius])
 
 
 def _house_side(ring: list[Arm], k: int) -> Float64:
@@ -188,7 +188,7 @@ def _house_side(ring: list[Arm], k: int) -> Float64:
     if after.way == arm.way:
         return straight(start, end)
     corner, radius = kerb_corner(arm, after, HOUSE_LANE_M)
-    return rounded(np.array([start, corner, end]), [radius])
+    return round_corners(np.array([start, corner, end]), [radius])
 
 
 def _house_point(arm: Arm) -> Float64:
@@ -210,18 +210,18 @@ def _one_way(arm: Arm, name: str, kerbs_m: tuple[float, float], along_m: float, 
     before, key = along_m - away * _TURN_M, (arm.node, arm.way, name)
     lane, wait = kerbs_m[0] + away * KERB_LANE_M, kerbs_m[0] + away * _WAIT_M
     go, leave = kerbs_m[1] - away * _WAIT_M, kerbs_m[1] - away * KERB_LANE_M
-    on = rounded(np.array([arm.at(before, lane), arm.at(along_m, lane), arm.at(along_m, wait)]), [_TURN_M])
-    off = rounded(np.array([arm.at(along_m, go), arm.at(along_m, leave), arm.at(before, leave)]), [_TURN_M])
+    on = round_corners(np.array([arm.at(before, lane), arm.at(along_m, lane), arm.at(along_m, wait)]), [_TURN_M])
+    off = round_corners(np.array([arm.at(along_m, go), arm.at(along_m, leave), arm.at(before, leave)]), [_TURN_M])
     over = straight(on[-1], off[0])
     onto: Hashable = ("mid", arm.node, arm.way) if name == "back" else ("corner", arm.far, (arm.way + 2) % 4)
     return [
         _walk(("on", *key), on, (("over", *key),), group),
-        Draft(("over", *key), _stepped(over), _WALK, _WIDTH_M, _SPEED_MPS, (("off", *key),), in_junction=True),
+        Draft(("over", *key), _step_aside(over), _WALK, _WIDTH_M, _SPEED_MPS, (("off", *key),), in_junction=True),
         _walk(("off", *key), off, (onto,)),
     ]
 
 
-def _stepped(over_m: Float64) -> Float64:
+def _step_aside(over_m: Float64) -> Float64:
     """A crossing begins and ends on the sidewalks, and is on the road from 0.2 m beyond the kerbs."""
     way = over_m[-1] - over_m[0]
     total = float(np.sqrt((way * way).sum()))
@@ -229,11 +229,11 @@ def _stepped(over_m: Float64) -> Float64:
     rest = np.linspace(_WAIT_M + 0.2, total - _WAIT_M - 0.2, int(np.ceil(total - 2 * _WAIT_M - 0.4)) + 1)
     s = np.concatenate([stops, rest[1:-1], total - stops[::-1]])
     z = np.where((s < _WAIT_M) | (s > total - _WAIT_M), SIDEWALK_Z_M, 0.0)
-    return lifted(over_m[0] + way * (s / total)[:, None], z)
+    return lift(over_m[0] + way * (s / total)[:, None], z)
 
 
 def _walk(key: Hashable, points_m: Float64, successors: tuple[Hashable, ...], signal: int | None = None) -> Draft:
-    return Draft(key, lifted(points_m, SIDEWALK_Z_M), _WALK, _WIDTH_M, _SPEED_MPS, successors, signal=signal)
+    return Draft(key, lift(points_m, SIDEWALK_Z_M), _WALK, _WIDTH_M, _SPEED_MPS, successors, signal=signal)
 
 
 SPACE_M = 5.6

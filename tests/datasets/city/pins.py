@@ -67,8 +67,8 @@ def _cpuinfo() -> str:
 def _about(item: Any) -> dict[str, float]:
     """Numbers of values and their means, which no processor changes much."""
     if isinstance(item, Image):
-        colours = decode(item).reshape(-1, 3).mean(axis=0)
-        return {f"colour {i}": float(value) for i, value in enumerate(colours)}
+        colors = decode(item).reshape(-1, 3).mean(axis=0)
+        return {f"color {i}": float(value) for i, value in enumerate(colors)}
     return dict(_means("", asdict(item) if is_dataclass(item) else item))
 
 

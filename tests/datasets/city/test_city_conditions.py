@@ -1,6 +1,6 @@
 import pytest
 
-from fbench.datasets.city.request import SEEDS, SUITE, CityWish
+from fbench.datasets.city.request import SEEDS, SUITE, CityRequest
 from fbench.datasets.city.spec import CONDITIONS, condition
 from fbench.replay.contracts.errors import ConfigError
 
@@ -54,4 +54,4 @@ def test_all_of_the_suite_can_be_made():
     names = {scene.name(seed) for scene in SUITE for seeds in SEEDS.values() for seed in seeds}
     assert len(names) == len(SUITE) * 12
     for scene in SUITE:
-        assert CityWish(scene.world, scene.condition).spec().condition.name == scene.condition
+        assert CityRequest(scene.world, scene.condition).spec().condition.name == scene.condition

@@ -190,12 +190,12 @@ def stereo_errors(log):
     for stamp_ns, image in left.items():
         if stamp_ns not in log.clouds() or stamp_ns not in right:
             continue
-        grey = [cv2.cvtColor(pixels(m), cv2.COLOR_BGR2GRAY) for m in (image, right[stamp_ns])]
+        gray = [cv2.cvtColor(pixels(m), cv2.COLOR_BGR2GRAY) for m in (image, right[stamp_ns])]
         matcher = cv2.StereoSGBM.create(
             minDisparity=0, numDisparities=96, blockSize=7, P1=8 * 49, P2=32 * 49, disp12MaxDiff=1,
             uniquenessRatio=10, speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
         )  # fmt: skip
-        disparity = matcher.compute(*grey) / 16.0
+        disparity = matcher.compute(*gray) / 16.0
         uv, depth = projected(log, "stereo_left", moved(log.rig.body_T_sensor("lidar"), log.clouds()[stamp_ns].xyz))
         shown = np.flatnonzero(depth < 30)
         d = disparity[np.rint(uv[shown, 1]).astype(int), np.rint(uv[shown, 0]).astype(int)]

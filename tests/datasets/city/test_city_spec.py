@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fbench.datasets.city.request import CityWish, read_rig
+from fbench.datasets.city.request import CityRequest, read_rig
 from fbench.datasets.city.rig import CameraSpec, LidarSpec, RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, Condition
 from fbench.replay.conditions.weather import Weather
@@ -56,10 +56,10 @@ def test_ids_tell_specs_apart():
         CitySpec(seed=2),
         CitySpec("highway", seed=1),
         CitySpec(seed=1, seconds=5.0),
-        CityWish(seed=1, condition="fog").spec(),
-        CityWish(seed=1, settings=["weather.lux=10.0"]).spec(),
-        CityWish(seed=1, settings=["lidar.noise_m=0.02"]).spec(),
-        CityWish(seed=1, sensors=["lidar"]).spec(),
+        CityRequest(seed=1, condition="fog").spec(),
+        CityRequest(seed=1, settings=["weather.lux=10.0"]).spec(),
+        CityRequest(seed=1, settings=["lidar.noise_m=0.02"]).spec(),
+        CityRequest(seed=1, sensors=["lidar"]).spec(),
     ]
     assert len({spec.log_id for spec in (base, *others)}) == len(others) + 1
 
@@ -72,11 +72,11 @@ def test_equal_specs_have_equal_ids():
 
 
 def test_metadata_say_what_was_simulated():
-    metadata = CityWish("highway", "rain+night", seed=5).spec().metadata
+    metadata = CityRequest("highway", "rain+night", seed=5).spec().metadata
     assert (metadata["scenario"], metadata["condition"], metadata["seed"]) == ("highway", "rain+night", "5")
     assert (metadata["weather.rain_mm_h"], metadata["weather.lux"]) == ("15", "0.3")
     assert metadata["reference"] == "camera"
-    assert CityWish(sensors=["radar"]).spec().metadata["reference"] == "radar"
+    assert CityRequest(sensors=["radar"]).spec().metadata["reference"] == "radar"
 
 
 def test_choosing_sensors_keeps_all_else_of_a_rig(tmp_path):
@@ -85,14 +85,14 @@ def test_choosing_sensors_keeps_all_else_of_a_rig(tmp_path):
         f"[{kind}.{kind}]\ntranslation_m = [1, 0, 2]\n" for kind in ("cameras", "lidars", "radars")
     )
     path.write_text(text)
-    whole, chosen = (CityWish(rig_file=path, sensors=names).spec().rig for names in ((), ("radars", "cameras")))
+    whole, chosen = (CityRequest(rig_file=path, sensors=names).spec().rig for names in ((), ("radars", "cameras")))
     assert whole.names == ("cameras", "lidars", "radars")
     assert chosen.names == ("cameras", "radars")
     assert chosen == RigSpec(cameras=whole.cameras, radars=whole.radars, pose_rate_hz=50.0)
 
 
 def test_settings_change_sensors_and_weather():
-    spec = CityWish(settings=["lidar.channels=64", "camera.size_wh=[400, 300]", "weather.rain_mm_h=7"]).spec()
+    spec = CityRequest(settings=["lidar.channels=64", "camera.size_wh=[400, 300]", "weather.rain_mm_h=7"]).spec()
     assert spec.rig.lidars["lidar"].channels == 64
     assert spec.rig.cameras["camera"].size_wh == (400, 300)
     assert spec.condition.weather.rain_mm_h == 7
@@ -101,30 +101,30 @@ def test_settings_change_sensors_and_weather():
 @pytest.mark.parametrize(
     ("wish", "says"),
     [
-        (CityWish(world="rural"), "no simulated world 'rural'"),
-        (CityWish(world="urbn"), r"did you mean 'urban'\?"),
-        (CityWish(seconds=0.0), "--seconds 0: expected 0.1 to 86400"),
-        (CityWish(seconds=float("nan")), "--seconds nan"),
-        (CityWish(seconds=1e9), "--seconds"),
-        (CityWish(seed=-1), "--seed -1"),
-        (CityWish(seed=2**63), "--seed"),
-        (CityWish(settings=["lidar"]), "expected NAME.FIELD=VALUE"),
-        (CityWish(settings=["lidar.channels"]), "expected NAME.FIELD=VALUE"),
-        (CityWish(settings=["lidr.channels=1"]), r"no sensor 'lidr'; did you mean 'lidar'\?"),
-        (CityWish(settings=["lidar.chanels=1"]), r"unknown key 'lidars.lidar.chanels'; did you mean 'channels'\?"),
-        (CityWish(settings=["lidar.channels=0"]), "lidars.lidar.channels: Input should be greater than"),
-        (CityWish(settings=["lidar.channels=many"]), "'many' isn't a value of TOML"),
-        (CityWish(settings=["lidar.channels=1\nseed=2"]), "isn't one value of TOML"),
-        (CityWish(settings=["lidar.noise_m=nan"]), "lidars.lidar.noise_m"),
-        (CityWish(settings=["lidar.phase_ms=50.0"]), "phase_ms must be below the period of 50 ms"),
-        (CityWish(settings=["camera.rate_hz=1.0", "camera.phase_ms=900.0"], seconds=0.5), "measures first after"),
-        (CityWish(settings=["camera.size_wh=[1, 1]"]), "size_wh must be 16 to 8192 px each"),
-        (CityWish(settings=["weather.snow=1"]), "no 'snow' in the weather"),
-        (CityWish(settings=["weather.lux=true"]), "expected a number"),
-        (CityWish(settings=["weather.visibility_m=-1"]), "visibility_m"),
-        (CityWish(sensors=["sonar"]), "--sensors sonar: fits no sensor"),
-        (CityWish(sensors=["!*"]), "leaves no sensor"),
-        (CityWish(rig_file=Path("absent.toml")), "absent.toml: no such file"),
+        (CityRequest(world="rural"), "no simulated world 'rural'"),
+        (CityRequest(world="urbn"), r"did you mean 'urban'\?"),
+        (CityRequest(seconds=0.0), "--seconds 0: expected 0.1 to 86400"),
+        (CityRequest(seconds=float("nan")), "--seconds nan"),
+        (CityRequest(seconds=1e9), "--seconds"),
+        (CityRequest(seed=-1), "--seed -1"),
+        (CityRequest(seed=2**63), "--seed"),
+        (CityRequest(settings=["lidar"]), "expected NAME.FIELD=VALUE"),
+        (CityRequest(settings=["lidar.channels"]), "expected NAME.FIELD=VALUE"),
+        (CityRequest(settings=["lidr.channels=1"]), r"no sensor 'lidr'; did you mean 'lidar'\?"),
+        (CityRequest(settings=["lidar.chanels=1"]), r"unknown key 'lidars.lidar.chanels'; did you mean 'channels'\?"),
+        (CityRequest(settings=["lidar.channels=0"]), "lidars.lidar.channels: Input should be greater than"),
+        (CityRequest(settings=["lidar.channels=many"]), "'many' isn't a value of TOML"),
+        (CityRequest(settings=["lidar.channels=1\nseed=2"]), "isn't one value of TOML"),
+        (CityRequest(settings=["lidar.noise_m=nan"]), "lidars.lidar.noise_m"),
+        (CityRequest(settings=["lidar.phase_ms=50.0"]), "phase_ms must be below the period of 50 ms"),
+        (CityRequest(settings=["camera.rate_hz=1.0", "camera.phase_ms=900.0"], seconds=0.5), "measures first after"),
+        (CityRequest(settings=["camera.size_wh=[1, 1]"]), "size_wh must be 16 to 8192 px each"),
+        (CityRequest(settings=["weather.snow=1"]), "no 'snow' in the weather"),
+        (CityRequest(settings=["weather.lux=true"]), "expected a number"),
+        (CityRequest(settings=["weather.visibility_m=-1"]), "visibility_m"),
+        (CityRequest(sensors=["sonar"]), "--sensors sonar: fits no sensor"),
+        (CityRequest(sensors=["!*"]), "leaves no sensor"),
+        (CityRequest(rig_file=Path("absent.toml")), "absent.toml: no such file"),
     ],
 )  # fmt: skip
 def test_wishes_that_cannot_be_are_one_line(wish, says):

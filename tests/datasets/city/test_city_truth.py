@@ -11,7 +11,7 @@ from fbench.replay.geometry.camera import project_boxes
 
 
 def in_world(log, stamp_ns):
-    """Boxes' centres and velocities in the world, and the vehicle's pose."""
+    """Boxes' centers and velocities in the world, and the vehicle's pose."""
     pose, boxes = log.poses()[stamp_ns].world_T_body, log.truths[stamp_ns].boxes3d
     return moved(pose, boxes.center_m), boxes.velocity_mps @ pose[:3, :3].T, boxes
 
@@ -71,7 +71,7 @@ def test_bodies_stand_on_the_ground_and_do_not_overlap(log):
         bottom = boxes.center_m[:, 2] - boxes.size_lwh_m[:, 2] / 2
         assert ((bottom > -0.01) & (bottom < 0.3)).all()
         within = in_boxes(boxes.center_m, boxes)
-        assert np.array_equal(np.argwhere(within)[:, 0], np.argwhere(within)[:, 1])  # each its own centre alone
+        assert np.array_equal(np.argwhere(within)[:, 0], np.argwhere(within)[:, 1])  # each its own center alone
 
 
 def test_outlines_enclose_what_images_show(log):

@@ -5,7 +5,7 @@ import pytest
 
 from fbench.datasets.city.instant import BodyStates
 from fbench.datasets.city.measure import EYE_M, visible_shares
-from fbench.datasets.city.mesh import Actor, Body, Skin, box, merged
+from fbench.datasets.city.mesh import Actor, Body, Skin, box, merge_meshes
 from fbench.datasets.city.rays.caster import EmbreeCaster
 
 PAINT = Skin("paint", (0.5, 0.5, 0.5))
@@ -17,8 +17,8 @@ def body(size):
 
 
 def shares(bodies, walls=(), ego=(0.0, 0.0, 0.0)):
-    """Of bodies (size, x, y, yaw) behind walls (centre, size)."""
-    caster = EmbreeCaster(merged([box(c, s, PAINT) for c, s in walls]),
+    """Of bodies (size, x, y, yaw) behind walls (center, size)."""
+    caster = EmbreeCaster(merge_meshes([box(c, s, PAINT) for c, s in walls]),
                           (Actor(body(CAR)), *(Actor(body(size)) for size, *_ in bodies)))  # fmt: skip
     rows = np.array([ego, *([x, y, yaw] for _, x, y, yaw in bodies)], float)
     num = len(rows)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.recording import CityRecording
-from fbench.datasets.city.request import CityWish
+from fbench.datasets.city.request import CityRequest
 from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams, Thresholds, thresholds
 from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS, builtin_identity, with_builtin
 from fbench.replay.contracts.errors import ModelError
@@ -58,7 +58,7 @@ def test_metadata_that_arent_shares_are_refused(text):
 def test_it_finds_near_vehicles_on_a_drive_that_it_never_saw():
     """The figures are in docs/detector.md; here a short drive of a test seed."""
     settings = ["camera.rate_hz=1.0"]
-    spec = CityWish("urban", seconds=8.0, seed=9001, sensors=["camera"], settings=settings).spec()
+    spec = CityRequest("urban", seconds=8.0, seed=9001, sensors=["camera"], settings=settings).spec()
     detector = CameraDetector(CameraParams(CITY_WEIGHTS))
     items = list(CityRecording(spec, "test").items())
     truths = {item.stamp_ns: item.boxes2d for item in items if isinstance(item, Truth)}

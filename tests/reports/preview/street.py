@@ -46,7 +46,7 @@ class Street:
         return depth
 
     def image(self, seed=0):
-        """Every pole in a grey of its own on a plain wall."""
+        """Every pole in a gray of its own on a plain wall."""
         azimuth = -np.arctan((np.arange(SIZE[0]) - 159.5) / 200)
         depth = self.depth_along(azimuth)
         gray = np.where(depth < 40, 40 + depth * 5 % 60, 200).astype(np.uint8)

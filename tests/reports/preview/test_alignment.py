@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from tests.reports.preview.street import Street, gray, sample, street_rig
 
 from fbench.replay.data.rig import Mount, Rig
-from fbench.reports.preview.alignment import aligned
+from fbench.reports.preview.alignment import align
 from fbench.reports.preview.sample import depth_edges
 
 
@@ -53,7 +53,7 @@ def test_jumps_are_found_between_shots_a_degree_apart():
 
 
 def test_a_right_calibration_fits():
-    found = aligned(street_samples(street_rig()), "cam")
+    found = align(street_samples(street_rig()), "cam")
     assert not found.is_bad
     assert found.score > 1.3
     assert "fit the image as calibrated" in found.verdict
@@ -64,7 +64,7 @@ def test_a_turned_lidar_is_told_by_how_much(yaw):
     """Turning to the left is turning about the camera's y axis, which points down, by the negative angle; the mend is
     the opposite.
     """
-    found = aligned(street_samples(turned(yaw)), "cam")
+    found = align(street_samples(turned(yaw)), "cam")
     assert found.is_off
     assert found.turn_deg[1] == pytest.approx(yaw, abs=0.5)
     assert f"{found.turn_deg[1]:+.1f} deg about the camera's y axis" in found.verdict
@@ -72,12 +72,12 @@ def test_a_turned_lidar_is_told_by_how_much(yaw):
 
 def test_swapped_axes_fit_nowhere():
     rig = turned(90)
-    assert aligned(street_samples(rig), "cam").is_bad or "too few" in aligned(street_samples(rig), "cam").verdict
+    assert align(street_samples(rig), "cam").is_bad or "too few" in align(street_samples(rig), "cam").verdict
 
 
 def test_without_edges_nothing_is_said():
     seen = sample(street_rig(), clouds={"lidar": [[10.0, 0, 0]]}, images={"cam": gray()})
-    found = aligned([seen, replace(seen, rig=Rig({}, {}))], "cam")
+    found = align([seen, replace(seen, rig=Rig({}, {}))], "cam")
     assert not found.is_bad
     assert "too few LiDAR edges" in found.verdict
-    assert "too few" in aligned([], "cam").verdict
+    assert "too few" in align([], "cam").verdict

@@ -1,4 +1,4 @@
-"""Points and boxes land where they must, in the colours that they must have."""
+"""Points and boxes land where they must, in the colors that they must have."""
 
 import numpy as np
 import pytest
@@ -83,7 +83,7 @@ def test_unknown_lenses_are_refused_by_name():
         overlay(sample(odd, clouds={"lidar": [[10.0, 0, 0]]}, images={"cam": gray()}), "cam", "lidar")
 
 
-def test_windows_map_pixel_centres():
+def test_windows_map_pixel_centers():
     half = whole((2560, 1000))
     assert half.size_wh == (1280, 500)
     assert half.to_picture(np.array([[0.5, 0.5]])).tolist() == [[0.0, 0.0]]

@@ -6,7 +6,7 @@ from tests.reports.preview.street import UPRIGHT, sample, street_rig
 
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import Mount, Rig
-from fbench.reports.preview.measure import judge_points
+from fbench.reports.preview.measure import check_labels
 
 PLACES = np.array([[8.0, 3, 0], [12, -3, 0], [15, 3, 0], [18, -3, 0], [22, 3, 0], [24, -3, 0]])
 GROUND = np.array(
@@ -25,21 +25,21 @@ def seen(places=PLACES):
 
 
 def test_boxes_with_points_are_right():
-    found = judge_points([sample(street_rig(), clouds={"lidar": seen()}, boxes=boxes())])
+    found = check_labels([sample(street_rig(), clouds={"lidar": seen()}, boxes=boxes())])
     assert (found.text, found.is_bad) == ("6 of 6 boxes within 25 m hold LiDAR points above the ground", False)
 
 
 @pytest.mark.parametrize("wrong", [np.subtract(PLACES, [3.4, 0, 0]), PLACES * [1, -1, 1]], ids=["moved", "mirrored"])
 def test_labels_in_another_coordinate_frame_are_told(wrong):
     """Points on the ground say nothing."""
-    found = judge_points([sample(street_rig(), clouds={"lidar": seen()}, boxes=boxes(wrong, yaw=0.0))])
+    found = check_labels([sample(street_rig(), clouds={"lidar": seen()}, boxes=boxes(wrong, yaw=0.0))])
     assert found.is_bad
     assert "of 6 boxes within 25 m hold LiDAR points" in found.text
     assert found.text.endswith(": wrong coordinate frame, stamps or sizes?")
 
 
 def test_labels_of_another_world_are_told():
-    found = judge_points(
+    found = check_labels(
         [sample(street_rig(), clouds={"lidar": seen()}, boxes=boxes(np.add(PLACES, [1200.0, -300, 0])))]
     )
     assert found.is_bad
@@ -48,14 +48,14 @@ def test_labels_of_another_world_are_told():
 
 def test_nothing_is_said_where_nothing_can_be():
     rig, clouds = street_rig(), {"lidar": seen()}
-    assert judge_points([sample(rig, clouds=clouds)]) is None
-    assert judge_points([sample(rig, boxes=boxes())]) is None
-    assert judge_points([sample(rig, clouds=clouds, boxes=boxes(np.add(PLACES[:2], [3.0, 0, 0])))]) is None  # too few
-    assert judge_points([sample(rig, clouds=clouds, boxes=boxes(-PLACES))]) is None  # where no LiDAR looks
-    assert judge_points([sample(rig, clouds=clouds, boxes=boxes(np.add(PLACES, [40.0, 0, 0])))]) is None
-    assert judge_points([sample(rig, clouds=clouds, boxes=boxes(ignore=np.ones(6, bool)))]) is None
+    assert check_labels([sample(rig, clouds=clouds)]) is None
+    assert check_labels([sample(rig, boxes=boxes())]) is None
+    assert check_labels([sample(rig, clouds=clouds, boxes=boxes(np.add(PLACES[:2], [3.0, 0, 0])))]) is None  # too few
+    assert check_labels([sample(rig, clouds=clouds, boxes=boxes(-PLACES))]) is None  # where no LiDAR looks
+    assert check_labels([sample(rig, clouds=clouds, boxes=boxes(np.add(PLACES, [40.0, 0, 0])))]) is None
+    assert check_labels([sample(rig, clouds=clouds, boxes=boxes(ignore=np.ones(6, bool)))]) is None
 
 
 def test_points_are_taken_in_body_coordinates():
     rig = Rig({"lidar": Mount("lidar", np.array([2.0, 0, 1]), UPRIGHT)}, {})
-    assert not judge_points([sample(rig, clouds={"lidar": seen() - [2.0, 0, 1]}, boxes=boxes())]).is_bad
+    assert not check_labels([sample(rig, clouds={"lidar": seen() - [2.0, 0, 1]}, boxes=boxes())]).is_bad

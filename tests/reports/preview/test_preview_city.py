@@ -15,8 +15,8 @@ from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.partial_rig import partial_rig
-from fbench.reports.preview.alignment import aligned
-from fbench.reports.preview.collect import Wish, collect
+from fbench.reports.preview.alignment import align
+from fbench.reports.preview.collect import PreviewRequest, collect
 from fbench.reports.preview.sample import Sample
 
 
@@ -28,7 +28,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> list[Sample]:
     rig = RigSpec(cameras={"camera": camera}, lidars=thesis_rig().lidars)
     write_recording(CityRecording(CitySpec(seconds=0.6, seed=5, rig=rig), "city"), Target(path), lambda *_: None)
     reader = open_log(path, FaultLog())
-    return list(collect(reader, partial_rig(reader), Wish(num=3), FaultLog()).samples)
+    return list(collect(reader, partial_rig(reader), PreviewRequest(num=3), FaultLog()).samples)
 
 
 def turned(sample: Sample, yaw_deg: float) -> Sample:
@@ -38,13 +38,13 @@ def turned(sample: Sample, yaw_deg: float) -> Sample:
 
 
 def test_exact_calibration_fits(samples: list[Sample]) -> None:
-    found = aligned(samples, "camera")
+    found = align(samples, "camera")
     assert found.num_edges > 500
     assert not found.is_bad
     assert "fit the image as calibrated" in found.verdict
 
 
 def test_a_turned_lidar_is_found(samples: list[Sample]) -> None:
-    found = aligned([turned(sample, 3.0) for sample in samples], "camera")
+    found = align([turned(sample, 3.0) for sample in samples], "camera")
     assert found.is_off
     assert found.turn_deg[1] == pytest.approx(3.0, abs=0.5)

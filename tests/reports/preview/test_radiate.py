@@ -8,7 +8,7 @@ from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.open import open_log
 from fbench.replay.logs.partial_rig import partial_rig
-from fbench.reports.preview.collect import Wish, collect
+from fbench.reports.preview.collect import PreviewRequest, collect
 from fbench.reports.preview.preview import write_preview
 
 
@@ -22,7 +22,7 @@ def radiate(shared, tmp_path):
 
 def test_all_sensors_are_drawn_into_each_other(radiate, tmp_path):
     reader, faults = open_log(radiate, FaultLog()), FaultLog()
-    wish = Wish(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))
+    wish = PreviewRequest(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))
     content = write_preview(collect(reader, partial_rig(reader), wish, faults), tmp_path)
     files = [shown.file for shown in content.pictures]
     for part in ("0-left-lidar", "3-right-radar", "0-left-stereo-3-right", "above", "side"):

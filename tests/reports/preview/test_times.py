@@ -6,7 +6,7 @@ import pytest
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.reports.preview.collect import Spread
 from fbench.reports.preview.sample import Arrival, Instant, Material
-from fbench.reports.preview.times import sensor_times, spanned, ticks, time_panel
+from fbench.reports.preview.times import sensor_times, span_axes, ticks, time_panel
 
 MS = 1_000_000
 
@@ -65,7 +65,7 @@ def test_an_offset_moves_the_line():
 def test_ticks_are_round():
     assert ticks(-1.0, 1.0, 4) == [-1.0, -0.5, 0.0, 0.5, 1.0]
     assert ticks(0.0, 730.0, 5) == [0.0, 200.0, 400.0, 600.0]
-    assert spanned(np.array([np.nan]), 2) == (-1.0, 1.0)
+    assert span_axes(np.array([np.nan]), 2) == (-1.0, 1.0)
 
 
 @pytest.mark.parametrize("length", [0, 1, 5, 6, 7, 13, 100, 1001])

@@ -5,7 +5,7 @@ import pytest
 
 from fbench.datasets.city.camera.picture import picture
 from fbench.datasets.city.instant import BodyStates, Instant
-from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merged
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merge_meshes
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.replay.conditions.weather import Weather
@@ -24,7 +24,7 @@ class Look:
 
     def __init__(self, static: list[Mesh], bodies=(), braking=(), lamps=(), parked=False):
         self.actors = (Actor(EGO_BODY), *(Actor(body, parked) for body, _, _ in bodies))
-        self.caster = EmbreeCaster(merged(static), self.actors)
+        self.caster = EmbreeCaster(merge_meshes(static), self.actors)
         n = len(self.actors)
         position = np.array([(0.0, 0, 0), *(p for _, p, _ in bodies)], float)
         yaw = np.array([0.0, *(y for _, _, y in bodies)])

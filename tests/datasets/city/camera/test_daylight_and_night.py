@@ -97,15 +97,15 @@ def test_exposure_is_sane(look, ground, spec):
 
 @pytest.mark.parametrize("noise", [0.006, 0.02])
 def test_noise_has_the_stated_deviation_at_mid_grey(look, spec, noise):
-    """The difference of two images of a wall; on it, noise of the pixels near mid-grey."""
+    """The difference of two images of a wall; on it, noise of the pixels near mid-gray."""
     wall = box((13, 0, 0), (2, 60, 60), GREY)
     view, camera = look([wall]), spec(noise=noise)
     weather = Weather(sun_azimuth_deg=180.0, lux=30_000.0)  # behind the camera
     a, b = (view.take(camera, weather, stamp_ns=k).rgb.astype(float) for k in (1, 2))
     mean = (a + b) / 2
-    grey = np.abs(mean - 255 * 0.4613) < 15
-    assert grey.sum() > 2_000
-    assert np.std((a - b)[grey]) / np.sqrt(2) / 255 == pytest.approx(noise, rel=0.1)
+    gray = np.abs(mean - 255 * 0.4613) < 15
+    assert gray.sum() > 2_000
+    assert np.std((a - b)[gray]) / np.sqrt(2) / 255 == pytest.approx(noise, rel=0.1)
 
 
 def test_corners_are_darker(look, spec):

@@ -12,7 +12,7 @@ def contrast(look, spec, distance_m, weather):
     """Linear light of a bright less that of a dark target at a distance, on its right and left."""
     targets = [box((2 + distance_m + 0.5, y, 1), (1, 2, 2), Skin("pole", (albedo,) * 3))
                for y, albedo in ((1, 0.02), (-1, 0.7))]  # fmt: skip
-    fov_deg = float(np.degrees(2 * np.arctan(200 / (40 * distance_m))))  # 40 px a metre at any distance
+    fov_deg = float(np.degrees(2 * np.arctan(200 / (40 * distance_m))))  # 40 px a meter at any distance
     shot = look(targets).take(spec(fov_deg=fov_deg), weather)
     light = linear(shot.rgb / 255).mean(axis=2)
     middle = slice(140, 160)

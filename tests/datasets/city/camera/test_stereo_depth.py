@@ -15,12 +15,12 @@ def pair_maker():
 
 
 def relative_errors(left, right):
-    grey = [cv2.cvtColor(p.rgb, cv2.COLOR_RGB2GRAY) for p in (left, right)]
+    gray = [cv2.cvtColor(p.rgb, cv2.COLOR_RGB2GRAY) for p in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0, numDisparities=96, blockSize=7, P1=8 * 49, P2=32 * 49, disp12MaxDiff=1, uniquenessRatio=10,
         speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
-    disparity = matcher.compute(*grey) / 16.0
+    disparity = matcher.compute(*gray) / 16.0
     valid = (disparity > 0) & (left.depth_m < 30) & (np.arange(800) > 100)
     return np.where(valid, np.abs(400 * 0.4 / np.where(valid, disparity, 1) / left.depth_m - 1), np.nan)
 
@@ -44,7 +44,7 @@ def test_depth_by_disparity_is_within_two_percent_to_30_m(look, ground, body, pa
 
 
 def test_both_cameras_see_the_same_surface(look, ground, spec):
-    """A point's colour is a matter of the point: the pixel that shows it in the other camera has it too."""
+    """A point's color is a matter of the point: the pixel that shows it in the other camera has it too."""
     view = look([ground, box((11, 0, 2), (2, 12, 4), Skin("concrete", (0.4, 0.4, 0.4)))])
     left = view.take(spec(translation_m=(2.0, 0.25, 1.0)), sensor="left")
     right = view.take(spec(translation_m=(2.0, -0.25, 1.0)), sensor="right")

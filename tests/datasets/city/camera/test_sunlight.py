@@ -27,7 +27,7 @@ def test_shadows_are_those_of_a_ray_for_every_pixel(look, ground, spec):
     start = start + lift * found.hits.normal[faces]
     sun = np.tile(np.array(light.sun, np.float32), (len(faces), 1))
     expected = np.zeros(len(found.lit), bool)
-    expected[faces] = ~view.caster.blocked(Rays(start, sun, 250.0), view.states)
+    expected[faces] = ~view.caster.is_blocked(Rays(start, sun, 250.0), view.states)
     shadow = ~expected[faces]
     assert 0.02 < shadow.mean() < 0.6
     assert (found.lit != expected).sum() < 0.005 * shadow.sum()
@@ -39,11 +39,11 @@ class Shade:
     def __init__(self, dark):
         self.dark = dark
 
-    def blocked(self, rays, states):
+    def is_blocked(self, rays, states):
         return np.isin(np.round(rays.origin_m[:, 0]), self.dark)
 
 
-def test_pixels_at_the_end_of_a_row_are_no_neighbours_of_those_at_the_next_ones_beginning():
+def test_pixels_at_the_end_of_a_row_are_no_neighbors_of_those_at_the_next_ones_beginning():
     """4 x 3 pixels: on one triangle, only the first of the middle row is lit. Of those around it the upper one alone
     is on that triangle, as is the last pixel of the row above.
     """

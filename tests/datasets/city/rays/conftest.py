@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.instant import BodyStates
-from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merged
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, merge_meshes
 
 MakeStates = Callable[..., BodyStates]
 
@@ -24,7 +24,7 @@ def crates(crate: Body) -> Callable[[int], tuple[Actor, ...]]:
 
 @pytest.fixture
 def nothing() -> Mesh:
-    return merged([])
+    return merge_meshes([])
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fbench.datasets.city.instant import MISS, STATIC, Rays
-from fbench.datasets.city.mesh import INDEX, Actor, Body, Skin, box, merged, quad
+from fbench.datasets.city.mesh import INDEX, Actor, Body, Skin, box, merge_meshes, quad
 from fbench.datasets.city.rays.caster import EmbreeCaster
 
 ASPHALT, BRICK = Skin("asphalt", (0.2, 0.2, 0.2)), Skin("brick", (0.5, 0.2, 0.2))
@@ -41,7 +41,7 @@ def slab_range(origin, direction, position, yaw, size=(4.0, 2.0, 1.5)):
 
 
 def test_static_hits_by_hand(crates, states):
-    caster = EmbreeCaster(merged([GROUND, WALL]), crates(1))
+    caster = EmbreeCaster(merge_meshes([GROUND, WALL]), crates(1))
     hits = caster.cast(rays((0, 0, 2), [(1, 0, 0), (0, 0, -1), (1, 0, -1), (-1, 0, 1)]), states([(0, 0)]))
     np.testing.assert_allclose(hits.range_m, [50, 2, 2 * np.sqrt(2), np.inf], rtol=1e-6)
     assert hits.body.tolist() == [STATIC, STATIC, STATIC, MISS]
@@ -75,7 +75,7 @@ def test_the_ego_vehicle_is_never_hit(crates, states, nothing):
     at = states([(10, 0)])
     assert caster.cast(rays((0, 0, 1), (1, 0, 0)), at).body.tolist() == [MISS]
     assert caster.cast(rays((10, 0, 1), around(100)), at).alone == ()
-    assert not caster.blocked(rays((0, 0, 1), (1, 0, 0)), at).any()
+    assert not caster.is_blocked(rays((0, 0, 1), (1, 0, 0)), at).any()
 
 
 @pytest.mark.parametrize("common", [True, False])
@@ -141,22 +141,22 @@ def test_ranges_end(crates, states):
     assert np.isinf(short.range_m).all()
     long = caster.cast(rays((0, 0, 1), (1, 0, 0), 28.1), now)
     assert long.body.tolist() == [1]
-    blocked = [bool(caster.blocked(rays((0, 0, 1), (1, 0, 0), r), now)[0]) for r in (27.9, 28.1)]
+    blocked = [bool(caster.is_blocked(rays((0, 0, 1), (1, 0, 0), r), now)[0]) for r in (27.9, 28.1)]
     assert blocked == [False, True]
-    assert not caster.blocked(rays((0, 0, 3), (1, 0, 0), 49.9), now)[0]
-    assert caster.blocked(rays((0, 0, 3), (1, 0, 0), 50.1), now)[0]
+    assert not caster.is_blocked(rays((0, 0, 3), (1, 0, 0), 49.9), now)[0]
+    assert caster.is_blocked(rays((0, 0, 3), (1, 0, 0), 50.1), now)[0]
 
 
 def test_blocked_is_what_cast_hits(crates, states):
     rng = np.random.default_rng(5)
     now = states([(0, 0), *np.column_stack([rng.uniform(-60, 60, (30, 2)), rng.uniform(-3, 3, 30)])])
-    caster = EmbreeCaster(merged([GROUND, WALL]), crates(31))
+    caster = EmbreeCaster(merge_meshes([GROUND, WALL]), crates(31))
     origin = np.column_stack([rng.uniform(-60, 60, (5000, 2)), np.full(5000, 0.01)])
     for direction in (np.tile([0.5, 0.3, 0.2], (5000, 1)), around(5000)):
         for offset in (None, rng.uniform(-0.1, 0.1, 5000)):
             beams = rays(origin, direction, 80.0, offset)
             hits = caster.cast(beams, now)
-            np.testing.assert_array_equal(caster.blocked(beams, now), hits.body != MISS)
+            np.testing.assert_array_equal(caster.is_blocked(beams, now), hits.body != MISS)
 
 
 def test_phases_choose_the_mesh(crate, states, nothing):
@@ -176,7 +176,7 @@ def test_without_rays_bodies_or_world(crates, states, nothing):
     for static, num in ((nothing, 1), (nothing, 3), (GROUND, 1), (GROUND, 3)):
         caster, now = EmbreeCaster(static, crates(num)), states([(10.0 * i, 0) for i in range(num)])
         hits = caster.cast(no_rays, now)
-        assert len(hits.range_m) == len(hits.body) == len(hits.normal) == len(caster.blocked(no_rays, now)) == 0
+        assert len(hits.range_m) == len(hits.body) == len(hits.normal) == len(caster.is_blocked(no_rays, now)) == 0
         assert hits.alone == ()
         assert len(caster.material(hits, now)) == 0
     empty = EmbreeCaster(nothing, (*crates(1), Actor(Body("other", (1.0, 1.0, 1.0), (nothing,)))))
@@ -191,7 +191,7 @@ def test_points_lie_on_surfaces_far_from_the_origin(crates, states):
     center = np.array([900.37, -431.21, 2.0])
     tower = box((float(center[0]) + 60, float(center[1]) + 7, 10), (8, 30, 20), BRICK)
     rows = [(0, 0), *((center[0] + 90 * np.cos(a), center[1] + 90 * np.sin(a), a) for a in np.arange(1, 7))]
-    caster = EmbreeCaster(merged([GROUND, tower]), crates(7))
+    caster = EmbreeCaster(merge_meshes([GROUND, tower]), crates(7))
     beams = rays(center, around(50_000), 100.0)
     hits = caster.cast(beams, states(rows))
     point = center + beams.direction.astype(np.float64) * hits.range_m[:, None]
@@ -215,7 +215,7 @@ def test_no_ray_slips_through_between_triangles(crates, states):
         quad(np.array([(x, y, 0), (x + 1, y, 0), (x + 1, y + 1, 0), (x, y + 1, 0)]), ASPHALT)
         for x in corners[:-1] for y in corners[:-1]
     ]  # fmt: skip
-    caster = EmbreeCaster(merged(patches), crates(1))
+    caster = EmbreeCaster(merge_meshes(patches), crates(1))
     target = np.stack(np.meshgrid(np.arange(-39, 39.5, 0.5), np.arange(-39, 39.5, 0.5), [0.0]), -1).reshape(-1, 3)
     hits = caster.cast(rays((0.3, 0.2, 3), target - (0.3, 0.2, 3)), states([(0, 0)]))
     assert (hits.body == STATIC).all()
@@ -224,7 +224,7 @@ def test_no_ray_slips_through_between_triangles(crates, states):
 def test_threads_get_the_same_bytes(crates, states):
     rng = np.random.default_rng(9)
     rows = [(0, 0), *np.column_stack([rng.uniform(-60, 60, (60, 2)), rng.uniform(-3, 3, 60)])]
-    caster, now = EmbreeCaster(merged([GROUND, WALL]), crates(61)), states(rows)
+    caster, now = EmbreeCaster(merge_meshes([GROUND, WALL]), crates(61)), states(rows)
     beams = rays((0, 0, 2), around(20_000))
     found = []
 

@@ -20,7 +20,7 @@ def looked_at(mesh, states, row=(10.0, 0.0, 0.0)):
     hits = caster.cast(rays, at)
     on = hits.body == 1
     place = rays.origin_m + rays.direction * np.where(on, hits.range_m, 0)[:, None]
-    return hits.normal[on], caster.smoothed(rays, hits, at)[on], place[on], rays.direction[on]
+    return hits.normal[on], caster.smooth_normals(rays, hits, at)[on], place[on], rays.direction[on]
 
 
 def test_cylinder_is_round(states):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbench.datasets.city.instant import BodyStates, Instant
-from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merged, quad
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merge_meshes, quad
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import LidarSpec, thesis_rig
 from fbench.datasets.city.sensors.lidar import Sweep, sweep
@@ -36,7 +36,7 @@ def car() -> Body:
     return Body(
         "car",
         SIZE,
-        (merged([box((0, 0, 0.5), (4.5, 1.8, 1.0), Skin("paint", GREY)),
+        (merge_meshes([box((0, 0, 0.5), (4.5, 1.8, 1.0), Skin("paint", GREY)),
                  box((0, 0, 1.25), (2.5, 1.6, 0.5), Skin("glass", GREY))]),),
     )  # fmt: skip
 

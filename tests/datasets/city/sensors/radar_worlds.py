@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbench.datasets.city.instant import BodyStates, Instant
-from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merged, quad
+from fbench.datasets.city.mesh import Actor, Body, Mesh, Skin, box, cylinder, merge_meshes, quad
 from fbench.datasets.city.rays.caster import EmbreeCaster
 from fbench.datasets.city.rig import RadarSpec, thesis_rig
 from fbench.datasets.city.sensors.radar import Scan, scan
@@ -48,14 +48,14 @@ def car() -> Body:
         for x in (-1.4, 1.4)
         for y in (-0.8, 0.8)
     ]
-    return Body("car", (4.5, 1.8, 1.5), (merged([*parts, *wheels]),))
+    return Body("car", (4.5, 1.8, 1.5), (merge_meshes([*parts, *wheels]),))
 
 
 def pedestrian() -> Body:
     """Return a pedestrian of two cylinders."""
     trunk = cylinder((0, 0, 0), (0, 0, 1.5), 0.2, 16, Skin("cloth", GREY))
     head = cylinder((0, 0, 1.5), (0, 0, 1.75), 0.1, 12, Skin("skin", GREY))
-    return Body("pedestrian", (0.4, 0.4, 1.75), (merged([trunk, head]),))
+    return Body("pedestrian", (0.4, 0.4, 1.75), (merge_meshes([trunk, head]),))
 
 
 def truck() -> Body:
@@ -64,7 +64,7 @@ def truck() -> Body:
         box((-1, 0, 2.2), (8, 2.5, 3), Skin("paint", GREY)),
         box((4, 0, 1.7), (2, 2.5, 2.6), Skin("paint", GREY)),
     )
-    return Body("truck", (10, 2.5, 3.7), (merged([load, cab]),))
+    return Body("truck", (10, 2.5, 3.7), (merge_meshes([load, cab]),))
 
 
 def world(static: Mesh, *bodies: Body) -> EmbreeCaster:

@@ -8,7 +8,7 @@ import pytest
 from tests.datasets.city.sensors.lidar_worlds import MOUNT, SIZE, bytes_of, drum, ground, lidar, ranges, turn
 
 from fbench.datasets.city.instant import MISS, STATIC
-from fbench.datasets.city.mesh import Skin, merged, quad
+from fbench.datasets.city.mesh import Skin, merge_meshes, quad
 from fbench.replay.conditions.weather import Weather
 
 CARS = ((0, 0), (12, 3, 0.3), (-9, -4, 2.0), (20, -6, 1.2), (4, 9, 3.0), (35, 0, 0.1))
@@ -57,7 +57,7 @@ def test_range_noise_has_the_stated_sigma():
 
 
 def test_without_noise_points_lie_on_surfaces():
-    result = turn(merged([ground(), wall(25.0)]), spec=lidar(noise_m=0.0))
+    result = turn(merge_meshes([ground(), wall(25.0)]), spec=lidar(noise_m=0.0))
     world = result.cloud.xyz.astype(np.float64) + MOUNT[:3, 3]
     off = np.minimum(np.abs(world[:, 2]), np.abs(world[:, 0] - 25))
     assert off.max() < 2e-3
@@ -82,7 +82,7 @@ def test_points_of_a_body_are_in_its_box():
 def test_nothing_is_seen_beyond_the_range():
     bright = Skin("sign", (0.5, 0.5, 0.5))  # retroreflecting: strong at any distance
     near, far = quad(np.array([(99.0, 9, -9), (99, -9, -9), (99, -9, 9), (99, 9, 9)]), bright), wall(101.0, "sign")
-    result = turn(merged([near, far]), spec=lidar(noise_m=0.0))
+    result = turn(merge_meshes([near, far]), spec=lidar(noise_m=0.0))
     assert ranges(result).max() <= 100
     assert (ranges(result) > 98.9).sum() > 100
     assert len(turn(wall(101.0, "sign")).body) == 0
@@ -118,7 +118,7 @@ def test_lost_returns_are_the_stated_share():
 
 
 def test_an_empty_world_gives_an_empty_cloud():
-    result = turn(merged([]))
+    result = turn(merge_meshes([]))
     assert result.cloud.xyz.shape == (0, 3)
     assert len(result.body) == len(result.range_m) == len(result.cloud.intensity) == 0
 
@@ -149,7 +149,7 @@ def test_bodies_stand_still_at_the_stamp_without_motion():
 def test_in_motion_points_fit_every_body_at_its_own_time():
     ego = (3.0, -2.0, 0.5, 12.0, 5.0, 0.6)
     rows = [ego, (15, 4, 0.3, 20, 6, -0.8), (-8, -6, 2.0, -15, 3, 0.5), (20, -8, 1.2, 0, 25, 0.0)]
-    result = turn(merged([ground()]), rows, spec=lidar(motion=True, noise_m=0.0))
+    result = turn(merge_meshes([ground()]), rows, spec=lidar(motion=True, noise_m=0.0))
     t = result.cloud.offset_ns * 1e-9
     yaw = ego[2] + ego[5] * t
     local = result.cloud.xyz.astype(np.float64) + MOUNT[:3, 3]

@@ -18,7 +18,7 @@ from tests.datasets.city.sensors.radar_worlds import (
 )
 
 from fbench.datasets.city.instant import MISS
-from fbench.datasets.city.mesh import Skin, box, merged
+from fbench.datasets.city.mesh import Skin, box, merge_meshes
 from fbench.replay.conditions.weather import Weather, radar_loss_db
 
 ASPECTS = np.radians([0, 15, 30, 45, 60, 75, 90, 120, 150, 180])
@@ -58,7 +58,7 @@ def test_cross_section_of_a_body_does_not_depend_on_distance_or_rays():
 
 
 def test_a_plate_seen_squarely_has_the_cross_section_of_its_material():
-    """4 m2 of concrete at -8 dB a square metre: -2 dBsm."""
+    """4 m2 of concrete at -8 dB a square meter: -2 dBsm."""
     plate = box((30, 0, 1), (0.2, 2, 2), Skin("concrete", (0.5, 0.5, 0.5)))
     level = np.eye(4)
     level[:3, 3] = [0, 0, 1]
@@ -92,9 +92,9 @@ def test_pedestrians_are_lost_farther_than_cars_are():
 def test_walls_and_poles_are_seen_far_away_and_asphalt_only_near():
     wall = box((82, 0, 5), (1, 60, 10), Skin("brick", (0.5, 0.5, 0.5)))
     poles = [box((50, y, 4), (0.3, 0.3, 8), Skin("pole", (0.5, 0.5, 0.5))) for y in (-10, 0, 10)]
-    far = look(world(merged([ground(), wall])), states((0, 0, 0)))
+    far = look(world(merge_meshes([ground(), wall])), states((0, 0, 0)))
     assert (far.true_range_m > 75).sum() > 150
-    assert (look(world(merged([ground(), *poles])), states((0, 0, 0))).true_range_m > 40).sum() > 10
+    assert (look(world(merge_meshes([ground(), *poles])), states((0, 0, 0))).true_range_m > 40).sum() > 10
     asphalt = look(world(ground()), states((0, 0, 0)))
     assert np.quantile(asphalt.true_range_m, 0.99) < 15
     assert asphalt.true_range_m.max() < 20
@@ -103,7 +103,7 @@ def test_walls_and_poles_are_seen_far_away_and_asphalt_only_near():
 
 def test_radar_hardly_notices_fog():
     wall = box((60, 0, 5), (1, 200, 10), Skin("brick", (0.5, 0.5, 0.5)))
-    caster, at = world(merged([ground(), wall]), car(), truck()), states((0, 0, 0), (20, 3, 0.3), (45, -6, 1.0))
+    caster, at = world(merge_meshes([ground(), wall]), car(), truck()), states((0, 0, 0), (20, 3, 0.3), (45, -6, 1.0))
     clear, fog = look(caster, at), look(caster, at, weather=FOG)
     assert len(fog.body) > 0.99 * len(clear.body)
     for i in (1, 2):
@@ -122,7 +122,7 @@ def test_rain_takes_from_each_echo_what_the_equation_says():
 
 def test_more_rain_loses_more_echoes_and_moves_none():
     wall = box((80, 0, 5), (1, 200, 10), Skin("brick", (0.5, 0.5, 0.5)))
-    caster, at = world(merged([ground(), wall])), states((0, 0, 0))
+    caster, at = world(merge_meshes([ground(), wall])), states((0, 0, 0))
     scans = [look(caster, at, weather=Weather(rain_mm_h=rate)) for rate in (0.0, 5.0, 25.0, 100.0)]
     num = [len(found.body) for found in scans]
     assert num == sorted(num, reverse=True)

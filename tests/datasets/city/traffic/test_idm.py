@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.datasets.city.traffic.follow_kernel import HARDEST_MPS2, free_acceleration, interaction, limited
+from fbench.datasets.city.traffic.follow_kernel import HARDEST_MPS2, free_acceleration, interaction, limit_braking
 
 
 def test_free_road_matches_hand_computed_values() -> None:
@@ -35,5 +35,5 @@ def test_equilibrium_gap_is_that_of_the_fundamental_diagram(v: float) -> None:
 
 
 def test_brakes_have_a_limit() -> None:
-    assert limited(-50.0) == -HARDEST_MPS2
-    assert limited(1.0) == 1.0
+    assert limit_braking(-50.0) == -HARDEST_MPS2
+    assert limit_braking(1.0) == 1.0

@@ -6,7 +6,7 @@ from tests.datasets.city.traffic.test_traffic_long import overlapping
 from fbench.datasets.city.bodies.make import make_body
 from fbench.datasets.city.traffic.network import HERE, LANE, MOVER, WINDOW, Network, network_of
 from fbench.datasets.city.traffic.occupancy_kernel import occupancy
-from fbench.datasets.city.traffic.placing import TrafficParams, placed
+from fbench.datasets.city.traffic.placing import TrafficParams, place_movers
 from fbench.datasets.city.traffic.traffic import Traffic
 from fbench.datasets.city.world.city_map import CityMap, Lane, Layout, SignalPlan
 
@@ -54,7 +54,7 @@ def test_lanes_behind_lead_to_each_other_or_there_are_none() -> None:
     city_map = _ramps()
     net: Network = network_of(city_map)
     bodies = [make_body("car", np.random.default_rng(i)) for i in range(30)]
-    kept, state = placed(net, bodies, 0.1, 7)
+    kept, state = place_movers(net, bodies, 0.1, 7)
     assert len(kept) > 15
     starts = 0
     for way in state.way:

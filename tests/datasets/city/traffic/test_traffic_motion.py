@@ -111,7 +111,7 @@ def test_rewound_traffic_begins_again() -> None:
     world = layout("urban", 3)
     traffic = Traffic(world, TrafficParams.of("urban"), 3)
     first = traffic.motion(0.0, 4.0)
-    again, later = traffic.rewound(), traffic.motion(4.0, 6.0)
+    again, later = traffic.rewind(), traffic.motion(4.0, 6.0)
     second = again.motion(0.0, 6.0)
     for time_s in (0.0, 1.3, 4.0):
         assert same(first.at(time_s), second.at(time_s))

@@ -53,7 +53,7 @@ def test_every_lane_is_reached(world: Layout) -> None:
     assert reached == set(range(len(world.map.lanes)))
 
 
-def test_neighbours_lie_beside_each_other(world: Layout) -> None:
+def test_neighbors_lie_beside_each_other(world: Layout) -> None:
     lanes = world.map.lanes
     for i, lane in enumerate(lanes):
         for other, side in ((lane.left, 1), (lane.right, -1)):
