@@ -46,10 +46,9 @@ class Extents:
 def make_extents(low: Float64, high: Float64, source: int | Array, **known: Any) -> Extents:
     """Return boxes of which nothing is known but what is given."""
     num = len(low)
-    unknown: dict[str, Any] = {
-        "distance_m": np.full(num, np.nan), "range_rate_mps": np.full(num, np.nan), "label": np.full(num, "", "U16"),
-        "score": np.ones(num), "sources": np.broadcast_to(np.asarray(source, np.uint8), num),
-    }  # fmt: skip
+    unknown: dict[str, Any] = dict.fromkeys(("distance_m", "range_rate_mps"), np.full(num, np.nan))
+    unknown |= {"label": np.full(num, "", "U16"), "score": np.ones(num)}
+    unknown["sources"] = np.broadcast_to(np.asarray(source, np.uint8), num)
     return Extents(low, high, **(unknown | known))
 
 
@@ -140,11 +139,13 @@ def box_clusters(
     low, high = (np.array([reach(places[own], axis=0) for own in rows]) for reach in (np.min, np.max))
     middle = [(points.xyz[own].min(axis=0) + points.xyz[own].max(axis=0)) / 2 for own in rows]
     return make_extents(
-        low, high, np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
+        low,
+        high,
+        np.array([np.bitwise_or.reduce(points.source[own]) for own in rows]),
         distance_m=np.sqrt(np.square(middle).sum(axis=1)),
         range_rate_mps=np.array([_mean_rate(points.range_rate_mps[own]) for own in rows]),
         **({} if label is None else {"label": label[kept]}),
-    )  # fmt: skip
+    )
 
 
 def members(cluster: Int64) -> list[Int64]:

@@ -85,8 +85,9 @@ class Plain2D(TrackingPipeline[Boxes2D]):
         self._rig, self._images = rig, rig.sensors("camera")
         self._sensors.start(rig, log_info)
         if not with_points and not self._sensors.cameras.used:
-            raise ConfigError("no detector for this log's cameras: --set camera.weights=FILE, or a name of "
-                              "fbench weights list")  # fmt: skip
+            raise ConfigError(
+                "no detector for this log's cameras: --set camera.weights=FILE, or a name of fbench weights list"
+            )
         for name in self._images if with_points else ():
             require_projection(rig, name)
         self.missing = self._sensors.cameras.missing
@@ -100,7 +101,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
         seen = self._sensors.view(frame, clock)
         parts = (self._early if self._params.strategy == "early" else self._late)(seen.clouds, clock)
         with clock.stage("fuse"):
-            found = concatenate([self._merged(name, seen.cameras.get(name), parts[name]) for name in self._images])
+            found = concatenate([self._merge(name, seen.cameras.get(name), parts[name]) for name in self._images])
         return Detected(found, seen.faults, seen.missing)
 
     def _early(self, clouds: Mapping[PlainSensor, PlainCloud], clock: StageClock) -> dict[str, list[Extents]]:
@@ -127,7 +128,7 @@ class Plain2D(TrackingPipeline[Boxes2D]):
                     parts.append(project_extents(solids, self._rig, name)[0])
         return found
 
-    def _merged(self, camera: str, seen: CameraDetections | None, parts: list[Extents]) -> Boxes2D:
+    def _merge(self, camera: str, seen: CameraDetections | None, parts: list[Extents]) -> Boxes2D:
         first = no_extents(2) if seen is None else camera_extents(seen)
         found = merge_boxes([first, *parts], self._params.fusion.min_iou)
         return Boxes2D(

@@ -93,7 +93,7 @@ class Plain3D(TrackingPipeline[Boxes3D]):
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         seen = self._sensors.view(frame, clock)
         find = self._early if self._params.strategy == "early" else self._late
-        return Detected(self._reported(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
+        return Detected(self._to_boxes(find(seen.clouds, seen.cameras, clock)), seen.faults, seen.missing)
 
     def _early(
         self, clouds: Mapping[PlainSensor, PlainCloud], cameras: Mapping[str, CameraDetections], clock: StageClock
@@ -117,7 +117,7 @@ class Plain3D(TrackingPipeline[Boxes3D]):
             min_iou = self._params.fusion.min_iou
             return label_boxes(merge_boxes(parts, min_iou), self._rig, cameras, min_iou)
 
-    def _reported(self, found: Extents) -> Boxes3D:
+    def _to_boxes(self, found: Extents) -> Boxes3D:
         label = np.where(found.label == "", UNKNOWN, found.label) if self._sensors.with_camera else None
         return replace(
             to_solid(found), label=label, score=found.score, sources=found.sources,

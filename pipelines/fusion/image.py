@@ -54,14 +54,14 @@ class ImageFusionParams:
     prior: float = 0.3
     """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
     lidar_weight: float = 0.75
-    """Probability of what looks fully like a vehicle to LiDAR, as it alone tells [0 to 1]."""
+    """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
     radar_weight: float = 0.7
     """The same for radar."""
     points_factor: float = 1.6
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
     measured_share: float = 0.2
-    """By so much the outline of a camera that is sure is drawn towards that of the points [0 to 1]."""
+    """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
     weak_measured_share: float = 1.0
     """The same where the camera is least sure; in proportion between."""
     unseen_by_camera: float = 0.1

@@ -88,7 +88,7 @@ def hidden_shares(nearest_m: Float64, bearing_rad: Float64, half_rad: Float64, n
 
 @kernel
 def count_near(xy: Float64, center_m: Float64, radius_m: Float64) -> Int64:
-    """Number (M,) of points (N, 2) nearer to each centre (M, 2) than its radius (M,) [m]."""
+    """Number (M,) of points (N, 2) nearer to each center (M, 2) than its radius (M,) [m]."""
     result = np.zeros(len(center_m), np.int64)
     for m in range(len(center_m)):
         for i in range(len(xy)):

@@ -58,7 +58,7 @@ _BANDS = 4
 class AgreementParams:
     """How well each sensor works right now: the share of objects which others are sure of that it sees, too.
 
-    Nobody tells the weather: a camera that sees little of what LiDAR and radar see is worth little, and what it
+    The weather isn't known: a camera that sees little of what LiDAR and radar see is worth little, and what it
     doesn't see may be there all the same. Shares are kept apart for near and far objects.
     """
 

@@ -28,7 +28,7 @@ def associate(similarity: Float64, min_similarity: float) -> tuple[Int64, Int64]
 def associate_weak_last(similarity: Float64, min_similarity: float, weak: Bool) -> tuple[Int64, Int64]:
     """Pair as `associate` does, first with strong columns alone, then what rows are left with the `weak` ones (M,).
 
-    The second turn is that of ByteTrack (Zhang et al., ECCV 2022): a hidden object's score is low, but it still tells
+    The second turn is that of ByteTrack (Zhang et al., ECCV 2022): a hidden object's score is low, but it still shows
     where a track goes on.
     """
     if not weak.any():
@@ -100,9 +100,9 @@ def giou_3d(a: Float64, b: Float64) -> Float64:
 
     The hull is that of both footprints, from the lower bottom to the higher top; -1 where boxes aren't finite.
     """
-    from fbench.pipelines.tracking.kernels import generalized  # numba takes a while to import
+    from fbench.pipelines.tracking.kernels import generalize_iou  # numba takes a while to import
 
-    return generalized(np.ascontiguousarray(a), np.ascontiguousarray(b), _flat_iou(a, b, solid=True))
+    return generalize_iou(np.ascontiguousarray(a), np.ascontiguousarray(b), _flat_iou(a, b, solid=True))
 
 
 def _flat_iou(a: Float64, b: Float64, solid: bool) -> Float64:

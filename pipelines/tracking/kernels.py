@@ -28,7 +28,7 @@ def hull_areas(a: Float64, b: Float64) -> Float64:
 
 
 @kernel
-def generalized(a: Float64, b: Float64, iou: Float64) -> Float64:
+def generalize_iou(a: Float64, b: Float64, iou: Float64) -> Float64:
     """Generalized IoU (N, M) of upright boxes in space: IoU - 1 + union / hull; -1 where a hull isn't finite, or empty.
 
     Args:

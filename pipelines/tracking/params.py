@@ -13,7 +13,7 @@ class TrackerParams:
     """What trackers in 3D and in images share."""
 
     min_giou: float = -0.2
-    """With `giou`: detections whose generalised overlap with a track's prediction is less don't belong to it; from -1
+    """With `giou`: detections whose generalized overlap with a track's prediction is less don't belong to it; from -1
     (infinitely far) to 1 (equal).
     """
     max_mahalanobis: float = 4.0
@@ -53,8 +53,8 @@ class Tracker3DParams(TrackerParams):
     """Parameters of the 3D tracker."""
 
     association: Literal["distance", "iou", "giou", "mahalanobis"] = "distance"
-    """`distance`: nearest centres on the ground within a gate; `iou`: overlap seen from above; `giou`: generalised
-    overlap in space, which also tells near from far where boxes don't overlap; `mahalanobis`: nearest centres in
+    """`distance`: nearest centers on the ground within a gate; `iou`: overlap seen from above; `giou`: generalized
+    overlap in space, which also separates near from far where boxes don't overlap; `mahalanobis`: nearest centers in
     standard deviations of the filter.
     """
     gate_m: float = 3.0
@@ -66,7 +66,7 @@ class Tracker3DParams(TrackerParams):
     min_iou: float = 0.05
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
     measured_std_m: float = 0.3
-    """Standard deviation of a measured centre [m]."""
+    """Standard deviation of a measured center [m]."""
     rate_std_mps: float = 10.0
     """Standard deviation of a new track's velocity [m/s]."""
     drift_std_mps: float = 5.0
@@ -99,7 +99,7 @@ class Tracker2DParams(TrackerParams):
     """Parameters of the 2D tracker. Noise is relative to a box's size: the side of a square of its area."""
 
     association: Literal["iou", "giou", "mahalanobis"] = "iou"
-    """`iou`: overlap; `giou`: generalised overlap, which also tells near from far where boxes don't overlap;
+    """`iou`: overlap; `giou`: generalized overlap, which also separates near from far where boxes don't overlap;
     `mahalanobis`: nearest in standard deviations of the filter.
     """
     min_iou: float = 0.1

@@ -31,6 +31,11 @@ def rows(columns: Columns, at: Array) -> Columns:
     return {name: column[at] for name, column in columns.items()}
 
 
+def join_rows(columns: Columns, new: Columns) -> Columns:
+    """Put rows of the same columns below these."""
+    return {name: np.concatenate([column, new[name]]) for name, column in columns.items()}
+
+
 def replace_rows(columns: Columns, at: Array, new: Columns) -> Columns:
     """Replace the rows `at` by those of `new`; texts get the room that the longest one needs."""
     result = {}
@@ -50,7 +55,7 @@ class Tracks:
     hits: Int64
     """(T,) how often it was measured."""
     missed: Int64
-    """(T,) steps in which it was looked for since it was measured last."""
+    """(T,) steps with detection since it was measured last."""
     updated_ns: Int64
     """(T,) stamp of the last measurement."""
     votes: Float64
@@ -67,15 +72,7 @@ class Tracks:
         if which.all():
             return self
         at = np.flatnonzero(which)
-        return Tracks(
-            self.track_id[at],
-            self.hits[at],
-            self.missed[at],
-            self.updated_ns[at],
-            self.votes[at],
-            self.states.rows(at),
-            rows(self.last, at),
-        )
+        return Tracks(states=self.states.rows(at), last=rows(self.last, at), **rows(self._arrays, at))
 
     def labels(self) -> Text:
         """The label with the most votes (T,); of equals the first in `LABELS`, and `other` where there are none."""
@@ -95,15 +92,12 @@ class Tracks:
 
     def join(self, new: "Tracks") -> "Tracks":
         """Put other tracks behind these."""
-        return Tracks(
-            np.concatenate([self.track_id, new.track_id]),
-            np.concatenate([self.hits, new.hits]),
-            np.concatenate([self.missed, new.missed]),
-            np.concatenate([self.updated_ns, new.updated_ns]),
-            np.concatenate([self.votes, new.votes]),
-            kalman.join(self.states, new.states),
-            {name: np.concatenate([column, new.last[name]]) for name, column in self.last.items()},
-        )
+        last, arrays = join_rows(self.last, new.last), join_rows(self._arrays, new._arrays)
+        return Tracks(states=kalman.join(self.states, new.states), last=last, **arrays)
+
+    @property
+    def _arrays(self) -> Columns:
+        return {name: getattr(self, name) for name in ("track_id", "hits", "missed", "updated_ns", "votes")}
 
 
 class Tracker(ABC, Generic[B]):
@@ -155,7 +149,7 @@ class Tracker(ABC, Generic[B]):
         return self._report(self._tracks, pose)
 
     def predict(self, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
-        """Return where the tracks are at an instant at which nothing was looked for, so that none missed anything.
+        """Return where the tracks are at an instant without detection, so that none missed anything.
 
         Raises:
             DataError: see `step`.

@@ -177,8 +177,8 @@ class Early3DParams(AllSensorsParams):
     """Parameters of `early3d`."""
 
     lidar: LidarParams = field(default_factory=LidarParams)
-    """How the ground is found, what partly seen cars are completed to, and how shapes are judged: in all logs by the
-    model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
+    """How the ground is found, what partly seen cars are completed to, and how shapes are classified: in all logs by
+    the model where `judge` doesn't say otherwise. Points are grouped as `fusion.density` says, not `lidar.cluster`."""
     radar: RadarParams = field(default_factory=RadarParams)
     """How echoes are prepared and which of them move; they are grouped as `fusion.density` says."""
     stereo_pair: Choice = "auto"

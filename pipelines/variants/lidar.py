@@ -89,7 +89,7 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
 
 
 class Lidar3D(TrackingPipeline[Boxes3D]):
-    """Boxes in 3D from all LiDARs, merged in body coordinates, without velocity; with labels where the model judges."""
+    """Boxes in 3D from all LiDARs, merged in body coordinates, without velocity; labeled where the model classifies."""
 
     def __init__(self, params: Lidar3DParams = Lidar3DParams()) -> None:
         super().__init__(Tracker3D(params.tracking), params.detect_every)

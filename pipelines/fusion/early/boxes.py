@@ -1,4 +1,4 @@
-"""Boxes of groups of points: rectangles where their shape can be told, else typical objects of their class."""
+"""Boxes of groups of points: rectangles where their shape is clear, else typical objects of their class."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -69,7 +69,7 @@ class GroupBoxes:
 def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> GroupBoxes:
     """Complete what is seen of groups to objects of their label's typical size.
 
-    Which of the edges that are seen are sides can be told from their lengths only where one is long enough. For what a
+    Which of the edges that are seen are sides follows from their lengths only where one is long enough. For what a
     camera sees there are four guesses: either edge of the rectangle may be the side, and either heading that looks as
     wide as the camera's box, with the object put behind its near side along the line of sight. The one that covers the
     camera's box best is taken.

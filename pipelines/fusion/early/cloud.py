@@ -133,7 +133,7 @@ def require_depth(rig: Rig, log_name: str, stereo: StereoStage | None) -> None:
 
 
 class DepthStage:
-    """Remembers how the ground lies, for frames in which nothing tells."""
+    """Remembers how the ground lies, for frames in which nothing shows it."""
 
     def __init__(
         self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings, stereo: StereoStage | None

@@ -92,7 +92,7 @@ def _cores(reaching: Reaching, weight: Float64, able: Bool, found: Int64) -> Boo
 
 @kernel
 def _link_cores(reaching: Reaching, core: Bool, found: Int64) -> Int64:
-    """Lead each core cell towards the first of its cluster."""
+    """Lead each core cell toward the first of its cluster."""
     parent = np.arange(len(core))
     for i in range(len(core)):
         if core[i]:
@@ -163,10 +163,8 @@ class DensityParams:
     def __post_init__(self) -> None:
         counts = ("lidar_points", "stereo_points", "moving_echoes", "standing_echoes")
         require_ranges("fusion.density", self, dict.fromkeys(counts, (0.01, 1e6)))
-        ranges = {
-            "seen_factor": (0.0, 1000.0), "reach_m": (0.01, 50.0), "reach_rad": (0.0, 1.0),
-            "radar_reach_m": (0.01, 50.0), "seconds": (0.0, 100.0), "cell_m": (0.05, 10.0),
-        }  # fmt: skip
+        ranges = {"seen_factor": (0.0, 1000.0), "reach_m": (0.01, 50.0), "reach_rad": (0.0, 1.0)}
+        ranges |= {"radar_reach_m": (0.01, 50.0), "seconds": (0.0, 100.0), "cell_m": (0.05, 10.0)}
         require_ranges("fusion.density", self, ranges)
 
     def weights(self, cloud: FusedCloud, is_seen: Bool) -> Float64:

@@ -90,7 +90,7 @@ class EarlyParams:
     most_extent_m: float = 20.0
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
     merge_m: float = 2.0
-    """Of objects with centres nearer than this [m], or the centre of one in the other, the surest stays."""
+    """Of objects with centers nearer than this [m], or the center of one in the other, the surest stays."""
     min_score: float = 0.5
     """Objects with a lower score are dropped."""
 

@@ -37,10 +37,8 @@ class SemanticsParams:
     """So many points, weighted by how likely their depth is, are needed to see an object."""
 
     def __post_init__(self) -> None:
-        ranges = {
-            "inset": (0.0, 0.5), "margin_px": (0.0, 10_000.0), "radar_rad": (0.0, 1.0), "gate": (0.1, 100.0),
-            "depth_margin_m": (0.0, 100.0), "echo_share": (0.0, 1000.0), "least": (0.0, 1e6),
-        }  # fmt: skip
+        ranges = {"inset": (0.0, 0.5), "margin_px": (0.0, 10_000.0), "radar_rad": (0.0, 1.0), "gate": (0.1, 100.0)}
+        ranges |= {"depth_margin_m": (0.0, 100.0), "echo_share": (0.0, 1000.0), "least": (0.0, 1e6)}
         require_ranges("fusion.semantics", self, ranges)
 
 
@@ -77,7 +75,7 @@ def label_points(
             rows = rows[one.score > best[rows]]
             instance[rows], best[rows] = len(known), one.score
             known.append(one)
-        height = np.maximum(height, np.where(view.hidden(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
+        height = np.maximum(height, np.where(view.hidden_rows(len(cloud)), 0.0, _car_heights(rig, name, cloud, uv)))
     return Observed(tuple(known), instance, height)
 
 
@@ -134,7 +132,7 @@ class _View:
         self._free[rows[begin : stop[begin]]] = False
         return taken
 
-    def hidden(self, num: int) -> Bool:
+    def hidden_rows(self, num: int) -> Bool:
         """Which of the cloud's `num` points lie behind objects so far."""
         result = np.zeros(num, np.bool_)
         result[self._rows] = self._hidden

@@ -23,7 +23,7 @@ from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.iou import iou_bev
 
 _PART = 0.5
-"""Up to this share of a box may lie in a surer one without a doubt: objects hide each other."""
+"""Up to this share of a box may lie in a surer one without consequence: objects hide each other."""
 _LEAST = 0.01
 """Left of the score of a box that lies in a surer one as a whole."""
 _SURE, _NEARLY = 0.5, 0.9
