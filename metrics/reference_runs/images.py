@@ -14,7 +14,7 @@ from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
-from fbench.replay.formats.kitti import body_T_level
+from fbench.replay.formats.sequence import body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run

@@ -16,10 +16,10 @@ from fbench.replay.data.files import file_name, swap
 from fbench.replay.data.rig import Kind
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, require_class
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
-from fbench.replay.formats.kitti import coordinate_frame, kitti_rows
+from fbench.replay.formats.kitti import kitti_rows
 from fbench.replay.formats.mot import mot_rows, seqinfo
 from fbench.replay.formats.nuscenes import meta, nuscenes_samples
-from fbench.replay.formats.sequence import BoxSequence, choose_camera
+from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinate_frame
 from fbench.replay.setup.source import LogWish, log_source
 
 _SUFFIXES = (".txt", ".ini")

@@ -52,9 +52,9 @@ def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
         by_imu = _transform(where, camera, "T_cam_imu")
         if by_imu is not None:
             _require_agreement(where, chained, before, by_imu)
-            edges[name] = _edge(where, IMU, by_imu)
+            edges[name] = Edge(IMU, *rigid(where, inverse(by_imu)))
         elif chained is not None:
-            edges[name] = _edge(where, f"cam{num - 1}", chained)
+            edges[name] = Edge(f"cam{num - 1}", *rigid(where, inverse(chained)))
         elif num:
             raise ConfigError(f"{where}: no 'T_cn_cnm1' and no 'T_cam_imu', so it isn't linked", MALFORMED)
         before = by_imu
@@ -62,11 +62,7 @@ def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
 
 
 def _numbered(path: Path, tree: Mapping[str, object]) -> list[tuple[str, Mapping[str, object]]]:
-    """Return the cameras, in order.
-
-    Raises:
-        ConfigError: where a number is missing between them.
-    """
+    """The cameras, in order."""
     names = [name for name in tree if name.startswith("cam") and name[3:].isdecimal()]
     found: list[tuple[str, Mapping[str, object]]] = []
     for num in range(len(names)):
@@ -95,15 +91,11 @@ def _intrinsics(where: str, camera: Mapping[str, object]) -> CameraModel:
 
 
 def _transform(where: str, camera: Mapping[str, object], key: str) -> Float64 | None:
-    """Return the matrix (4, 4) of a key; `None` without it."""
+    """The matrix (4, 4) of a key; `None` without it."""
     if key not in camera:
         return None
     place = f"{where}.{key}"
     return pose_matrix(*rigid(place, matrix(place, camera[key], (4, 4))))
-
-
-def _edge(where: str, parent: str, sensor_T_parent: Float64) -> Edge:
-    return Edge(parent, *rigid(where, inverse(sensor_T_parent)))
 
 
 def _require_agreement(where: str, chained: Float64 | None, before: Float64 | None, by_imu: Float64) -> None:

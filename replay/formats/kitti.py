@@ -11,11 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.messages import Truth
-from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import Rig
 from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes, read_plain
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
@@ -33,7 +32,17 @@ from fbench.replay.formats.objects import (
     to_boxes3d,
     to_columns,
 )
-from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
+from fbench.replay.formats.sequence import (
+    CAMERA_T_LEVEL,
+    BoxSequence,
+    ImageRows,
+    body_T_level,
+    choose_camera,
+    coordinate_frame,
+    image_rows,
+    require_view,
+    small_ids,
+)
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
@@ -41,11 +50,6 @@ from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
 DONT_CARE = "DontCare"
-CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
-"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
-own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
-BODY = "body"
-"""The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs."""
 _NAMES = (
     "truncated", "occluded", "alpha", "left", "top", "right", "bottom", "height", "width", "length", "x", "y", "z",
     "rotation_y", "score",
@@ -53,7 +57,21 @@ _NAMES = (
 _NUM_TRACKING, _NUM_OBJECT = 17, 15
 """Columns without a score."""
 _UNKNOWN_ALPHA = -10
-COLUMNS_CAMERA = "image"
+_COLUMNS_CAMERA = "image"
+_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
+"""Attribute of 2D truth: the angle as the label file gave it, which doesn't follow from the box."""
+_ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")
+"""Sign of a number that is rounded to zero."""
+_UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
+"""Height, width, length, x, y, z, rotation_y of an object without a 3D box."""
+_SURE = 1.0
+"""Score of results that have none."""
+_MARGIN_RAD = 1e-6
+"""Labels with six decimals go so far beyond pi."""
+_IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
+"""Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
+benchmark."""
+_IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 
 
 def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> LabeledObject:
@@ -158,7 +176,7 @@ def read_object_columns(files: Mapping[int, Path]) -> Columns:
 
 def _object_columns_by_row(files: Mapping[int, Path]) -> Columns:
     rows = [(number, line) for number in sorted(files) for line in lines(files[number])]
-    objects = [parse_object_row(line, line.fields, COLUMNS_CAMERA, None) for _, line in rows]
+    objects = [parse_object_row(line, line.fields, _COLUMNS_CAMERA, None) for _, line in rows]
     return to_columns([number for number, _ in rows], objects)
 
 
@@ -168,7 +186,7 @@ def columns_by_row(path: Path, separator: str | None, parse: Callable[[Line, str
     for line in lines(path, separator):
         # A frame may be written as 3.0.
         steps.append(frame_number(str(whole(line.fields[0], line.where, "frame")), line.where))
-        objects.append(parse(line, COLUMNS_CAMERA))
+        objects.append(parse(line, _COLUMNS_CAMERA))
     return to_columns(steps, objects)
 
 
@@ -219,7 +237,7 @@ def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
         ConfigError: where the camera isn't known.
         LogError: where a row can't be read.
     """
-    camera = _camera(source, coordinates)
+    camera = find_camera(source.camera or source.frame, coordinates, str(source.path))
     files = {frame_number(path.stem, str(path)): path for path in _text_files(source.path, "label_2")}
 
     def frames() -> Frames:
@@ -243,7 +261,7 @@ def open_sequence(
     source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], LabeledObject]
 ) -> Iterator[Truth]:
     """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame."""
-    camera = _camera(source, coordinates)
+    camera = find_camera(source.camera or source.frame, coordinates, str(source.path))
     files = _text_files(source.path, "label_02")
     if len(files) > 1:
         named = f"{files[0].name} to {files[-1].name}"
@@ -270,11 +288,6 @@ def _text_files(path: Path, inner: str) -> list[Path]:
     return found
 
 
-def _camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
-    """Whose image 2D boxes are in; 3D boxes are in its coordinates too, unless `frame` names others."""
-    return find_camera(source.camera or source.frame, coordinates, str(source.path))
-
-
 def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
     where = str(source.path)
     # Of camera 0, whose coordinates KITTI's 3D boxes are in, many logs have no images.
@@ -286,43 +299,6 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
     for number, objects in frames():
         boxes = moved(to_boxes3d(objects), body_T_level) if is_solid else None
         yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)
-
-
-def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
-    """Return `body` or the name of a camera: as asked for, as the log says, else that of the image.
-
-    Raises:
-        ConfigError: where it is none of these.
-    """
-    known = [BODY, *sequence.rig.sensors("camera")]
-    name = requested or sequence.metadata.get(CAMERA0, camera)
-    if name not in known and any(frame.boxes3d is not None for frame in sequence.frames):
-        raise ConfigError(f"{sequence.where}: --frame {name}: neither 'body' nor a camera{did_you_mean(name, known)}")
-    return name
-
-
-def body_T_level(name: str, rig: Rig) -> Float64 | None:
-    """Matrix (4, 4) from coordinates at a camera, with x forward, y left, z up, to the body; `None`: they are the same.
-
-    There boxes stand upright, and the camera's own coordinates are these with the axes turned.
-    """
-    return None if name == BODY or name not in rig.mounts else rig.body_T_sensor(name) @ CAMERA_T_LEVEL
-
-
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
-"""Attribute of 2D truth: the angle as the label file gave it, which doesn't follow from the box."""
-_ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")
-"""Sign of a number that is rounded to zero."""
-_UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
-"""Height, width, length, x, y, z, rotation_y of an object without a 3D box."""
-_SURE = 1.0
-"""Score of results that have none."""
-_MARGIN_RAD = 1e-6
-"""Labels with six decimals go so far beyond pi."""
-_IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
-"""Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
-benchmark."""
-_IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
 
 
 def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:

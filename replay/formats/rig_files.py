@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.formats.calibration_values import (
     INVALID,
@@ -88,7 +87,12 @@ def read_rig_toml(path: Path, content: bytes) -> RigPatch:
     Raises:
         ConfigError: naming the key that is wrong or unknown.
     """
-    file = _parsed(path, content)
+    try:
+        file = RigFile.model_validate(parse_toml(content))
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {_describe_first(error)}", MALFORMED) from None
+    except TomlError as error:
+        raise ConfigError(f"{path}: isn't TOML ({error})", MALFORMED) from error
     twice = sorted(file.sensors.keys() & file.frames.keys())
     if twice:
         raise ConfigError(f"{path}: '{twice[0]}' is in [sensors] and in [frames]; remove one", MALFORMED)
@@ -100,16 +104,7 @@ def read_rig_toml(path: Path, content: bytes) -> RigPatch:
     return RigPatch(edges, {name: _camera(f"{path}: cameras.{name}", t) for name, t in file.cameras.items()})
 
 
-def _parsed(path: Path, content: bytes) -> RigFile:
-    try:
-        return RigFile.model_validate(parse_toml(content))
-    except ValidationError as error:
-        raise ConfigError(f"{path}: {_first(error)}", MALFORMED) from None
-    except TomlError as error:
-        raise ConfigError(f"{path}: isn't TOML ({error})", MALFORMED) from error
-
-
-def _first(error: ValidationError) -> str:
+def _describe_first(error: ValidationError) -> str:
     """What is wrong first, with the name that may be meant."""
     first = error.errors(include_url=False)[0]
     place = [str(part) for part in first["loc"]]
@@ -132,14 +127,12 @@ def _edge(where: str, table: PoseTable) -> Edge:
         return Edge(table.parent, *rigid(place, matrix(place, table.matrix, (4, 4), (3, 4))))
     if table.translation_m is None:
         raise ConfigError(f"{where}: no translation_m", MALFORMED)
-    return Edge(table.parent, np.array(table.translation_m, np.float64), _rotation(where, table))
-
-
-def _rotation(where: str, table: PoseTable) -> Float64:
     if table.rotation_xyzw is not None:
-        return unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
-    angles: Any = table.yaw_pitch_roll_deg
-    return np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_quat(), np.float64)
+        rotation = unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
+    else:
+        angles: Any = table.yaw_pitch_roll_deg
+        rotation = np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_quat(), np.float64)
+    return Edge(table.parent, np.array(table.translation_m, np.float64), rotation)
 
 
 def _camera(where: str, table: CameraTable) -> CameraModel:
@@ -162,18 +155,15 @@ def read_camera_info(path: Path, tree: Mapping[str, object]) -> RigPatch:
     Raises:
         ConfigError: naming the key that is wrong.
     """
-    size_wh = (_natural(path, tree, "image_width"), _natural(path, tree, "image_height"))
+    for key in ("image_width", "image_height"):
+        if key not in tree:
+            raise ConfigError(f"{path}: no '{key}'", MALFORMED)
+    width, height = (natural(f"{path}: {key}", tree[key]) for key in ("image_width", "image_height"))
     K = np.array(_data(path, tree, "camera_matrix", 3, 3)).reshape(3, 3)
     distortion = _data(path, tree, "distortion_coefficients", 1) if "distortion_coefficients" in tree else []
     model = known_model(f"{path}: distortion_model", _text(path, tree, "distortion_model", "plumb_bob"))
     name = _text(path, tree, "camera_name", path.stem) or path.stem
-    return RigPatch(cameras={name: camera_model(f"{path}: {name}", K, size_wh, model, distortion)})
-
-
-def _natural(path: Path, tree: Mapping[str, object], key: str) -> int:
-    if key not in tree:
-        raise ConfigError(f"{path}: no '{key}'", MALFORMED)
-    return natural(f"{path}: {key}", tree[key])
+    return RigPatch(cameras={name: camera_model(f"{path}: {name}", K, (width, height), model, distortion)})
 
 
 def _text(path: Path, tree: Mapping[str, object], key: str, default: str) -> str:

@@ -127,6 +127,11 @@ def pair_boxes(flat: Boxes2D, solid: Boxes3D) -> Int64:
     return mates
 
 
+CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
+"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
+own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
+BODY = "body"
+"""The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs."""
 _KITTI_CAMERA = "image_02"
 """Whose image KITTI's labels are in."""
 
@@ -183,6 +188,27 @@ def choose_camera(sequence: BoxSequence, requested: str) -> str:
             return names[0]
     there = f"name one of {', '.join(known)} with --camera" if known else "the log has none"
     raise ConfigError(f"{sequence.where}: which camera's image is meant? {there}")
+
+
+def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
+    """Return `body` or the name of a camera: as asked for, as the log says, else that of the image.
+
+    Raises:
+        ConfigError: where it is none of these.
+    """
+    known = [BODY, *sequence.rig.sensors("camera")]
+    name = requested or sequence.metadata.get(CAMERA0, camera)
+    if name not in known and any(frame.boxes3d is not None for frame in sequence.frames):
+        raise ConfigError(f"{sequence.where}: --frame {name}: neither 'body' nor a camera{did_you_mean(name, known)}")
+    return name
+
+
+def body_T_level(name: str, rig: Rig) -> Float64 | None:
+    """Matrix (4, 4) from coordinates at a camera, with x forward, y left, z up, to the body; `None`: they are the same.
+
+    There boxes stand upright, and the camera's own coordinates are these with the axes turned.
+    """
+    return None if name == BODY or name not in rig.mounts else rig.body_T_sensor(name) @ CAMERA_T_LEVEL
 
 
 def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:

@@ -120,17 +120,17 @@ def _there(values: Values, names: Sequence[str]) -> Bool:
     return there
 
 
-def _stacked(values: Values, names: Sequence[str], rows: Bool) -> Float64:
+def _stack(values: Values, names: Sequence[str], rows: Bool) -> Float64:
     return np.stack([values.numbers(name)[0][rows] for name in names], axis=1)
 
 
 def _solids(values: Values, rows: Bool, common: dict[str, Array]) -> Boxes3D:
-    box = _stacked(values, SOLID, rows)
-    turn = _turned(values, rows)
+    box = _stack(values, SOLID, rows)
+    turn = _angles_of(values, rows)
     upright = not np.any(turn[:, 1:])
     velocity = None
     if "vx" in values and "vy" in values:
-        velocity = _stacked(values, _VELOCITY if "vz" in values else _VELOCITY[:2], rows)
+        velocity = _stack(values, _VELOCITY if "vz" in values else _VELOCITY[:2], rows)
         unknown = np.isnan(velocity[:, :2]).any(axis=1)
         velocity = np.pad(velocity, ((0, 0), (0, 3 - velocity.shape[1])))
         velocity[:, 2] = np.where(np.isnan(velocity[:, 2]), 0.0, velocity[:, 2])
@@ -142,11 +142,11 @@ def _solids(values: Values, rows: Bool, common: dict[str, Array]) -> Boxes3D:
     )  # fmt: skip
 
 
-def _turned(values: Values, rows: Bool) -> Float64:
+def _angles_of(values: Values, rows: Bool) -> Float64:
     """Yaw, pitch, roll (N, 3)."""
     if all(name in values for name in _QUATERNION):
         at = np.flatnonzero(rows)
-        quaternions = _stacked(values, _QUATERNION, rows)
+        quaternions = _stack(values, _QUATERNION, rows)
         return np.array(
             [angles(x, y, z, w, values.where(int(i))) for (x, y, z, w), i in zip(quaternions.tolist(), at, strict=True)]
         )
@@ -169,7 +169,7 @@ def _flats(values: Values, rows: Bool, common: dict[str, Array], camera: str, co
     chosen: dict[str, Any] = {name: column[rows] for name, column in common.items()}
     chosen |= {name: values.numbers(name)[0][rows] for name in _FLAT_FLOATS if name in values}
     cameras = np.array([known[name] for name in named], np.str_)
-    return Boxes2D(cameras, _stacked(values, FLAT, rows), **chosen)
+    return Boxes2D(cameras, _stack(values, FLAT, rows), **chosen)
 
 
 def _common(values: Values) -> dict[str, Array]:
@@ -239,9 +239,12 @@ def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
     keys = [key_of(file) for file in files]
     if len({key.is_frame for key in keys}) > 1:
         raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")
-    readers = [_reader(file, key, source, coordinates) for file, key in zip(files, keys, strict=True)]
+    readers = [
+        read_run_table(file) if is_run_table(file) else _Table(file, key, spaces_of(file), source, coordinates).truths()
+        for file, key in zip(files, keys, strict=True)
+    ]
     together = heapq.merge(*readers, key=_instant)
-    return _joined(together, source.path) if len(readers) > 1 else together
+    return _join(together, source.path) if len(readers) > 1 else together
 
 
 @dataclass(frozen=True)
@@ -266,32 +269,18 @@ class _Table:
         for start, stop in zip(starts, [*starts[1:], len(keys)], strict=True):
             has_empty = not (rows.has_solid | rows.has_flat)[start:stop].all()
             part3d, part2d = slice(before3d[start], before3d[stop]), slice(before2d[start], before2d[stop])
-            boxes3d, in_world = self._solids(rows, part3d, has_empty, values, int(start))
+            boxes3d, in_world = (Boxes3D.empty() if self.spaces.solid and has_empty else None), False
+            if part3d.stop > part3d.start:
+                names = [str(name) or self.source.frame for name in rows.frames[part3d]]
+                boxes3d, in_world = place(rows.solids[part3d], names, self.coordinates, values.where(int(start)))
             boxes2d = rows.flats[part2d] if part2d.stop > part2d.start else None
             if boxes2d is None and self.spaces.flat and has_empty:
                 boxes2d = Boxes2D.empty()
-            yield self._truth(int(keys[start]), int(arrivals[start:stop].max()), boxes3d, boxes2d, in_world)
-
-    def _solids(
-        self, rows: Rows, part: slice, has_empty: bool, values: Values, start: int
-    ) -> tuple[Boxes3D | None, bool]:
-        if part.stop == part.start:
-            return (Boxes3D.empty() if self.spaces.solid and has_empty else None), False
-        frames = [str(name) or self.source.frame for name in rows.frames[part]]
-        return place(rows.solids[part], frames, self.coordinates, values.where(start))
-
-    def _truth(
-        self, key: int, arrival_ns: int, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None, in_world: bool
-    ) -> Truth:
-        if self.key.is_frame:
-            return Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
-        return Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
-
-
-def _reader(file: TableFile, key: Key, source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
-    if is_run_table(file):
-        return read_run_table(file)
-    return _Table(file, key, spaces_of(file), source, coordinates).truths()
+            key, arrival_ns = int(keys[start]), int(arrivals[start:stop].max())
+            if self.key.is_frame:
+                yield Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
+            else:
+                yield Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
 
 
 def _paths(path: Path) -> list[Path]:
@@ -309,7 +298,7 @@ def _instant(truth: Truth) -> int:
     return truth.stamp_ns if truth.frame_index is None else truth.frame_index
 
 
-def _joined(truths: Iterator[Truth], where: Path) -> Iterator[Truth]:
+def _join(truths: Iterator[Truth], where: Path) -> Iterator[Truth]:
     """Put the parts of one instant together that come from several tables."""
     kept: Truth | None = None
     for truth in truths:

@@ -27,6 +27,7 @@ _PAGE_HEADER = 64 * 1024
 _GROWING = (6, 7)
 """DELTA_LENGTH_BYTE_ARRAY and DELTA_BYTE_ARRAY of parquet-format: a few bytes may stand for any amount of text."""
 _SEPARATORS = ",;\t"
+_READ = pacsv.ReadOptions(use_threads=False, block_size=2**20)
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def open_table_file(path: Path) -> TableFile:
             separator = None
         else:
             separator = _separator(path)
-            with pacsv.open_csv(path, _read_options(), _parse_options(separator)) as reader:
+            with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator)) as reader:
                 schema = reader.schema
         plain = [name.strip().lower() for name in schema.names]
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
@@ -150,21 +151,13 @@ def _separator(path: Path) -> str:
     return max(_SEPARATORS, key=lambda separator: head.count(separator.encode()))
 
 
-def _read_options() -> pacsv.ReadOptions:
-    return pacsv.ReadOptions(use_threads=False, block_size=2**20)
-
-
-def _parse_options(separator: str) -> pacsv.ParseOptions:
-    return pacsv.ParseOptions(delimiter=separator)
-
-
 def _csv(path: Path, separator: str, names: list[str]) -> Iterator[pa.RecordBatch]:
     """All columns as text: numbers are parsed later, so that stamps lose nothing and errors name their row."""
     convert = pacsv.ConvertOptions(
         column_types=dict.fromkeys(names, pa.string()), include_columns=names, null_values=[""],
         strings_can_be_null=True, quoted_strings_can_be_null=True,
     )  # fmt: skip
-    with pacsv.open_csv(path, _read_options(), _parse_options(separator), convert) as reader:
+    with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator), convert) as reader:
         yield from reader
 
 
