@@ -44,7 +44,7 @@ class Findings:
         self._frames_with_results = 0
 
     def add_labels(self, objects: Sequence[LabeledObject] | None) -> None:
-        """Count the objects of a frame, or a frame that isn't labelled."""
+        """Count the objects of a frame, or a frame that isn't labeled."""
         self._unlabelled += objects is None
         self._empty += objects is not None and not objects
         for row in objects or ():

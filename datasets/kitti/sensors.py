@@ -113,7 +113,7 @@ def known_size(P: Float64) -> tuple[str, Size] | None:
 def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[Size, str]:
     """Return a size [px] for the camera of a projection (3, 4) that there are no images of, and how it is known.
 
-    It is that of the day; else that of the smallest image that holds all labelled boxes; without any, that of the image
+    It is that of the day; else that of the smallest image that holds all labeled boxes; without any, that of the image
     whose middle is the principal point.
     """
     known = known_size(P)

@@ -101,7 +101,7 @@ class Content:
     rows: Rows
     """What sensors measured, in the order of stamps."""
     truth: SceneTruth | None
-    """`None` where the set isn't labelled."""
+    """`None` where the set isn't labeled."""
     radar_filter: bool
 
 

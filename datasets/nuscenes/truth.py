@@ -46,10 +46,10 @@ LABELS = {
     "vehicle.truck": "truck",
 }
 """All categories of the set; other sets in its layout may have plain names. Boxes of those on small vehicles and in
-wheelchairs hold person and vehicle; a stroller is labelled beside whoever pushes it.
+wheelchairs hold person and vehicle; a stroller is labeled beside whoever pushes it.
 """
 IGNORED = frozenset({"static_object.bicycle_rack"})
-"""Neither hit nor miss: the bicycles in a rack aren't labelled (the set's instructions for annotators)."""
+"""Neither hit nor miss: the bicycles in a rack aren't labeled (the set's instructions for annotators)."""
 MAX_STEP_US = 1_500_000
 """Positions farther apart in time give no velocity; twice this from the one before to the one after."""
 _NAN = (np.nan, np.nan, np.nan)

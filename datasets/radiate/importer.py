@@ -273,7 +273,7 @@ class RadiateRecording:
         return len(self._dues) + sum(due.sensor == RADAR for due in self._dues)
 
     def items(self) -> Iterator[Message | Truth]:
-        """All messages by time, and after each radar scan what was labelled then."""
+        """All messages by time, and after each radar scan what was labeled then."""
         poses = Poses(self._params)
         for due in self._dues:
             message = self._message(due, poses)

@@ -70,11 +70,11 @@ class Annotations:
 
     @property
     def num_slots(self) -> int:
-        """How many radar frames are labelled, from the first one on."""
+        """How many radar frames are labeled, from the first one on."""
         return max((len(o.bboxes) for o in self.objects), default=0)
 
     def boxes(self, number: int, radar_height_m: float) -> Boxes3D | None:
-        """Return what was there in a radar frame (the first is 1), in body coordinates; `None` where it isn't labelled.
+        """Return what was there in a radar frame (the first is 1), in body coordinates; `None` where it isn't labeled.
 
         Boxes stand on the road, `radar_height_m` below the radar; their heights are those of their classes.
         """
@@ -143,7 +143,7 @@ class Findings:
     classes: Counter[str] = field(default_factory=Counter)
     tracks: set[int] = field(default_factory=set)
     hits: list[int] = field(default_factory=list)
-    """Radar points on each labelled vehicle whose scan is there."""
+    """Radar points on each labeled vehicle whose scan is there."""
     unlabelled: int = 0
     wide: int = 0
     """Boxes that are wider than long."""
@@ -155,7 +155,7 @@ class Findings:
             self.radar_points += len(message.xyz)
 
     def add_boxes(self, boxes: Boxes3D) -> None:
-        """Count what was labelled at one instant."""
+        """Count what was labeled at one instant."""
         if boxes.source_label is None or boxes.track_id is None or boxes.label is None:
             return
         self.classes.update(boxes.source_label.tolist())

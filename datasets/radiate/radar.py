@@ -23,7 +23,7 @@ _MOST = 100_000
 
 @dataclass(frozen=True)
 class CfarParams:
-    """Parameters of the CFAR; the unit of power is that of the image, a grey value."""
+    """Parameters of the CFAR; the unit of power is that of the image, a gray value."""
 
     guard: int = 15
     """Cells left out on either side of the one under test; half a car's length, so that a car isn't its own clutter."""
@@ -74,7 +74,7 @@ def detect(power: Array, range_step_m: float, params: CfarParams) -> tuple[Int64
 
 def clutter(power: Array, guard: int, training: int) -> Float32:
     """Mean power (R, A) of the training cells of each cell; infinite where it has none."""
-    # Sums are exact, since grey values of a column sum to less than 2^24.
+    # Sums are exact, since gray values of a column sum to less than 2^24.
     sums, cells = (
         _sums(of, guard + training) - _sums(of, guard) for of in (power, np.ones((len(power), 1), power.dtype))
     )
@@ -131,13 +131,13 @@ RANGE_STEP_M = 0.173611
 
 
 def read_polar(path: Path) -> Array:
-    """Read a polar image (576, 400) uint8 of grey values: range grows with rows, columns go clockwise from ahead.
+    """Read a polar image (576, 400) uint8 of gray values: range grows with rows, columns go clockwise from ahead.
 
     That row r is at r range steps and column c at c + 1/2 azimuth steps was found by laying polar images over the
     Cartesian ones of the same frames: the best fit is within 0.45 of a range step and a tenth of an azimuth step.
 
     Raises:
-        LogError: where it isn't a whole greyscale image of 400 x 576 px.
+        LogError: where it isn't a whole grayscale image of 400 x 576 px.
     """
     import cv2
 
@@ -157,7 +157,7 @@ def read_polar(path: Path) -> Array:
 
 
 def scan_of(power: Array, stamp_ns: int, params: CfarParams) -> RadarScan:
-    """Return the targets of a polar image, at z = 0; there is no Doppler, and `rcs_dbsm` is the grey value."""
+    """Return the targets of a polar image, at z = 0; there is no Doppler, and `rcs_dbsm` is the gray value."""
     rows, columns = detect(power, RANGE_STEP_M, params)
     range_m = rows * RANGE_STEP_M
     clockwise_rad = (columns + 0.5) * (2 * np.pi / SIZE_WH[0])

@@ -19,7 +19,7 @@ FORMS = ("table", "kitti", "kitti-tracking", "ab3dmot", "mot", "nuscenes", "log"
 _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
-_LOOKED_AT = 20
+_MAX_INSPECTED = 20
 
 
 def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
@@ -114,7 +114,7 @@ def _sequence_of(file: Path) -> str:
 
 def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
     found: dict[str, Path] = {}
-    for file in [file for file in files.values() if _has_content(file)][:_LOOKED_AT]:
+    for file in [file for file in files.values() if _has_content(file)][:_MAX_INSPECTED]:
         found.setdefault(recognize(file), file)
     if len(found) > 1:
         (one, file), (other, second) = list(found.items())[:2]

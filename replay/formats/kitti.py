@@ -131,11 +131,7 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
 
 
 def read_tracking_columns(path: Path) -> Columns:
-    """Read the file of one sequence; steps are frames, solids as in `parse_object_row`.
-
-    Raises:
-        LogError: naming file, row and column of what can't be read.
-    """
+    """Read the file of one sequence; steps are frames, solids as in `parse_object_row`, errors name row and column."""
     try:
         plain = read_plain(path, " ", words=2)
         if plain is None:
@@ -151,11 +147,7 @@ def read_tracking_columns(path: Path) -> Columns:
 
 
 def read_object_columns(files: Mapping[int, Path]) -> Columns:
-    """Read the object benchmark's files, one a frame; steps are frames, and there are no ids.
-
-    Raises:
-        LogError: naming file, row and column of what can't be read.
-    """
+    """Read the object benchmark's files, one a frame; steps are frames, errors name row and column."""
     numbers = sorted(files)
     try:
         # All files as one text, because each by itself is small.

@@ -24,7 +24,7 @@ from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry
 
-_LOOKED_AT = 20
+_MAX_INSPECTED = 20
 
 
 def recognize(path: Path) -> str:
@@ -33,7 +33,7 @@ def recognize(path: Path) -> str:
     Raises:
         LogError: where it can't be told.
     """
-    form = _of_folder(path) if path.is_dir() else _of_file(path)
+    form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
     if form is None:
         raise LogError(
             f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge "
@@ -42,7 +42,7 @@ def recognize(path: Path) -> str:
     return form
 
 
-def _of_folder(path: Path) -> str | None:
+def _recognize_folder(path: Path) -> str | None:
     if (path / "label_2").is_dir():
         return "kitti"
     if (path / "label_02").is_dir():
@@ -53,21 +53,21 @@ def _of_folder(path: Path) -> str | None:
     if any(file.suffix.lower() in SUFFIXES for file in files):
         return "table"
     numbered = [file for file in files if file.suffix == ".txt" and file.stem.isascii() and file.stem.isdigit()]
-    found = (form for file in numbered[:_LOOKED_AT] if (form := _of_text(file)) is not None)
+    found = (form for file in numbered[:_MAX_INSPECTED] if (form := _recognize_text(file)) is not None)
     return next(found, "kitti" if numbered else None)
 
 
-def _of_file(path: Path) -> str | None:
+def _recognize_file(path: Path) -> str | None:
     suffix = path.suffix.lower()
     if suffix == ".json":
         head = head_of(path)
         return "openlabel" if '"openlabel"' in head else "nuscenes" if '"results"' in head else None
-    if suffix in SUFFIXES and not (suffix == ".csv" and _of_text(path) in ("mot", "ab3dmot")):
+    if suffix in SUFFIXES and not (suffix == ".csv" and _recognize_text(path) in ("mot", "ab3dmot")):
         return "table"
-    return _of_text(path) if suffix in (".txt", ".csv") else None
+    return _recognize_text(path) if suffix in (".txt", ".csv") else None
 
 
-def _of_text(path: Path) -> str | None:
+def _recognize_text(path: Path) -> str | None:
     """Tell from the first row; a table has a row of names first."""
     first = next((line for line in head_of(path).splitlines() if line.strip()), "").lstrip("\ufeff")
     fields, split = first.split(), first.split(",")
@@ -124,7 +124,7 @@ class BoxFile:
         try:
             for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
                 for boxes in (truth.boxes3d, truth.boxes2d):
-                    twice = None if boxes is None else _repeated(boxes)
+                    twice = None if boxes is None else _find_repeated_id(boxes)
                     if twice is not None:
                         at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
                         raise LogError(
@@ -171,7 +171,7 @@ def form_of(source: BoxSource) -> str:
     return form
 
 
-def _repeated(boxes: Boxes2D | Boxes3D) -> int | None:
+def _find_repeated_id(boxes: Boxes2D | Boxes3D) -> int | None:
     """An id that two boxes have; in images each camera has its own."""
     if boxes.track_id is None:
         return None

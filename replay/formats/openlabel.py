@@ -1,7 +1,7 @@
 """ASAM OpenLABEL 1.0: read cuboids and bounding boxes of objects by frame."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ _NUMBERS = {
 """Fields of fbench by the names of numbers among an object's attributes."""
 
 
-def labelled(
+def make_object(
     name: str, uid: str, solid: Solid | None, flat: Flat | None, told: Sequence[Mapping[str, Any]], where: str
 ) -> LabeledObject:
     """Return an object with what the numbers among its data say.
@@ -243,15 +243,6 @@ def _instant(key: str, value: object, where: str) -> tuple[int, int, str]:
         raise LogError(f"{at}: timestamp {error}") from error
 
 
-@dataclass
-class _Found:
-    """What one frame holds."""
-
-    objects: list[LabeledObject] = field(default_factory=list)
-    systems: list[str] = field(default_factory=list)
-    """Coordinate system of each 3D box."""
-
-
 class _Reader:
     """Reads single frames."""
 
@@ -270,19 +261,20 @@ class _Reader:
     def boxes(self, key: str, frame: object) -> tuple[Any, Any, bool]:
         """Return 3D boxes, 2D boxes, and whether the former are in the world."""
         at = f"{self._where}: frame '{key[:40]}'"
-        found = _Found()
+        objects: list[LabeledObject] = []
+        systems: list[str] = []  # of each 3D box
         for uid, value in member(frame, "objects", at).items():
-            self._take(found, uid, value, f"{at} object '{uid[:60]}'")
+            self._add(objects, systems, uid, value, f"{at} object '{uid[:60]}'")
         moving = self._systems.of_frame(member(frame, "frame_properties", at), at)
-        boxes3d, in_world = self._placed(found, moving, at)
-        return boxes3d if self._is_solid else None, to_boxes2d(found.objects) if self._is_flat else None, in_world
+        boxes3d, in_world = self._place(objects, systems, moving, at)
+        return boxes3d if self._is_solid else None, to_boxes2d(objects) if self._is_flat else None, in_world
 
     def _datas(self, key: str, frame: object) -> Iterator[Mapping[str, Any]]:
         at = f"{self._where}: frame '{key[:40]}'"
         for uid, value in member(frame, "objects", at).items():
             yield member(value, "object_data", f"{at} object '{uid[:60]}'")
 
-    def _take(self, found: _Found, uid: str, value: object, where: str) -> None:
+    def _add(self, objects: list[LabeledObject], systems: list[str], uid: str, value: object, where: str) -> None:
         known = member(self._objects, uid, where)
         own = mapping(value, where)
         data = member(own, "object_data", where)
@@ -291,15 +283,15 @@ class _Reader:
         for i, item in enumerate(items(data.get("cuboid", []), f"{where}: cuboid")):
             at = f"{where} cuboid {i}"
             box = mapping(item, at)
-            found.systems.append(text(box.get("coordinate_system"), f"{at}: coordinate_system") or system)
-            found.objects.append(labelled(name, uid, solid(box, at), None, (data, member(box, "attributes", at)), at))
+            systems.append(text(box.get("coordinate_system"), f"{at}: coordinate_system") or system)
+            objects.append(make_object(name, uid, solid(box, at), None, (data, member(box, "attributes", at)), at))
         for i, item in enumerate(items(data.get("bbox", []), f"{where}: bbox")):
             at = f"{where} bbox {i}"
             box = mapping(item, at)
             stream = text(box.get("coordinate_system", box.get("stream")), f"{at}: coordinate_system") or system
             if (camera := self._camera(stream, at)) is not None:
                 told = (data, member(box, "attributes", at))
-                found.objects.append(labelled(name, uid, None, flat(camera, box, at), told, at))
+                objects.append(make_object(name, uid, None, flat(camera, box, at), told, at))
         for kind in _UNUSED:
             if kind in data:
                 self._unused(kind, f"{where}: {kind}")
@@ -315,18 +307,20 @@ class _Reader:
             stream = uri if self._coordinates.camera(uri) is not None else self._camera_option or stream
         return find_camera(stream, self._coordinates, where)
 
-    def _placed(self, found: _Found, moving: Mapping[str, Any], where: str) -> tuple[Boxes3D, bool]:
-        boxes = to_boxes3d(found.objects)
-        if not any(found.systems):
+    def _place(
+        self, objects: Sequence[LabeledObject], systems: Sequence[str], moving: Mapping[str, Any], where: str
+    ) -> tuple[Boxes3D, bool]:
+        boxes = to_boxes3d(objects)
+        if not any(systems):
             return place(boxes, [self._source.frame] * max(len(boxes), 1), self._coordinates, where)
-        targets = {name: self._systems.target(name, moving, where) for name in dict.fromkeys(found.systems)}
+        targets = {name: self._systems.target(name, moving, where) for name in dict.fromkeys(systems)}
         kinds = {kind for kind, _ in targets.values()}
         if len(kinds) > 1:
             raise LogError(f"{where}: boxes in the world and on the body at one instant; use one of them")
         names = list(targets)
         if len(names) == 1:
             return moved(boxes, targets[names[0]][1]), WORLD in kinds
-        parts = [moved(boxes[i : i + 1], targets[name][1]) for i, name in enumerate(found.systems)]
+        parts = [moved(boxes[i : i + 1], targets[name][1]) for i, name in enumerate(systems)]
         return concatenate(parts), WORLD in kinds
 
     def _unused(self, kind: str, where: str) -> None:

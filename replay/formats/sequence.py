@@ -141,7 +141,7 @@ class ImageRows:
     """N objects of one frame: each with a 2D box, a 3D box, or both."""
 
     xyxy_px: Float64
-    """(N, 4) as labelled or found, else around the projected 3D box."""
+    """(N, 4) as labeled or found, else around the projected 3D box."""
     flat: Boxes2D
     flat_rows: Int64
     """(N,) row in `flat`, -1 where there is none."""

@@ -63,7 +63,7 @@ class Drive:
 
     @property
     def reference(self) -> str:
-        """The sensor whose stamps are the frames' instants: LiDAR, else a camera, the left colour one if there is."""
+        """The sensor whose stamps are the frames' instants: LiDAR, else a camera, the left color one if there is."""
         wanted = (LIDAR, camera_name(2), *CAMERAS)
         return next(name for name in wanted if name in self.series)
 
@@ -182,7 +182,7 @@ def order_files(drive: Drive, sensors: Collection[str], frames: FrameRange, met:
         drive: Where the files are.
         sensors: Which ones to read.
         frames: Which numbers.
-        met: Is told of files without a stamp, and of sensors without stamps.
+        met: Gets of files without a stamp, and of sensors without stamps.
 
     Raises:
         LogError: where `met` raises, or the range is empty.

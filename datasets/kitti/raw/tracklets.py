@@ -220,7 +220,7 @@ def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], N
     Args:
         path: `tracklet_labels.xml`.
         body_T_velo: (4, 4).
-        met: Is told what is wrong with single tracklets, which are left out.
+        met: Gets what is wrong with single tracklets, which are left out.
 
     Raises:
         LogError: where the file can't be used at all.
