@@ -1,1 +1,35 @@
-"""Api."""
+"""What a program or a notebook calls: plain functions with frozen requests; the command line calls the same."""
+
+from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
+from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify
+from fbench.api.scores import FileScoreRequest, Resampling, ScoreRequest, ScoreResult, score, score_files
+from fbench.datasets.city.request import CityRequest
+from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
+
+__all__ = [
+    "BoxSource",
+    "CityRequest",
+    "FileScoreRequest",
+    "LogRequest",
+    "OpenLog",
+    "OpenRun",
+    "ReplayRequest",
+    "Resampling",
+    "RunComparison",
+    "ScoreOptions",
+    "ScoreRequest",
+    "ScoreResult",
+    "SimulateRequest",
+    "compare",
+    "open_log",
+    "open_run",
+    "replay",
+    "report",
+    "score",
+    "score_files",
+    "simulate",
+    "verify",
+]

@@ -2,42 +2,29 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from pydantic import TypeAdapter
 
-from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.files import replace_text
-from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.formats.text import digest_of
-from fbench.replay.setup.source import LogWish
+from fbench.replay.setup.request import ReplayRequest
 
 State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One log through one pipeline, scored; travels as JSON."""
+def folder_of(cell: ReplayRequest) -> Path:
+    """Return the folder of a cell's run.
 
-    log: LogWish
-    pipeline: str
-    folder: Path
-    """Where the run goes."""
-    settings: list[str] = field(default_factory=list)
-    scoring: ScoreOptions = field(default_factory=ScoreOptions)
-    media: bool = True
-    """Whether the run keeps pictures and points for reports."""
-
-    def to_json(self) -> str:
-        """On one line, for another process."""
-        return _CELL.dump_json(self).decode()
-
-    @staticmethod
-    def from_json(text: str) -> "Cell":
-        """Read what `to_json` gave."""
-        return _CELL.validate_json(text)
+    Raises:
+        ConfigError: where the request names none.
+    """
+    if cell.out is None:
+        raise ConfigError(f"{cell.log.path} through {cell.pipeline}: a cell of a suite needs a folder for its run")
+    return cell.out
 
 
 @dataclass(frozen=True)
@@ -63,11 +50,16 @@ class Answer:
 class CellResult:
     """What became of a cell."""
 
-    cell: Cell
+    cell: ReplayRequest
     state: State
     """`replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs."""
     reason: str | None = None
     """Why there is no run; one line."""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the run."""
+        return folder_of(self.cell)
 
     @property
     def has_run(self) -> bool:
@@ -75,7 +67,7 @@ class CellResult:
         return self.state in ("replayed", "there")
 
 
-_CELL, _ANSWER = TypeAdapter(Cell), TypeAdapter(Answer)
+_ANSWER = TypeAdapter(Answer)
 
 
 RUN_SEAL = "cell.json"

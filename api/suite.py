@@ -20,15 +20,17 @@ from threading import Event, Lock
 
 from pydantic import TypeAdapter
 
-from fbench.api.cells import RUN_SEAL, Answer, Cell, CellResult, is_sealed_run, seal_run
+from fbench.api.cells import RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
 from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
 from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
+from fbench.replay.contracts.sensor_settings import make_sensors
 from fbench.replay.contracts.variants import sensors_of
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.formats.text import digest_of
 from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.manifest import describe_host, package_versions
+from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", VARIABLE), "1")
@@ -46,7 +48,7 @@ class Worker:
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
         self._said_before = 0
 
-    def replay(self, cell: Cell) -> Answer:
+    def replay(self, cell: ReplayRequest) -> Answer:
         """Have a cell replayed."""
         process = self._running()
         self._said_before = self._num_said()
@@ -153,6 +155,11 @@ class Workers:
 FORMAT = 1
 """Of what is written about a run's content; another number replays all."""
 _OWN = "fbench"
+_OPTIONS_OF_RUN = (
+    "detect_every", "reference", "timeout_ms", "tolerance_ms", "max_gap_s", "offset", "stamps", "from_", "to", "frames",
+    "interpolate_truth_ms", "on_fault", "fault_budget", "redact",
+)  # fmt: skip
+"""Fields of a request that decide what its run holds, beside those that are digested."""
 _PACKAGES = ("fbench.replay", "fbench.pipelines", "fbench.metrics", "fbench.api", "fbench.cli")
 """Those that decide what is in a run folder; weights inside them count, too."""
 _OPTIONS = TypeAdapter(ScoreOptions)
@@ -172,7 +179,7 @@ class Contents:
             "cpu": describe_host()["cpu"],
         }
 
-    def of(self, cell: Cell) -> Content | None:
+    def of(self, cell: ReplayRequest) -> Content | None:
         """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a
         program may give something else each time.
 
@@ -184,18 +191,19 @@ class Contents:
             return None
         return {
             "format": FORMAT,
-            "log": self._digest_of(cell.log.log),
+            "log": self._digest_of(cell.log.path),
             **self._beside(cell),
             "pipeline": cell.pipeline,
             "source": self._source(cls),
-            "parameters": pipeline_parameters(cell.pipeline, cell.settings),
-            "sensors": sensors_of(cell.pipeline, ()),
+            "parameters": pipeline_parameters(cell.pipeline, list(cell.settings)),
+            "sensors": sensors_of(cell.pipeline, make_sensors(cell.sensors)),
+            "options": {name: getattr(cell, name) for name in _OPTIONS_OF_RUN},
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
-            "media": cell.media,
+            "media": not cell.no_media,
             **self._around,
         }
 
-    def _beside(self, cell: Cell) -> Content:
+    def _beside(self, cell: ReplayRequest) -> Content:
         """Files beside the log, and which of its topics are read."""
         source = log_source(cell.log)
         truth = source.truth_entry()
@@ -233,11 +241,11 @@ def key_of(content: Content) -> str:
     return blake2b(text.encode("utf-8", "surrogatepass"), digest_size=16).hexdigest()
 
 
-WORKER = "fbench.cli.suite_worker"
+WORKER = "fbench.api.suite_worker"
 
 
 def run_suite(
-    cells: Sequence[Cell],
+    cells: Sequence[ReplayRequest],
     num_workers: int,
     told: Callable[[int, int], None] = lambda done, of: None,
     module: str = WORKER,
@@ -285,7 +293,7 @@ class _Planned:
         return None if self.content is None else key_of(self.content)
 
 
-def _planned(cell: Cell, contents: Contents) -> _Planned:
+def _planned(cell: ReplayRequest, contents: Contents) -> _Planned:
     try:
         return _Planned(contents.of(cell))
     except FbenchError as error:
@@ -302,46 +310,46 @@ class _Suite:
     workers: Workers
     interrupted: Event
 
-    def begin(self, cell: Cell, planned: _Planned) -> tuple[Future[CellResult], _Planned]:
+    def begin(self, cell: ReplayRequest, planned: _Planned) -> tuple[Future[CellResult], _Planned]:
         """Hand a cell to the threads."""
         return self.pool.submit(self.result, cell, planned), planned
 
-    def result(self, cell: Cell, planned: _Planned) -> CellResult:
+    def result(self, cell: ReplayRequest, planned: _Planned) -> CellResult:
         """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
         try:
             return self._replayed(cell, planned)
         except FbenchError as error:
             return CellResult(cell, "failed", str(error))
         except OSError as error:
-            return CellResult(cell, "failed", f"{cell.folder}: can't be made ({error.strerror or error})")
+            return CellResult(cell, "failed", f"{folder_of(cell)}: can't be made ({error.strerror or error})")
         except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
             return CellResult(cell, "failed", one_line(error))
 
-    def _replayed(self, cell: Cell, planned: _Planned) -> CellResult:
+    def _replayed(self, cell: ReplayRequest, planned: _Planned) -> CellResult:
         if planned.error is not None:
             return CellResult(cell, "failed", planned.error)
         key = planned.key
-        if key is not None and is_sealed_run(cell.folder, key):
+        if key is not None and is_sealed_run(folder_of(cell), key):
             return CellResult(cell, "there")
-        _clear(cell.folder)
+        _clear(folder_of(cell))
         with self.workers.lent() as worker:
             if self.interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")
             answer = worker.replay(cell)
         if answer.error is not None:
-            _clear_partial(cell.folder)
+            _clear_partial(folder_of(cell))
             return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
         if key is not None and planned.content is not None:
-            seal_run(cell.folder, key, planned.content)
+            seal_run(folder_of(cell), key, planned.content)
         return CellResult(cell, "replayed")
 
 
 def _checked(result: CellResult, planned: _Planned) -> CellResult:
     """Fail a run that isn't as it was replayed any more."""
     key = planned.key
-    if not result.has_run or key is None or is_sealed_run(result.cell.folder, key):
+    if not result.has_run or key is None or is_sealed_run(result.folder, key):
         return result
-    return CellResult(result.cell, "failed", f"{result.cell.folder} was changed meanwhile; the same command redoes it")
+    return CellResult(result.cell, "failed", f"{result.folder} was changed meanwhile; the same command redoes it")
 
 
 @contextmanager
@@ -372,10 +380,10 @@ def _clear_partial(folder: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
 
 
-def _require_own_folders(cells: Sequence[Cell]) -> None:
+def _require_own_folders(cells: Sequence[ReplayRequest]) -> None:
     known: set[Path] = set()
     for cell in cells:
-        folder = cell.folder.absolute()
+        folder = folder_of(cell).absolute()
         if folder in known:
-            raise ConfigError(f"two cells of a suite go to {cell.folder}; give each a folder of its own")
+            raise ConfigError(f"two cells of a suite go to {folder_of(cell)}; give each a folder of its own")
         known.add(folder)

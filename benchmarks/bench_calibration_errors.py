@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.cli.replay_job import Job, run_job
+from fbench.api.runs import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
@@ -27,7 +27,8 @@ from fbench.datasets.importing.run import write_recording
 from fbench.metrics.robustness import ScoredRun, pooled
 from fbench.replay.conditions.generators import generator
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.setup.source import NO_CONFIG, LogWish, log_source
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 MOUNTING = ((0.0, 0.0), (0.25, 0.02), (0.5, 0.05), (1.0, 0.10), (2.0, 0.20), (3.0, 0.50))
@@ -79,15 +80,14 @@ def wrong_rig(drive: Drive, degrees: float, meters: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def run(drive: Drive, pipeline: str, level: str, wish: LogWish, offset: Sequence[str], folder: Path) -> ScoredRun:
+def run(drive: Drive, pipeline: str, level: str, log: LogRequest, offset: Sequence[str], folder: Path) -> ScoredRun:
     """Replay one drive with one error."""
-    source = log_source(wish)
     out = folder / f"{drive.world}-{drive.seed}-{level}-{pipeline}"
-    job = Job(
-        source, pipeline, out=out, overwrite=True, sync=source.sync("lidar", PATIENCE_MS, None, None),
-        stamps=source.stamps(None, offset), max_between_ns=2 * PERIOD_MS * 1_000_000, no_media=True,
+    request = ReplayRequest(
+        log, pipeline, reference="lidar", timeout_ms=PATIENCE_MS, offset=offset, interpolate_truth_ms=2 * PERIOD_MS,
+        out=out, overwrite=True, no_media=True,
     )  # fmt: skip
-    return ScoredRun(pipeline, level, f"{drive.world}-{drive.seed}", run_job(job).scores)
+    return ScoredRun(pipeline, level, f"{drive.world}-{drive.seed}", replay(request).run.scores)
 
 
 def mounting(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) -> Iterator[ScoredRun]:
@@ -96,18 +96,18 @@ def mounting(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) ->
         for degrees, meters in MOUNTING:
             file = folder / f"{drive.world}-{drive.seed}-{degrees}.toml"
             file.write_text(wrong_rig(drive, degrees, meters))
-            wish = LogWish(drive.log(folder, 0), NO_CONFIG, [file])
+            log = LogRequest(drive.log(folder, 0), NO_CONFIG, [file])
             for pipeline in pipelines:
-                yield run(drive, pipeline, f"{degrees:g} deg, {100 * meters:g} cm", wish, (), folder)
+                yield run(drive, pipeline, f"{degrees:g} deg, {100 * meters:g} cm", log, (), folder)
 
 
 def late(drives: Sequence[Drive], pipelines: Sequence[str], folder: Path) -> Iterator[ScoredRun]:
     """Yield the runs with growing errors of time."""
     for drive in drives:
         for late_ms in LATE_MS:
-            wish, offset = LogWish(drive.log(folder, late_ms), NO_CONFIG), [f"camera={-late_ms}"] if late_ms else []
+            log, offset = LogRequest(drive.log(folder, late_ms), NO_CONFIG), [f"camera={-late_ms}"] if late_ms else []
             for pipeline in pipelines:
-                yield run(drive, pipeline, f"{late_ms} ms", wish, offset, folder)
+                yield run(drive, pipeline, f"{late_ms} ms", log, offset, folder)
 
 
 def table(title: str, runs: Sequence[ScoredRun], levels: Sequence[float]) -> None:

@@ -14,11 +14,12 @@ from pathlib import Path
 
 from made_frames import write_drive
 
-from fbench.cli.replay_job import Job, run_job
+from fbench.api.runs import replay
 from fbench.metrics.runs.combine import combined, measure_run
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 PIPELINES = "camera2d,lidar3d,radar3d,late3d"
 SEEDS = (101, 102)
@@ -31,11 +32,11 @@ def drives(folder: Path) -> Iterator[Path]:
 
 
 def replayed(logs: Sequence[Path], pipeline: str, settings: Sequence[str], folder: Path) -> list[Run]:
-    jobs = (
-        Job(log_source(LogWish(log)), pipeline, list(settings), out=folder / log.stem, overwrite=True, no_media=True)
+    requests = (
+        ReplayRequest(LogRequest(log), pipeline, settings, out=folder / log.stem, overwrite=True, no_media=True)
         for log in logs
     )
-    return [run_job(job) for job in jobs]
+    return [replay(request).run for request in requests]
 
 
 def mean_ms(runs: Sequence[Run]) -> float:

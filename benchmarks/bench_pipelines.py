@@ -20,19 +20,19 @@ import numpy as np
 import pandas as pd
 from made_frames import write_drive
 
-from fbench.cli.replay_job import Job, run_job
+from fbench.api.runs import replay
 from fbench.metrics.latency import stage_latency
-from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 PIPELINES = ("early2d", "early3d", "late2d", "late3d")
 SEED, STEREO_S, STEREO = 101, 2.0, ("stereo_left", "stereo_right")
 NUM_CORES = 2
 TOTAL = "total"
-ALL, FEW = Excerpt(), Excerpt(0, 3)
+FEW = "0:3"
 SENSORS_SEE = ("detect.camera", "detect.lidar", "detect.radar", "detect.stereo")
 
 
@@ -104,12 +104,12 @@ def threads(num: int) -> Iterator[None]:
     del os.environ[VARIABLE]
 
 
-def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, part: Excerpt = ALL) -> Run:
+def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:
     with threads(num_threads):
-        job = Job(
-            log_source(LogWish(log)), pipeline, out=folder / pipeline, overwrite=True, no_media=True, excerpt=part
+        request = ReplayRequest(
+            LogRequest(log), pipeline, frames=frames, out=folder / pipeline, overwrite=True, no_media=True
         )
-        return run_job(job)
+        return replay(request).run
 
 
 def times(run: Run) -> pd.DataFrame:

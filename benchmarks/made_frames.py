@@ -15,7 +15,7 @@ from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.setup import StampParams
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.source import LogRequest, log_source
 
 SENSORS = ("camera", "lidar", "radar")
 
@@ -23,7 +23,7 @@ SENSORS = ("camera", "lidar", "radar")
 def frames_of(log: Path) -> tuple[Rig, LogInfo, list[Frame]]:
     """Return rig, description and all frames of a log, held in memory."""
     faults = FaultLog()
-    reader = log_source(LogWish(log)).open(faults)
+    reader = log_source(LogRequest(log)).open(faults)
     stream = FrameStream(reader, SyncParams(), StampParams(), Excerpt(), VirtualClock(), faults)
     return stream.rig, reader.info, list(stream.frames(reader))
 

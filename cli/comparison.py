@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from fbench.cli.run_summary import open_run
+from fbench.api.runs import compare
 from fbench.cli.show import console, number, print_json
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 
@@ -18,11 +18,8 @@ _MARKS = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "n
 
 def compare_runs(base: Path, head: Path, tolerance: float, as_json: bool) -> int:
     """Print what changed; returns the exit code."""
-    from fbench.metrics.comparison import compare, require_common_instants, require_comparable
-
-    before, after = open_run(base), open_run(head)
-    notes = (*require_comparable(before.manifest, after.manifest), *require_common_instants(before, after))
-    comparison = compare(before.scores, after.scores, tolerance)
+    found = compare(base, head, tolerance)
+    comparison, notes = found.comparison, found.notes
     if as_json:
         rows = [asdict(row) for row in comparison.rows]
         content = {"regressed": comparison.regressed, "tolerance": tolerance, "notes": notes, "rows": rows}

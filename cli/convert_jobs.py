@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from fbench.cli.progress import frame_progress, import_progress, message_progress
-from fbench.cli.show import console, explained, fault_lines, print_json
+from fbench.cli.show import console, fault_lines, print_json
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.data.files import swap
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import SyncParams
@@ -32,7 +32,7 @@ _NO_USE = "LOG012"
 def run_convert(source: Path, target: Target, wish: Wish, as_json: bool) -> int:
     """Convert a log and print what was written; returns the exit code."""
     faults = FaultLog()
-    with explained(faults):
+    with explain_losses(faults):
         container = open_container(source, faults)
         total = sum(container.counts.values())
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
@@ -82,7 +82,7 @@ def run_export(job: Export, as_json: bool) -> int:
     faults = FaultLog()
     printer = console()
     done: list[Exported] = []
-    with explained(faults), import_progress(len(job.sources)) as progress:
+    with explain_losses(faults), import_progress(len(job.sources)) as progress:
         for exported in export(job, faults, progress):
             done.append(exported)
             with progress.finished(exported.num_frames):
@@ -151,7 +151,7 @@ def run_preview(job: PreviewJob) -> None:
     from fbench.reports.preview.preview import write_preview
 
     faults = FaultLog()
-    with explained(faults), new_folder(job.folder, job.overwrite) as folder:
+    with explain_losses(faults), new_folder(job.folder, job.overwrite) as folder:
         reader = job.log.open(faults)
         with frame_progress(f"{job.log.path.name}: reading") as progress:
             wish = PreviewRequest(job.num, job.sync, job.stamps, job.excerpt)

@@ -187,7 +187,7 @@ def _write(what: Experiment, results: Results, done: list[tuple[Drive, CellResul
 def _json(what: Experiment, results: Results, done: list[tuple[Drive, CellResult]]) -> str:
     runs = [
         {"scene": drive.scene, "condition": drive.condition, "pipeline": result.cell.pipeline,
-         "log_id": drive.spec.log_id, "run": result.cell.folder.relative_to(what.folder).as_posix(),
+         "log_id": drive.spec.log_id, "run": result.folder.relative_to(what.folder).as_posix(),
          "digest": _digest(result), "reason": result.reason}
         for drive, result in done
     ]  # fmt: skip
@@ -203,4 +203,4 @@ def _json(what: Experiment, results: Results, done: list[tuple[Drive, CellResult
 def _digest(result: CellResult) -> str | None:
     from fbench.replay.runs.folder import Run
 
-    return Run(result.cell.folder).manifest.digest if result.has_run else None
+    return Run(result.folder).manifest.digest if result.has_run else None

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fbench.api.cells import Cell, CellResult, is_sealed_log, seal_log, was_sealed
-from fbench.cli.replay_job import short_name
+from fbench.api.cells import CellResult, is_sealed_log, seal_log, was_sealed
+from fbench.api.runs import short_name
 from fbench.datasets.importing.run import holds_log, write_recording
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.plugins import found, pipeline_class
@@ -17,7 +17,8 @@ from fbench.replay.data.scores import Results
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host, package_versions
-from fbench.replay.setup.source import NO_CONFIG, LogWish
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 if TYPE_CHECKING:
     from fbench.datasets.city.spec import CitySpec
@@ -68,15 +69,15 @@ class Experiment:
         """In the order in which they first come."""
         return list(dict.fromkeys(drive.condition for drive in self.drives))
 
-    def cells(self) -> list[tuple[Drive, Cell]]:
+    def cells(self) -> list[tuple[Drive, ReplayRequest]]:
         """Return all cells, drive by drive; only runs in clear weather keep pictures, so that a report stays small."""
         return [(drive, self._cell(drive, pipeline)) for drive in self.drives for pipeline in self.pipelines]
 
-    def _cell(self, drive: Drive, pipeline: str) -> Cell:
+    def _cell(self, drive: Drive, pipeline: str) -> ReplayRequest:
         # A configuration that somebody writes beside the logs is for other logs of theirs.
-        log = LogWish(drive.log, config=NO_CONFIG)
+        log = LogRequest(drive.log, config=NO_CONFIG)
         folder, settings = self.folder / drive.name / short_name(pipeline), list(self.settings.get(pipeline, ()))
-        return Cell(log, pipeline, folder, settings, media=drive.condition == CLEAR)
+        return ReplayRequest(log, pipeline, settings, out=folder, overwrite=True, no_media=drive.condition != CLEAR)
 
 
 def own_pipelines() -> tuple[str, ...]:
@@ -121,7 +122,7 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     """Put all runs together into the thesis's tables."""
     from fbench.metrics.experiment import accuracy_table, condition_table, latency_table, robustness_table
 
-    runs = [(drive, result.cell.pipeline, Run(result.cell.folder)) for drive, result in done if result.has_run]
+    runs = [(drive, result.cell.pipeline, Run(result.folder)) for drive, result in done if result.has_run]
     scored = [_scored(drive, pipeline, run) for drive, pipeline, run in runs]
     tables = (
         accuracy_table(scored),
@@ -141,13 +142,13 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
 def shown_runs(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
     """Return the runs of the first drive in clear weather, for a report."""
     clear = [(drive, result) for drive, result in done if result.has_run and drive.condition == CLEAR]
-    return [Run(result.cell.folder) for drive, result in clear if drive == clear[0][0]]
+    return [Run(result.folder) for drive, result in clear if drive == clear[0][0]]
 
 
 def is_lossy(done: Sequence[tuple[Drive, CellResult]]) -> bool:
     """Tell whether a cell failed, or lost data."""
     failed = any(result.state == "failed" for _, result in done)
-    return failed or any(not Run(result.cell.folder).manifest.complete for _, result in done if result.has_run)
+    return failed or any(not Run(result.folder).manifest.complete for _, result in done if result.has_run)
 
 
 def _scored(drive: Drive, pipeline: str, run: Run) -> "ScoredRun":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table as Lines
 
-from fbench.cli.run_summary import open_run
+from fbench.api.scores import open_folder
 from fbench.cli.show import console, print_json
 from fbench.replay.contracts.errors import EXIT_OK
 from fbench.replay.data.scores import ScoreOptions
@@ -25,7 +25,7 @@ def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_js
     """
     from fbench.metrics.explanation import explain_frame
 
-    told = explain_frame(open_run(run), options, frame, class_)
+    told = explain_frame(open_folder(run), options, frame, class_)
     if as_json:
         print_json(told.content())
     else:

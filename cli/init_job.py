@@ -5,9 +5,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table as Grid
 
-from fbench.cli.show import console, explained, print_json
+from fbench.cli.show import console, print_json
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.data.files import replace_text
 from fbench.replay.setup.configuration import config_place
 from fbench.replay.setup.draft import Draft
@@ -26,7 +26,7 @@ def run_init(log: Path, out: Path | None, overwrite: bool, as_json: bool) -> Non
     place = config_place(log) if out is None else out
     _require_free(place, overwrite)
     faults = FaultLog()
-    with explained(faults):
+    with explain_losses(faults):
         draft = draft_of(log, place, faults)
     written = write_toml(draft)
     replace_text(place, written.text)

@@ -68,14 +68,14 @@ def convert(
     from fbench.replay.logs.convert.run import Wish
     from fbench.replay.logs.convert.target import Target, make_split
     from fbench.replay.logs.setup import Setup
-    from fbench.replay.setup.source import NO_CONFIG, LogWish, log_source
+    from fbench.replay.setup.source import NO_CONFIG, LogRequest, log_source
 
     target = Target(out, overwrite, compression, chunk_size, rows_per_group, make_split(split_s, split_mb))
     if not decode and (rig or config not in (None, NO_CONFIG)):
         raise ConfigError(
             "--config and --rig change what is decoded: give --decode too, or leave them to `fbench replay`"
         )
-    setup = log_source(LogWish(source, config, rig or [])).setup if decode else Setup()
+    setup = log_source(LogRequest(source, config, rig or [])).setup if decode else Setup()
     wish = Wish(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
     raise typer.Exit(run_convert(source, target, wish, json))
 
@@ -206,10 +206,10 @@ def preview(
     from fbench.cli.convert_jobs import TIMEOUT_NS, PreviewJob, run_preview
     from fbench.cli.options import box_source
     from fbench.replay.engine.excerpt import make_excerpt
-    from fbench.replay.setup.source import LogWish, log_source
+    from fbench.replay.setup.source import LogRequest, log_source
 
     filed = box_source(truth, truth_format, truth_frame)
-    source = log_source(LogWish(log, config, rig or [], filed, None, topics or []))
+    source = log_source(LogRequest(log, config, rig or [], filed, None, topics or []))
     job = PreviewJob(
         log=source,
         out=out,
@@ -283,9 +283,9 @@ app = typer.Typer(help="Look into logs and make them.", no_args_is_help=True)
 def info(log: Log, config: Config = None, rig: RigFiles = None, json: Json = False) -> None:
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.cli.log_info import show_info
-    from fbench.replay.setup.source import LogWish, log_source
+    from fbench.replay.setup.source import LogRequest, log_source
 
-    raise typer.Exit(show_info(log_source(LogWish(log, config, rig or [])), json))
+    raise typer.Exit(show_info(log_source(LogRequest(log, config, rig or [])), json))
 
 
 @app.command("check", epilog=examples.LOG_CHECK)
@@ -315,25 +315,24 @@ def check(
     json: Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
-    from fbench.cli.log_check import CheckJob, run_check
+    from fbench.cli.log_check import CheckRequest, run_check
     from fbench.cli.options import box_source
-    from fbench.replay.contracts.sensor_settings import make_sensors
-    from fbench.replay.setup.source import LogWish, log_source
+    from fbench.replay.setup.request import ReplayRequest
+    from fbench.replay.setup.source import LogRequest
 
-    filed = box_source(truth, truth_format, truth_frame)
-    source = log_source(LogWish(log, config, rig or [], filed, None, topics or []))
-    job = CheckJob(
-        log=source,
-        pipeline=pipeline,
-        settings=settings or [],
-        sensors=make_sensors(sensors or []),
-        sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
-        stamps=source.stamps(stamps, offset or []),
-        ignored=ignore or [],
-        decode_images=images,
-        as_json=json,
+    request = ReplayRequest(
+        LogRequest(log, config, rig or (), box_source(truth, truth_format, truth_frame), None, topics or ()),
+        pipeline or "",
+        settings or (),
+        sensors=sensors or (),
+        reference=reference,
+        timeout_ms=timeout_ms,
+        tolerance_ms=tolerance_ms,
+        max_gap_s=max_gap_s,
+        offset=offset or (),
+        stamps=stamps,
     )
-    raise typer.Exit(run_check(job))
+    raise typer.Exit(run_check(CheckRequest(request, ignore or (), images), json))
 
 
 app.command("preview", epilog=examples.LOG_PREVIEW)(preview)

@@ -1,76 +1,69 @@
 """Output of `fbench log check`."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
+from fbench.api.runs import short_name
 from fbench.cli.progress import message_progress
-from fbench.cli.replay_job import short_name
-from fbench.cli.show import console, explained, print_json
+from fbench.cli.show import console, print_json
 from fbench.replay.check.findings import Finding, require_codes
 from fbench.replay.check.log_check import CheckOptions, CheckResult, check_log
 from fbench.replay.check.times import StreamStats
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, opened_pipeline
 from fbench.replay.contracts.protocols import Pipeline
-from fbench.replay.contracts.variants import sensors_of
-from fbench.replay.engine.frame_buffer import SyncParams
-from fbench.replay.logs.setup import StampParams
-from fbench.replay.setup.source import LogSource
+from fbench.replay.setup.request import ReplayRequest
 
 
 @dataclass(frozen=True)
-class CheckJob:
-    """Everything that `fbench log check` was asked for."""
+class CheckRequest:
+    """Everything that `fbench log check` is asked for."""
 
-    log: LogSource
-    pipeline: str | None = None
-    settings: list[str] = field(default_factory=list)
-    sensors: list[str] = field(default_factory=list)
-    sync: SyncParams = field(default_factory=SyncParams)
-    stamps: StampParams = field(default_factory=StampParams)
-    ignored: list[str] = field(default_factory=list)
+    replay: ReplayRequest
+    """The log, how its messages become frames, and the pipeline to try, if any."""
+    ignored: Sequence[str] = ()
+    """Codes of findings that count as information only."""
     decode_images: bool = False
-    as_json: bool = False
 
 
-def run_check(job: CheckJob) -> int:
+def run_check(request: CheckRequest, as_json: bool) -> int:
     """Check a log and print what was found; returns the exit code."""
-    require_codes(job.ignored)
-    faults = FaultLog()
+    require_codes(request.ignored)
+    faults, options = FaultLog(), request.replay.resolve()
     # What a plug-in prints must not get between the lines of --json.
-    with redirect_stdout(sys.stderr), _tried(job) as pipeline, explained(faults):
-        reader = job.log.open(faults)
+    with redirect_stdout(sys.stderr), _tried(request.replay) as pipeline, explain_losses(faults):
+        reader = options.log.open(faults)
         if pipeline is not None:
-            give_log(pipeline[1], pipeline[0], lambda: job.log.open(faults))
+            give_log(pipeline[1], pipeline[0], lambda: options.log.open(faults))
         total = sum(reader.container.counts.values())
-        with message_progress(f"{job.log.path.name}: reading all", total) as progress:
-            sensors = job.sensors if job.pipeline is None else sensors_of(job.pipeline, job.sensors)
-            options = CheckOptions(
-                job.sync, job.stamps, job.decode_images, pipeline, tuple(sensors), tuple(job.ignored), progress
-            )
-            result = check_log(reader, faults, options)
-    if job.as_json:
+        with message_progress(f"{options.log.path.name}: reading all", total) as progress:
+            check = CheckOptions(
+                options.sync, options.stamps, request.decode_images, pipeline, options.sensors, tuple(request.ignored),
+                progress,
+            )  # fmt: skip
+            result = check_log(reader, faults, check)
+    if as_json:
         print_json(_content(result))
     else:
-        _print(job.log.path, result)
+        _print(options.log.path, result)
     return EXIT_NO if result.num_problems else EXIT_OK
 
 
 @contextmanager
-def _tried(job: CheckJob) -> Iterator[tuple[str, Pipeline] | None]:
+def _tried(request: ReplayRequest) -> Iterator[tuple[str, Pipeline] | None]:
     """Give the pipeline to be tried and its name, if there is one."""
-    if job.pipeline is None:
+    if not request.pipeline:
         yield None
         return
-    with opened_pipeline(job.pipeline, job.settings) as (pipeline, _):
-        yield short_name(job.pipeline), pipeline
+    with opened_pipeline(request.pipeline, list(request.settings)) as (pipeline, _):
+        yield short_name(request.pipeline), pipeline
 
 
 def _content(result: CheckResult) -> dict[str, object]:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from fbench.cli.show import console, explained, fault_lines, print_json
+from fbench.cli.show import console, fault_lines, print_json
 from fbench.replay.check.survey import Stream, Survey, survey
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.data.metadata import REGIONS
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount
 from fbench.replay.logs.open import Storage
@@ -23,7 +23,7 @@ _MAX_VALUE = 300
 def show_info(log: LogSource, as_json: bool) -> int:
     """Print what a log holds; returns the exit code."""
     faults = FaultLog()
-    with explained(faults):
+    with explain_losses(faults):
         result = survey(log.open(faults), log.sync(None, None, None, None))
     if as_json:
         print_json(_content(result, faults))

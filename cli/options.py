@@ -78,7 +78,7 @@ Stamps = Annotated[
 ReadAhead = Annotated[
     str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
-InterpolateTruth = Annotated[
+InterpolateTruthMs = Annotated[
     float,
     typer.Option(
         "--interpolate-truth",
@@ -209,8 +209,6 @@ PipelineOrFile = Annotated[
         help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
 ]  # fmt: skip
-_RECORDED = "recorded"
-_TAKE_RESULTS = (None, _RECORDED, "track")
 
 
 def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | None":
@@ -220,46 +218,9 @@ def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | 
     return None if path is None else BoxSource(path, form, frame, frame)
 
 
-def pipeline_of(name: str | None, results: "BoxSource | None") -> str:
-    """Return which pipeline is meant: results need none to be named.
-
-    Raises:
-        ConfigError: where none is named, or another than results are for.
-    """
-    from fbench.replay.contracts.errors import ConfigError
-    from fbench.replay.contracts.variants import variant_of
-
-    if results is None and name is None:
-        raise ConfigError("which pipeline? give --pipeline NAME (see fbench plugins), or --detections PATH")
-    variant = None if name is None else variant_of(name)
-    if results is not None and (name if variant is None else variant.base) not in _TAKE_RESULTS:
-        raise ConfigError(f"--detections are results already, so --pipeline {name} can't be used with them")
-    return name or _RECORDED
-
-
 DetectEvery = Annotated[
     int | None,
     typer.Option(
         "--detect-every", metavar="N", min=1, help="Detect in every N-th frame only; tracks are predicted in between."
     ),
 ]
-_PARAMETER = "detect_every"
-
-
-def with_detect_every(pipeline: str, settings: list[str], every: int | None) -> list[str]:
-    """Return the settings with that of the option behind them, where it was given.
-
-    Raises:
-        ConfigError: where the pipeline has no such parameter, or isn't known.
-    """
-    from fbench.replay.contracts.errors import ConfigError
-    from fbench.replay.contracts.plugins import pipeline_parameters
-
-    if every is None:
-        return settings
-    if _PARAMETER not in pipeline_parameters(pipeline, []):
-        raise ConfigError(
-            f"--detect-every {every}: pipeline '{pipeline}' has no parameter {_PARAMETER}; it decides itself when it "
-            "detects"
-        )
-    return [*settings, f"{_PARAMETER}={every}"]

@@ -1,5 +1,6 @@
 """`fbench replay`."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,36 +10,35 @@ from fbench.cli.options import (
     Config,
     DetectEvery,
     DetectionsFile,
-    DistanceM,  # fmt: skip
-    Frames,  # fmt: skip
-    From,  # fmt: skip
-    InterpolateTruth,  # fmt: skip
-    InView,  # fmt: skip
-    Iou,  # fmt: skip
-    Json,  # fmt: skip
-    Log,  # fmt: skip
-    MaxGapS,  # fmt: skip
-    MinCoverage,  # fmt: skip
-    NoMedia,  # fmt: skip
-    Offset,  # fmt: skip
-    Overwrite,  # fmt: skip
+    DistanceM,
+    Frames,
+    From,
+    InterpolateTruthMs,
+    InView,
+    Iou,
+    Json,
+    Log,
+    MaxGapS,
+    MinCoverage,
+    NoMedia,
+    Offset,
+    Overwrite,
     PipelineOrFile,
-    RangeM,  # fmt: skip
-    ReadAhead,  # fmt: skip
-    Redact,  # fmt: skip
-    Reference,  # fmt: skip
+    RangeM,
+    ReadAhead,
+    Redact,
+    Reference,
     RigFiles,
-    Sensors,  # fmt: skip
-    Settings,  # fmt: skip
-    Stamps,  # fmt: skip
-    TimeoutMs,  # fmt: skip
-    To,  # fmt: skip
-    ToleranceMs,  # fmt: skip
-    Topics,  # fmt: skip
+    Sensors,
+    Settings,
+    Stamps,
+    TimeoutMs,
+    To,
+    ToleranceMs,
+    Topics,
     TruthFile,
     TruthFormat,
     TruthFrame,
-    with_detect_every,
 )
 
 RunFolder = Annotated[Path | None, typer.Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")]
@@ -71,7 +71,7 @@ def replay(
     truth: TruthFile = None,
     truth_format: TruthFormat = None,
     truth_frame: TruthFrame = "",
-    interpolate_truth: InterpolateTruth = 0.0,
+    interpolate_truth_ms: InterpolateTruthMs = 0.0,
     detections: DetectionsFile = None,
     out: RunFolder = None,
     overwrite: Overwrite = False,
@@ -101,29 +101,67 @@ def replay(
     json: Json = False,
 ) -> None:
     """Replay a log into a pipeline, score it, and write a run folder."""
-    from fbench.cli.options import box_source, pipeline_of
-    from fbench.cli.replay_job import FrameWish, PipelineWish, RunWish, make_job, run_job
-    from fbench.cli.run_summary import show_run
-    from fbench.cli.score_jobs import gated
+    import sys
+    from contextlib import redirect_stdout
+
+    from fbench.api.runs import name_pipeline
+    from fbench.api.runs import replay as replay_request
+    from fbench.cli.options import box_source
+    from fbench.cli.progress import frame_progress
+    from fbench.cli.run_summary import require_coverage, show_run
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.data.scores import ScoreOptions
-    from fbench.replay.setup.source import LogWish
+    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
+    from fbench.replay.setup.source import LogRequest
 
-    filed = box_source(truth, truth_format, truth_frame)
     results = box_source(detections, None, truth_frame)
-    name = pipeline_of(pipeline, results)
-    job = make_job(
-        LogWish(log, config, rig or [], filed, results, topics or []),
-        PipelineWish(name, with_detect_every(name, settings or [], detect_every), sensors or []),
-        FrameWish(
-            reference, timeout_ms, tolerance_ms, max_gap_s, from_, to, frames, offset or [], stamps, interpolate_truth
-        ),
-        RunWish(
-            out, overwrite, rate, read_ahead, on_fault, fault_budget or [],
-            no_media=no_media, redact=redact, report=report, debug=bool(context.find_root().params["debug"]),
-        ),
+    request = ReplayRequest(
+        LogRequest(log, config, rig or (), box_source(truth, truth_format, truth_frame), results, topics or ()),
+        choose_pipeline(pipeline, results),
+        settings or (),
+        detect_every,
+        sensors or (),
+        reference,
+        timeout_ms,
+        tolerance_ms,
+        max_gap_s,
+        offset or (),
+        stamps,
+        from_,
+        to,
+        frames,
+        interpolate_truth_ms,
+        out,
+        overwrite,
+        rate,
+        read_ahead,
+        on_fault,
+        fault_budget or (),
         ScoreOptions(range_m, in_view, distance_m, iou),
-    )  # fmt: skip
-    run = run_job(job)
+        no_media,
+        redact,
+        report,
+    )
+    # What a plug-in prints must not get between the lines of --json.
+    title = f"{log.name} → {name_pipeline(request)}"
+    with redirect_stdout(sys.stderr), frame_progress(title) as progress:
+        run = replay_request(request, progress, _first_traceback(bool(context.find_root().params["debug"]))).run
     show_run(run, json)
-    raise typer.Exit(gated(run, min_coverage, EXIT_OK if run.manifest.complete else EXIT_LOSSY))
+    raise typer.Exit(require_coverage(run, min_coverage, EXIT_OK if run.manifest.complete else EXIT_LOSSY))
+
+
+def _first_traceback(debug: bool) -> Callable[[BaseException], None]:
+    """Return what shows the first exception that it gets, if that is wanted."""
+    left = [True] if debug else []
+
+    def show(error: BaseException) -> None:
+        import sys
+        import traceback
+
+        from fbench.replay.runs.secrets import without_secrets
+
+        if left:
+            left.pop()
+            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+
+    return show

@@ -14,13 +14,11 @@ def report(
     kind: Annotated[str, typer.Option(help="Which report plug-in writes it.")] = "html",
 ) -> None:
     """Write one self-contained report of one or several runs."""
-    from fbench.cli.run_summary import open_run
+    from fbench.api.runs import open_run
+    from fbench.api.runs import report as write_report
     from fbench.cli.show import console
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
-    from fbench.replay.contracts.plugins import load
 
-    opened = [open_run(folder) for folder in runs]
-    path = out or opened[0].folder / "report.html"
-    load("reports", kind)().write(opened, path)
+    path = write_report(runs, out, kind)
     console().print(f"report: {path}", markup=False, soft_wrap=True)
-    raise typer.Exit(EXIT_OK if all(run.manifest.complete for run in opened) else EXIT_LOSSY)
+    raise typer.Exit(EXIT_OK if all(open_run(folder).complete for folder in runs) else EXIT_LOSSY)

@@ -1,15 +1,15 @@
 """Summary of a finished run: scores, latency, what was missing, faults."""
 
 import json
+import sys
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
 from fbench.cli.show import console, fault_lines, interval_reasons, latency_table, null_reasons, print_json, score_table
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
 
@@ -102,15 +102,13 @@ def _kind(reason: str) -> str:
     return "late" if reason.startswith("late by") else reason
 
 
-def open_run(folder: Path) -> Run:
-    """Return the run in a folder.
+def require_coverage(run: Run, min_coverage: float, code: int) -> int:
+    """Return the exit code of a command that ends with `code`: 1 if all else is good, but too few outputs had truth.
 
-    Raises:
-        ConfigError: where there is no such folder.
-        RunError: where it isn't a run.
+    A line on stderr says so then.
     """
-    if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such run folder")
-    run = Run(folder)
-    _ = run.manifest
-    return run
+    coverage = coverage_of(run)
+    if coverage.share >= min_coverage:
+        return code
+    sys.stderr.write(f"too little truth: {coverage}, fewer than --min-coverage {min_coverage:g} asks for\n")
+    return EXIT_NO if code == EXIT_OK else code

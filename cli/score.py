@@ -1,8 +1,10 @@
 """`fbench score`."""
 
+import os
 import sys
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +12,7 @@ from fbench.cli.options import (
     Config,
     DetectionsFile,
     DistanceM,
-    InterpolateTruth,
+    InterpolateTruthMs,
     InView,
     Iou,
     Json,
@@ -20,6 +22,11 @@ from fbench.cli.options import (
     TruthFormat,
     TruthFrame,
 )
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+
+if TYPE_CHECKING:
+    from fbench.api.scores import FileScoreRequest, ScoreRequest
+    from fbench.replay.data.scores import ScoreOptions
 
 Runs = Annotated[
     list[Path] | None,
@@ -93,6 +100,24 @@ Intervals = Annotated[
 Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the resamples.")]
 
 
+_OF_FILES = {
+    "detections": "--detections", "detections_format": "--detections-format", "sequences": "--sequences",
+    "seqmap": "--seqmap", "missing": "--missing",
+}  # fmt: skip
+_OF_PROFILES = {"match": "--match"}
+_OF_RUNS = {
+    "range_m": "--range-m", "in_view": "--in-view", "distance_m": "--distance-m", "iou": "--iou", "region": "--region",
+    "seen": "--seen",
+}  # fmt: skip
+_OF_OTHER_TRUTH = {
+    "config": "--config", "truth_frame": "--truth-frame", "interpolate_truth_ms": "--interpolate-truth",
+}  # fmt: skip
+_TRUTH = {"truth": "--truth", "truth_format": "--truth-format", **_OF_OTHER_TRUTH}
+_COVERAGE = {"min_coverage": "--min-coverage"}
+_EXPLAIN = {"explain": "--explain"}
+_INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHARE"}
+
+
 def score(
     context: typer.Context,
     runs: Runs = None,
@@ -114,7 +139,7 @@ def score(
     region: Region = None,
     distance_m: DistanceM = 2.0,
     iou: Iou = 0.5,
-    interpolate_truth: InterpolateTruth = 0.0,
+    interpolate_truth_ms: InterpolateTruthMs = 0.0,
     config: Config = None,
     min_coverage: MinCoverage = 0.0,
     intervals: Intervals = 0,
@@ -123,32 +148,133 @@ def score(
     json: Json = False,
 ) -> None:
     """Score runs again from their folders, or results of another system from files, without replaying a log."""
-    from fbench.cli.score_request import ProfileWish, Resampling, require_fitting
+    from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest
+    from fbench.cli.options import box_source
     from fbench.replay.data.scores import ScoreOptions, region_kinds
 
     given = {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
     require_fitting(given, len(runs or ()))
     resampling = Resampling(intervals, seed)
     if resampling.is_rough:
-        sys.stderr.write(f"--intervals {intervals}: so few resamples tell the ends only roughly; 1000 are usual\n")
-    wish = ProfileWish("default" if profile is None else profile, match, tuple(class_ or ()), out, json, resampling)
-    if not runs:
-        from fbench.cli.score_jobs import FileWish, score_files
-
-        files = FileWish(truth, detections, truth_format, detections_format, sequences, seqmap, missing)
-        raise typer.Exit(score_files(files, wish))
-    if profile is not None:
-        from fbench.cli.score_jobs import score_runs_by
-
-        raise typer.Exit(score_runs_by(runs, wish, min_coverage))
-    from fbench.cli.score_jobs import OtherTruth, score_again, score_together
-
+        sys.stderr.write(f"--intervals {intervals}: so few resamples give the ends only roughly; 1000 are usual\n")
+    if out is not None:
+        _require_writable(out)
+    classes = tuple(class_ or ())
+    if not runs and truth is not None and detections is not None:
+        files = FileScoreRequest(
+            truth, detections, truth_format, detections_format, sequences, seqmap, missing,
+            OWN_PROFILE if profile is None else profile, match, classes, resampling,
+        )  # fmt: skip
+        raise typer.Exit(_score_files(files, out, json))
     options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region), seen)
-    if explain is not None:
-        from fbench.cli.explain import explain_run
+    if runs and explain is not None:
+        raise typer.Exit(_explain(runs[0], options, explain, classes, json))
+    other = box_source(truth, truth_format, truth_frame)
+    request = ScoreRequest(
+        runs or (), options, profile, match, classes, other, interpolate_truth_ms, config, resampling
+    )
+    raise typer.Exit(_score_runs(request, min_coverage, out, json))
 
-        raise typer.Exit(explain_run(runs[0], options, explain, wish.only_class("vehicle"), json))
-    if len(runs) > 1:
-        raise typer.Exit(score_together(runs, options, wish.resampling.how(), out, json))
-    other = OtherTruth(truth, truth_format, truth_frame, interpolate_truth, config)
-    raise typer.Exit(score_again(runs[0], options, other, min_coverage, wish))
+
+def _score_files(request: "FileScoreRequest", out: Path | None, as_json: bool) -> int:
+    from fbench.api.scores import score_files
+    from fbench.cli.score_show import show_profile
+
+    result = score_files(request)
+    show_profile(result, out, as_json)
+    return EXIT_OK if result.complete else EXIT_LOSSY
+
+
+def _explain(run: Path, options: "ScoreOptions", frame: int, classes: tuple[str, ...], as_json: bool) -> int:
+    from fbench.cli.explain import explain_run
+
+    if len(classes) > 1:
+        raise ConfigError(f"--explain is about one class, not {len(classes)}: {', '.join(classes)}")
+    return explain_run(run, options, frame, classes[0] if classes else "vehicle", as_json)
+
+
+def _score_runs(request: "ScoreRequest", min_coverage: float, out: Path | None, as_json: bool) -> int:
+    from fbench.api.scores import score as score_runs
+    from fbench.cli.run_summary import require_coverage, show_run
+    from fbench.cli.score_show import show_profile, show_together
+    from fbench.replay.runs.folder import Run
+
+    result = score_runs(request)
+    if request.profile is not None:
+        show_profile(result, out, as_json)
+    elif len(request.runs) > 1:
+        show_together(result, request.runs, out, as_json)
+    else:
+        for line in result.warnings:
+            sys.stderr.write(f"{line}\n")
+        show_run(Run(request.runs[0]), as_json)
+    code = EXIT_OK if result.complete else EXIT_LOSSY
+    return require_coverage(Run(request.runs[0]), min_coverage, code) if len(request.runs) == 1 else code
+
+
+def _require_writable(path: Path) -> None:
+    """Refuse what no file can be written to before anything is computed.
+
+    Raises:
+        ConfigError: naming the path as the user did.
+    """
+    if path.is_dir():
+        raise ConfigError(f"-o {path}: is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise ConfigError(f"-o {path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"-o {path}: the folder {path.parent} can't be written to")
+
+
+def require_fitting(given: Collection[str], num_runs: int) -> None:
+    """Refuse options that would do nothing.
+
+    Args:
+        given: Names of the parameters that the user gave.
+        num_runs: How many run folders.
+
+    Raises:
+        ConfigError: naming the first such option.
+    """
+    if "seed" in given and "intervals" not in given:
+        raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
+    if not num_runs:
+        _require_files(given)
+        _refuse(given, {**_OF_RUNS, **_OF_OTHER_TRUTH, **_COVERAGE, **_EXPLAIN}, "is for run folders")
+        return
+    if "detections" in given:
+        raise ConfigError("--detections are scored without a RUN: leave out one of them")
+    _refuse(given, _OF_FILES, "goes with --truth and --detections, without a RUN")
+    if num_runs > 1:
+        _refuse(given, {**_TRUTH, **_COVERAGE, **_EXPLAIN}, f"is for one RUN, not {num_runs}")
+    if "profile" in given:
+        _require_plain(given)
+    elif "explain" in given:
+        others = {**_TRUTH, **_OF_PROFILES, **_COVERAGE, "intervals": "--intervals", "out": "--out"}
+        _refuse(given, others, "doesn't go with --explain")
+    else:
+        _refuse(given, {**_OF_PROFILES, "class_": "--class"}, "goes with --profile")
+        if num_runs == 1:
+            _refuse(given, {"out": "--out"}, "goes with --profile or several RUNs; a RUN has its own scores.json")
+
+
+def _require_plain(given: Collection[str]) -> None:
+    """Refuse what a profile leaves no room for."""
+    if "truth" in given:
+        raise ConfigError("--profile takes the truth that the run has; give it other truth first: fbench score RUN "
+                          "--truth PATH")  # fmt: skip
+    _refuse(given, {**_OF_RUNS, **_TRUTH, **_EXPLAIN}, "doesn't go with --profile")
+
+
+def _require_files(given: Collection[str]) -> None:
+    missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
+    if len(missing) == 2:
+        raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
+    if missing:
+        raise ConfigError(f"{missing[0]} PATH is missing: results in files are scored against truth in files")
+
+
+def _refuse(given: Collection[str], options: dict[str, str], why: str) -> None:
+    for name, option in options.items():
+        if name in given:
+            raise ConfigError(f"{option} {why}{_INSTEAD.get(name, '')}")

@@ -3,13 +3,21 @@
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from fbench.cli.score_request import ProfileWish
-from fbench.cli.show import console, interval_text, reasons_of_intervals
+from fbench.api.scores import ScoreResult
+from fbench.cli.show import (
+    console,
+    interval_reasons,
+    interval_text,
+    null_reasons,
+    print_json,
+    reasons_of_intervals,
+    score_table,
+)
 from fbench.replay.data.scores import Score, save_scores, score_rows
 
 if TYPE_CHECKING:
@@ -19,36 +27,49 @@ _MAX_COLUMNS = 6
 _COLUMNS_BY_SEQUENCE = 8
 
 
-@dataclass(frozen=True)
-class Told:
-    """What scores are of."""
+def show_together(result: ScoreResult, runs: Sequence[Path], out: Path | None, as_json: bool) -> None:
+    """Print the scores of several runs together, and write them where that is wanted."""
+    _warn(result)
+    if out is not None:
+        save_scores(out, result.rows)
+    if as_json:
+        print_json({"runs": [str(folder) for folder in runs], "scores": score_rows(result.rows)})
+        return
+    shown = console()
+    shown.print(result.title, markup=False)
+    shown.print(score_table(result.rows))
+    for line in (*null_reasons(result.rows), *interval_reasons(result.rows)):
+        shown.print(f"– {line}", markup=False)
 
-    what: str
-    profile: str
-    sequences: tuple[str, ...]
+
+def _warn(result: ScoreResult) -> None:
+    for line in result.warnings:
+        sys.stderr.write(f"{line}\n")
 
 
-def show_scores(rows: Sequence[Score], told: Told, wish: ProfileWish) -> None:
-    """Print the scores of a profile, and write them where that was asked for."""
-    if wish.out is not None:
-        save_scores(wish.out, rows)
-        sys.stderr.write(f"{len(rows)} rows: {wish.out}\n")
-    if wish.as_json:
-        sys.stdout.write(json.dumps({"profile": told.profile, "scores": score_rows(rows)}, indent=1, allow_nan=False))
+def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
+    """Print the scores of a profile, and write them where that is wanted."""
+    _warn(result)
+    rows, profile, sequences = result.rows, str(result.profile), result.sequences
+    if path is not None:
+        save_scores(path, rows)
+        sys.stderr.write(f"{len(rows)} rows: {path}\n")
+    if as_json:
+        sys.stdout.write(json.dumps({"profile": profile, "scores": score_rows(rows)}, indent=1, allow_nan=False))
         sys.stdout.write("\n")
         return
     from fbench.metrics.profiles.remarks import lines
 
     out = console()
-    out.print(f"{told.what}: profile {told.profile}", soft_wrap=True)
+    out.print(f"{result.title}: profile {profile}", soft_wrap=True)
     out.print()
-    table = lines(rows, told.profile)
+    table = lines(rows, profile)
     for group in _in_groups(table):
         out.print(_table(table, group))
         out.print()
     shown = [score for line in table for score in line.scores.values()]
-    if len(told.sequences) > 1 and table:
-        scores = _of_sequences(rows, table, told.sequences)
+    if len(sequences) > 1 and table:
+        scores = _of_sequences(rows, table, sequences)
         out.print(_by_sequence(table, scores))
         out.print()
         shown += [score for cells in scores.values() for score in cells if score is not None]

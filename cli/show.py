@@ -1,8 +1,7 @@
 """Tables on the terminal, JSON for machines, and faults as text."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console, HighlighterType, JustifyMethod, OverflowMethod
@@ -10,8 +9,6 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.data.scores import Results, ResultTable, Score, shown
 
 _COUNTS = ("idsw",)
@@ -127,19 +124,6 @@ def latency_table(latency: dict[str, Any]) -> Table:
         cells = (row[f"{name}_ms"] for name in ("p50", "p95", "p99", "max"))
         table.add_row(row["stage"], *("–" if c is None else f"{c:.2f}" for c in cells))
     return table
-
-
-@contextmanager
-def explained(faults: FaultLog) -> Iterator[None]:
-    """Add what was lost before it to the message of a log that can't be used: the first such fault of the table."""
-    try:
-        yield
-    except LogError as error:
-        lost = [(code, places) for code, places in sorted(faults.places.items()) if FAULTS[code].behaviour == "count"]
-        first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in lost), None)
-        if first is None:
-            raise
-        raise LogError(f"{error}; before that: {first}", error.code) from error
 
 
 def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:

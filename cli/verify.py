@@ -28,7 +28,6 @@ from fbench.cli.options import (
     TruthFile,
     TruthFormat,
     TruthFrame,
-    with_detect_every,
 )
 
 
@@ -64,26 +63,26 @@ def verify(
     json: Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
-    from fbench.cli.options import box_source, pipeline_of
+    from fbench.cli.options import box_source
     from fbench.cli.verify_job import run_verify
-    from fbench.replay.check.verify_task import Task
-    from fbench.replay.contracts.sensor_settings import make_sensors
-    from fbench.replay.engine.excerpt import make_excerpt
-    from fbench.replay.setup.source import LogWish, log_source
+    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
+    from fbench.replay.setup.source import LogRequest
 
-    filed = box_source(truth, truth_format, truth_frame)
     results = box_source(detections, None, truth_frame)
-    wish = LogWish(log, config, rig or [], filed, results, topics or [])
-    source = log_source(wish)
-    name = pipeline_of(pipeline, results)
-    task = Task(
-        log=wish,
-        pipeline=name,
-        folder=Path(),
-        settings=with_detect_every(name, settings or [], detect_every),
-        sensors=make_sensors(sensors or []),
-        sync=source.sync(reference, timeout_ms, tolerance_ms, max_gap_s),
-        stamps=source.stamps(stamps, offset or []),
-        excerpt=make_excerpt(from_, to, frames),
+    request = ReplayRequest(
+        LogRequest(log, config, rig or (), box_source(truth, truth_format, truth_frame), results, topics or ()),
+        choose_pipeline(pipeline, results),
+        settings or (),
+        detect_every,
+        sensors or (),
+        reference,
+        timeout_ms,
+        tolerance_ms,
+        max_gap_s,
+        offset or (),
+        stamps,
+        from_,
+        to,
+        frames,
     )
-    raise typer.Exit(run_verify(task, repeat, quick, keep, json))
+    raise typer.Exit(run_verify(request, repeat, quick, keep, json))

@@ -5,31 +5,31 @@ from pathlib import Path
 
 from rich.table import Table
 
+from fbench.api.runs import short_name, verify
 from fbench.cli.progress import replay_progress
-from fbench.cli.replay_job import short_name
 from fbench.cli.show import console, print_json
-from fbench.replay.check.verify import Verified, verify, workplace
-from fbench.replay.check.verify_task import Task
+from fbench.replay.check.verify import Verified
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+from fbench.replay.setup.request import ReplayRequest
 
 
-def run_verify(task: Task, num_repeats: int, quick: bool, keep: Path | None, as_json: bool) -> int:
+def run_verify(request: ReplayRequest, num_repeats: int, quick: bool, keep: Path | None, as_json: bool) -> int:
     """Verify and print what was found; returns the exit code."""
-    title = f"{task.log.log.name} → {short_name(task.pipeline)}"
-    with workplace(keep) as folder, replay_progress(title) as progress:
-        found = verify(task, num_repeats, quick, folder, progress)
+    title = f"{request.log.path.name} → {short_name(request.pipeline)}"
+    with replay_progress(title) as progress:
+        found = verify(request, num_repeats, quick, keep, progress)
     if as_json:
-        print_json(_content(task, found))
+        print_json(_content(request, found))
     else:
         _print(found)
     return EXIT_OK if found.identical else EXIT_NO
 
 
-def _content(task: Task, found: Verified) -> dict[str, object]:
+def _content(request: ReplayRequest, found: Verified) -> dict[str, object]:
     rows = [{**asdict(verdict), "identical": verdict.identical} for verdict in found.verdicts]
     return {
-        "log": str(task.log.log),
-        "pipeline": task.pipeline,
+        "log": str(request.log.path),
+        "pipeline": request.pipeline,
         "identical": found.identical,
         "stages": dict(found.digests),
         "variants": rows,

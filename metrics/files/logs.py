@@ -20,7 +20,7 @@ from fbench.replay.formats.export_sources import log_sequence
 from fbench.replay.formats.nuscenes import TOKENS, Sample
 from fbench.replay.formats.sequence import BoxSequence
 from fbench.replay.logs.open import LOG_JSON
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.source import LogRequest, log_source
 
 SUFFIX = ".mcap"
 
@@ -50,7 +50,7 @@ def open_logs(path: Path, logs: list[Path]) -> Source:
     tokens: dict[str, list[str]] = {}
     faults = FaultLog()
     for log in logs:
-        reader = log_source(LogWish(log)).open(FaultLog())
+        reader = log_source(LogRequest(log)).open(FaultLog())
         name = reader.info.name
         if name in found:
             raise LogError(f"{path}: {found[name].name} and {log.name} are both called '{name}'")
@@ -63,7 +63,7 @@ def open_logs(path: Path, logs: list[Path]) -> Source:
 
     def read(name: str) -> Side:
         request = ExportRequest("nuscenes" if name in tokens else "kitti-tracking", "truth")
-        sequence = log_sequence(log_source(LogWish(found[name])), request, LeftOut(), faults)
+        sequence = log_sequence(log_source(LogRequest(found[name])), request, LeftOut(), faults)
         return _in_world(sequence) if name in tokens else _at_body(sequence)
 
     def submission() -> Submission | None:
@@ -71,7 +71,7 @@ def open_logs(path: Path, logs: list[Path]) -> Source:
         samples = {
             own[truth.frame_number]: Sample(truth.stamp_ns, name)
             for name, own in tokens.items()
-            for truth in log_source(LogWish(found[name])).open(FaultLog()).truths()
+            for truth in log_source(LogRequest(found[name])).open(FaultLog()).truths()
             if truth.frame_number is not None and truth.frame_number < len(own)
         }
         return Submission(path, {}, samples, are_ordered=True, has_stamps=True) if samples else None

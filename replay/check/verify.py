@@ -12,13 +12,13 @@ from itertools import pairwise
 from pathlib import Path
 
 from fbench.replay.check.difference import Difference, Outcome, first_difference
-from fbench.replay.check.verify_task import Form, Task
+from fbench.replay.check.verify_task import Form, VerifyTask
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
-from fbench.replay.engine.read_ahead import DEFAULT
 from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.folder import Run
+from fbench.replay.setup.request import ReplayRequest
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", VARIABLE)
 PACED_S = 2.0
@@ -31,7 +31,7 @@ class Variant:
 
     name: str
     rate: str = "max"
-    read_ahead: int | None = DEFAULT
+    read_ahead: str = "auto"
     form: Form | None = None
     num_threads: int = 1
     hash_seed: str = "0"
@@ -39,16 +39,10 @@ class Variant:
     elsewhere: bool = False
     """In another working directory."""
 
-    def task(self, base: Task, folder: Path) -> Task:
-        """The base's task under these circumstances."""
-        return replace(
-            base,
-            folder=folder,
-            rate=self.rate,
-            read_ahead=self.read_ahead,
-            form=self.form,
-            num_threads=self.num_threads,
-        )
+    def task(self, request: ReplayRequest, folder: Path) -> VerifyTask:
+        """Return the request under these circumstances."""
+        varied = replace(request, rate=self.rate, read_ahead=self.read_ahead)
+        return VerifyTask(varied, folder, self.form, self.num_threads)
 
     def variables(self) -> dict[str, str]:
         """What the process finds in its environment beside what is there anyway."""
@@ -77,8 +71,8 @@ def variants(num_repeats: int, span_s: float, quick: bool) -> tuple[Variant, ...
         *few,
         Variant("random hash seed", hash_seed="random"),
         Variant(f"rate {paced}", rate=paced),
-        Variant("no read-ahead", read_ahead=0),
-        Variant("read-ahead of all", read_ahead=None),
+        Variant("no read-ahead", read_ahead="0"),
+        Variant("read-ahead of all", read_ahead="all"),
         Variant("other time zone, locale and folder", environment=abroad, elsewhere=True),
         Variant("MCAP unchunked", form="unchunked"),
         Variant("MCAP lz4", form="lz4"),
@@ -117,23 +111,30 @@ class Verified:
         return all(verdict.identical for verdict in self.verdicts)
 
 
-def verify(
-    task: Task, num_repeats: int, quick: bool, folder: Path, told: Callable[[int, int], None] = lambda done, of: None
+def verify_in(
+    request: ReplayRequest,
+    num_repeats: int,
+    quick: bool,
+    folder: Path,
+    worker: str,
+    told: Callable[[int, int], None] = lambda done, of: None,
 ) -> Verified:
     """Replay under all circumstances; runs go into folders within `folder`.
 
     Args:
-        task: What to replay; `folder` and circumstances in it don't matter.
+        request: What to replay; its pace, reading ahead and run folder don't matter.
         num_repeats: How often the same is replayed, the reference included.
         quick: Only the circumstances that find most.
         folder: An empty folder.
+        worker: Module that replays one `VerifyTask`, given as JSON on stdin.
         told: Told how many replays are done, of how many.
 
     Raises:
         ConfigError, LogError: where the reference itself can't be replayed.
     """
-    children = _Children(replace(task, log=task.log.absolute(), pipeline=_absolute(task.pipeline),
-                                 settings=[_absolute_value(s) for s in task.settings]), folder.resolve())  # fmt: skip
+    settings = [_absolute_value(setting) for setting in request.settings]
+    moved = replace(request.absolute(), pipeline=_absolute(request.pipeline), settings=settings)
+    children = _Children(moved, folder.resolve(), worker)
     with ThreadPoolExecutor(_AT_ONCE) as pool, children.ended(pool):
         failed = children.replay(BASE)
         if failed is not None:
@@ -150,8 +151,8 @@ def verify(
 class _Children:
     """Processes that replay."""
 
-    def __init__(self, task: Task, folder: Path) -> None:
-        self._task, self._folder = task, folder
+    def __init__(self, request: ReplayRequest, folder: Path, worker: str) -> None:
+        self._request, self._folder, self._worker = request, folder, worker
         self._running: list[subprocess.Popen[str]] = []
         self._elsewhere = folder / "elsewhere"
         self._elsewhere.mkdir(parents=True)
@@ -174,9 +175,9 @@ class _Children:
 
     def replay(self, variant: Variant) -> FbenchError | None:
         """Replay in a fresh process; returns why it failed."""
-        task = variant.task(self._task, self.folder(variant))
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "fbench.cli.verify_child"],
+        task = variant.task(self._request, self.folder(variant))
+        process = subprocess.Popen(  # noqa: S603
+            [sys.executable, "-P", "-m", self._worker],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", errors="replace",
             env={**os.environ, **variant.variables()}, cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip

@@ -1,11 +1,12 @@
 """The fault table: what can be wrong with data, how fbench behaves, how it is counted, and how much may be lost."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.runs.secrets import without_secrets
 
 Behaviour = Literal["fatal", "count", "degrade"]
@@ -185,3 +186,16 @@ def parse_budget(on_fault: str, budgets: Sequence[str]) -> FaultBudget:
             raise ConfigError(f"--fault-budget {text}: '{code}' isn't a fault that loses data{hint}")
         by_code[code] = int(number)
     return FaultBudget(total, by_code)
+
+
+@contextmanager
+def explain_losses(faults: FaultLog) -> Iterator[None]:
+    """Add what was lost before to the message of a log that can't be used: the first such fault of the table."""
+    try:
+        yield
+    except LogError as error:
+        lost = [(code, places) for code, places in sorted(faults.places.items()) if FAULTS[code].behaviour == "count"]
+        first = next((f"{FAULTS[code].text}: {places[0]}" for code, places in lost), None)
+        if first is None:
+            raise
+        raise LogError(f"{error}; before that: {first}", error.code) from error

@@ -20,7 +20,7 @@ from fbench.replay.formats.kitti import kitti_rows
 from fbench.replay.formats.mot import mot_rows, seqinfo
 from fbench.replay.formats.nuscenes import meta, nuscenes_samples
 from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinate_frame
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.source import LogRequest, log_source
 
 _SUFFIXES = (".txt", ".ini")
 """Of all that is written into folders."""
@@ -270,7 +270,7 @@ def _sequence(source: Path, request: ExportRequest, left: LeftOut, faults: Fault
     if (source / MANIFEST).is_file():
         return run_sequence(source, request)
     try:
-        return log_sequence(log_source(LogWish(source)), request, left, faults)
+        return log_sequence(log_source(LogRequest(source)), request, left, faults)
     except LogError as error:
         if error.code == "LOG001":
             raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error

@@ -135,9 +135,10 @@ def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
         RunError: where it can't be read.
     """
     run = Run(folder)
+    manifest = run.manifest
     which: Which = request.boxes or ("tracks" if request.is_tracking else "detections")
     table = run.tracks if which == "tracks" else run.detections
-    rigs = {segment: run.manifest.rig_of(segment) for segment in sorted({record.segment for record in run.frames})}
+    rigs = {segment: manifest.rig_of(segment) for segment in sorted({record.segment for record in run.frames})}
     frames = []
     for record, pose in zip(run.frames, run.poses, strict=True):
         boxes3d: Boxes3D | None

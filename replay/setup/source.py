@@ -19,29 +19,30 @@ NO_CONFIG = "none"
 
 
 @dataclass(frozen=True)
-class LogWish:
-    """A log and what was said about it; travels as JSON."""
+class LogRequest:
+    """A log and what the user says about it; travels as JSON."""
 
-    log: Path
+    path: Path
     config: str | None = None
     """File; `none`: without one, even where the log has one beside it; `None`: that one, if there is one."""
-    rigs: Sequence[Path] = ()
+    rig: Sequence[Path] = ()
     """Files with calibration; the first one that names a sensor counts."""
     truth: BoxSource | None = None
-    results: BoxSource | None = None
+    detections: BoxSource | None = None
+    """Results of another system."""
     topics: Sequence[str] = ()
     """Patterns of those that are read."""
 
-    def absolute(self) -> "LogWish":
+    def absolute(self) -> "LogRequest":
         """Return the same with paths that hold in every folder."""
         config = self.config if self.config in (None, NO_CONFIG) else str(Path(self.config).resolve())
         return replace(
             self,
-            log=self.log.resolve(),
+            path=self.path.resolve(),
             config=config,
-            rigs=[path.resolve() for path in self.rigs],
-            truth=None if self.truth is None else replace(self.truth, path=self.truth.path.resolve()),
-            results=None if self.results is None else replace(self.results, path=self.results.path.resolve()),
+            rig=[path.resolve() for path in self.rig],
+            truth=self.truth and replace(self.truth, path=self.truth.path.resolve()),
+            detections=self.detections and replace(self.detections, path=self.detections.path.resolve()),
         )
 
 
@@ -119,23 +120,23 @@ class LogSource:
         return replace(given, offsets_ns=both, assumed=tuple(sorted(own)))
 
 
-def log_source(wish: LogWish) -> LogSource:
+def log_source(request: LogRequest) -> LogSource:
     """Read the configuration and calibration that go with a log.
 
     Raises:
         ConfigError: where one of the files can't be used.
     """
-    path = _config_path(wish)
+    path = _config_path(request)
     config = Config(version=1) if path is None else load_config(path)
     setup = Setup() if path is None else setup_of(config, path)
     inputs = [] if path is None else [input_entry("config", path), *_rig_inputs(config, path)]
     patch = setup.rig
-    for file in reversed(wish.rigs):
+    for file in reversed(request.rig):
         patch = open_rig_file(file).over(patch)
         inputs.append(input_entry("rig", file))
-    setup = replace(setup, rig=patch, truth=wish.truth or setup.truth, results=wish.results or setup.results)
+    setup = replace(setup, rig=patch, truth=request.truth or setup.truth, results=request.detections or setup.results)
     offsets = {name: table.offset_ms for name, table in config.sensors.items()}
-    return LogSource(wish.log, setup, config.frames, offsets, wish.topics, inputs)
+    return LogSource(request.path, setup, config.frames, offsets, request.topics, inputs)
 
 
 def input_entry(role: str, path: Path) -> InputEntry:
@@ -151,10 +152,10 @@ def _rig_inputs(config: Config, path: Path) -> list[InputEntry]:
     return [input_entry("rig", path.parent / name) for name in config.body.rig]
 
 
-def _config_path(wish: LogWish) -> Path | None:
-    if wish.config == NO_CONFIG:
+def _config_path(request: LogRequest) -> Path | None:
+    if request.config == NO_CONFIG:
         return None
-    return found_config(wish.log) if wish.config is None else Path(wish.config)
+    return found_config(request.path) if request.config is None else Path(request.config)
 
 
 def classes_of(config: str | None) -> Mapping[str, str]:

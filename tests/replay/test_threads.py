@@ -3,10 +3,11 @@ from pathlib import Path
 
 import pytest
 
-from fbench.api.cells import Answer, Cell
+from fbench.api.cells import Answer
 from fbench.api.suite import Worker
 from fbench.replay.geometry.kernels import VARIABLE, num_threads
-from fbench.replay.setup.source import LogWish
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 
 @pytest.mark.parametrize(("text", "num"), [("1", 1), (" 4 ", 4), ("0", 1), ("64", 64)])
@@ -35,6 +36,8 @@ def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv(VARIABLE, "7")
     worker = Worker("asked")
     try:
-        assert worker.replay(Cell(LogWish(tmp_path / "log.mcap"), "lidar3d", tmp_path / "run")) == Answer("1")
+        assert worker.replay(
+            ReplayRequest(LogRequest(tmp_path / "log.mcap"), "lidar3d", out=tmp_path / "run")
+        ) == Answer("1")
     finally:
         worker.close()

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from tests.metrics.conftest import Case, boxes3d, front_camera, write_run
 
-from fbench.cli.score_jobs import score_together
+from fbench.api.scores import Resampling, ScoreRequest, score
+from fbench.cli.score_show import show_together
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.combine import RunStatistics, combined, measure_run, score_run, told_of
@@ -143,7 +144,8 @@ def test_the_default_profile_of_runs_is_their_own_scoring(tmp_path: Path) -> Non
 def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = [written(tmp_path, name, [Case(RIGHT, CAR)]) for name in "ab"]
     folders = [run.folder for run in runs]
-    assert score_together(folders, ScoreOptions(), Bootstrap(num=9), tmp_path / "all.json", True) == 0
+    result = score(ScoreRequest(folders, resampling=Resampling(20)))
+    show_together(result, folders, tmp_path / "all.json", True)
     content = json.loads(capsys.readouterr().out)
     assert content["scores"][0] == {
         "metric": "f1", "class": "vehicle", "slice": "all", "matching": "bev 2 m, within 50 m", "value": 1.0,
@@ -151,11 +153,11 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
                                                  "invalid_truth": 0, "frames": 2},
         "interval": "2 logs, at least 5 are needed",
     }  # fmt: skip
-    assert load_scores(tmp_path / "all.json") == combined(measured(*runs), Bootstrap(num=9))
-    assert score_together(folders, ScoreOptions(), None, None, False) == 0
+    assert load_scores(tmp_path / "all.json") == combined(measured(*runs), Bootstrap(num=20))
+    show_together(score(ScoreRequest(folders)), folders, None, False)
     assert "2 runs together" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="no such run folder"):
-        score_together([tmp_path / "none"], ScoreOptions(), None, None, False)
+        score(ScoreRequest([tmp_path / "none"]))
 
 
 def test_a_word_called_visibility_is_no_slice_by_visibility(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import kept
 
-from fbench.cli.replay_job import Job, run_job
+from fbench.api.runs import replay
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec
@@ -14,7 +14,8 @@ from fbench.datasets.importing.run import write_recording
 from fbench.replay.contracts.plugins import make_pipeline, pipeline_parameters
 from fbench.replay.contracts.variants import built_in_variants
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 SENSORS = {
     "camera2d": "camera", "lidar2d": "lidar", "radar2d": "radar", "lidar3d": "lidar", "radar3d": "radar",
@@ -52,7 +53,7 @@ def drive(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SENSORS)
 def test_each_runs_on_the_city(name, drive, tmp_path):
-    run = run_job(Job(log_source(LogWish(drive)), f"thesis/{name}", out=tmp_path / "run", no_media=True))
+    run = replay(ReplayRequest(LogRequest(drive), f"thesis/{name}", out=tmp_path / "run", no_media=True)).run
     assert run.manifest.complete
     assert run.manifest.variant.name == f"thesis/{name}"
     assert run.manifest.num_frames >= 4

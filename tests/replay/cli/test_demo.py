@@ -47,7 +47,7 @@ def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
     assert what.drives[0].log == Path("demo/city.mcap")
     assert what.drives[1].log == Path("demo/logs/urban-traffic-202.mcap")
     assert what.drives[0].spec.rig.names == ("camera", "lidar", "radar")
-    assert [drive.scene for drive, cell in what.cells() if cell.media] == [
+    assert [drive.scene for drive, cell in what.cells() if not cell.no_media] == [
         scene for scene in ("urban-202", "urban-212", "highway-205") for _ in what.pipelines
     ]
     assert what.command == "fbench demo"

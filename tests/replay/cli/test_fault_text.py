@@ -1,14 +1,13 @@
 import pytest
 
-from fbench.cli.show import explained
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.faults import FaultLog, explain_losses
 
 
 def raised(code):
     faults = FaultLog()
     faults.add(code, "log.mcap: here")
-    with pytest.raises(LogError) as caught, explained(faults):
+    with pytest.raises(LogError) as caught, explain_losses(faults):
         raise LogError("it is broken")
     return str(caught.value)
 

@@ -10,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from tests.replay.cli import conftest as c
 
+from fbench.api.runs import keep_stderr
 from fbench.cli import main
-from fbench.cli.replay_job import keep_stderr
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Mount
 

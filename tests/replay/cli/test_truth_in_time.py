@@ -10,7 +10,7 @@ import pytest
 from tests.city_log import write_city_log
 from tests.replay.cli.conftest import MS, messages, truths, write_log
 
-from fbench.cli.score_jobs import gated
+from fbench.cli.run_summary import require_coverage
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import Coverage
@@ -61,8 +61,8 @@ def test_too_little_truth(fbench, sparse):
     assert bad.err.splitlines()[-1] == (
         "too little truth: 50.0 % of outputs had truth (3 of 6 frames), fewer than --min-coverage 0.95 asks for"
     )
-    assert gated(Run(Path("run")), 0.95, EXIT_LOSSY) == EXIT_LOSSY
-    assert gated(Run(Path("run")), 0.5, EXIT_OK) == EXIT_OK
+    assert require_coverage(Run(Path("run")), 0.95, EXIT_LOSSY) == EXIT_LOSSY
+    assert require_coverage(Run(Path("run")), 0.5, EXIT_OK) == EXIT_OK
     assert fbench("replay", sparse, "-p", "lidar3d", "-o", "x", "--min-coverage", "95").code == 2
     assert fbench("replay", sparse, "-p", "lidar3d", "-o", "x", "--interpolate-truth", "nan").code == 2
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from fbench.api.cells import Cell
 from fbench.api.suite import run_suite
 from fbench.cli.experiment import Drive, Experiment, own_pipelines
 from fbench.replay.contracts.plugins import pipeline_parameters
-from fbench.replay.setup.source import NO_CONFIG, LogWish
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 FAR = 'name = "far-cars"\ntitle = "looks far"\nbase = "lidar3d"\nsensors = ["lidar"]\n[parameters]\nmin_score = 0.25\n'
 
@@ -131,7 +131,9 @@ def test_a_variant_of_track_takes_results(fbench, log, far):
 @pytest.mark.slow
 def test_cells_of_a_suite_and_their_folders(log, far, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    cells = [Cell(LogWish(log, config=NO_CONFIG), str(far), Path("runs/far"), media=False)]
+    cells = [
+        ReplayRequest(LogRequest(log, config=NO_CONFIG), str(far), out=Path("runs/far"), overwrite=True, no_media=True)
+    ]
     assert [result.state for result in run_suite(cells, 1)] == ["replayed"]
     assert [result.state for result in run_suite(cells, 1)] == ["there"]
     far.write_text(FAR.replace('["lidar"]', '["lid*"]'))
@@ -145,7 +147,7 @@ def test_folders_of_an_experiment(tmp_path):
 
     drive = Drive(CitySpec("urban"), tmp_path / "a.mcap")
     ((_, cell),) = Experiment((drive,), ("thesis/late3d",), tmp_path, "fbench demo").cells()
-    assert cell.folder == tmp_path / drive.name / "thesis-late3d"
+    assert cell.out == tmp_path / drive.name / "thesis-late3d"
 
 
 def test_what_variants_are_made_of_is_no_pipeline_of_the_demo():

@@ -4,7 +4,7 @@ import pytest
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.logs.setup import BoxSource
-from fbench.replay.setup.source import LogWish, log_source
+from fbench.replay.setup.source import LogRequest, log_source
 
 TEXT = """\
 version = 1
@@ -32,7 +32,7 @@ def log(tmp_path):
 
 
 def test_the_one_beside_the_log_is_used(log):
-    source = log_source(LogWish(log))
+    source = log_source(LogRequest(log))
     assert list(source.setup.sensors) == ["top", "front"]
     assert source.setup.truth == BoxSource(log.parent / "labels.csv")
     assert source.sync(None, None, None, None).timeout_ns == 45_000_000
@@ -43,7 +43,7 @@ def test_the_one_beside_the_log_is_used(log):
 
 
 def test_offsets_of_the_command_line_go_first(log):
-    source = log_source(LogWish(log))
+    source = log_source(LogRequest(log))
     own = source.stamps(None, [])
     assert (own.source, dict(own.offsets_ns)) == ("log", {"top": 5_000_000})
     own.require_known(["front"])  # the configuration may tell of sensors that were left out
@@ -54,23 +54,23 @@ def test_offsets_of_the_command_line_go_first(log):
 
 
 def test_it_can_be_left_out_or_replaced(log, tmp_path):
-    assert not log_source(LogWish(log, "none")).setup.sensors
+    assert not log_source(LogRequest(log, "none")).setup.sensors
     other = tmp_path / "other.toml"
     other.write_text("version = 1\n[frames]\nreference = 'front'\n")
-    assert log_source(LogWish(log, str(other))).frames.reference == "front"
+    assert log_source(LogRequest(log, str(other))).frames.reference == "front"
     with pytest.raises(ConfigError, match=r"nothing\.toml: can't be read"):
-        log_source(LogWish(log, str(tmp_path / "nothing.toml")))
+        log_source(LogRequest(log, str(tmp_path / "nothing.toml")))
 
 
 def test_truth_of_the_command_line_goes_first(log, tmp_path):
-    wish = LogWish(log, truth=BoxSource(tmp_path / "kitti", "kitti"))
+    wish = LogRequest(log, truth=BoxSource(tmp_path / "kitti", "kitti"))
     assert log_source(wish).setup.truth == BoxSource(tmp_path / "kitti", "kitti")
 
 
-def test_wishes_can_be_moved_to_another_folder(log, tmp_path, monkeypatch):
+def test_requests_can_be_moved_to_another_folder(log, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    wish = LogWish(log.relative_to(tmp_path), "fbench.toml", [], BoxSource(log.relative_to(tmp_path)))
+    wish = LogRequest(log.relative_to(tmp_path), "fbench.toml", [], BoxSource(log.relative_to(tmp_path)))
     moved = wish.absolute()
-    assert (moved.log, moved.config) == (log, str(tmp_path / "fbench.toml"))
+    assert (moved.path, moved.config) == (log, str(tmp_path / "fbench.toml"))
     assert moved.truth == BoxSource(log)
-    assert LogWish(log, "none").absolute().config == "none"
+    assert LogRequest(log, "none").absolute().config == "none"

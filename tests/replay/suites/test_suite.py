@@ -13,14 +13,15 @@ from pathlib import Path
 import pytest
 from tests.replay.cli.conftest import messages, rig, truths, write_log
 
-from fbench.api.cells import Cell, seal_run
+from fbench.api.cells import folder_of, seal_run
+from fbench.api.scores import score_folder
 from fbench.api.suite import Contents, run_suite
-from fbench.cli.scoring import score_folder
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.runs.folder import Run
-from fbench.replay.setup.source import NO_CONFIG, LogWish
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 MEASURED = {"timings.parquet", "latency.json", "host.json", "cell.json"}
 MINE = """
@@ -91,7 +92,14 @@ def log(tmp_path, monkeypatch):
 
 def cell(log, pipeline, **fields):
     folder = Path("runs") / pipeline.replace(":", "-")
-    return Cell(LogWish(log, config=NO_CONFIG), pipeline, fields.pop("folder", folder), media=False, **fields)
+    return ReplayRequest(
+        LogRequest(log, config=NO_CONFIG),
+        pipeline,
+        out=fields.pop("folder", folder),
+        overwrite=True,
+        no_media=True,
+        **fields,
+    )
 
 
 def states(results):
@@ -111,8 +119,8 @@ def test_any_number_of_workers_gives_equal_runs_in_the_order_of_cells(log):
         results = run_suite(cells, workers)
         assert [result.cell for result in results] == cells
         assert states(results) == ["replayed"] * 3
-        found[workers] = [contents(one.folder) for one in cells]
-        assert Run(cells[1].folder).scores
+        found[workers] = [contents(folder_of(one)) for one in cells]
+        assert Run(folder_of(cells[1])).scores
     assert found[1] == found[2]
 
 
@@ -133,7 +141,7 @@ def test_only_what_changed_is_replayed(log):
 
     write_log(log, [*messages(2, camera=False), *truths(2)], rig(camera=False))
     assert states(run_suite(options, 2)) == ["replayed", "replayed"]
-    assert len(Run(cells[0].folder).frames) == 2
+    assert len(Run(folder_of(cells[0])).frames) == 2
 
 
 @pytest.mark.slow
@@ -141,14 +149,14 @@ def test_what_is_damaged_or_missing_is_made_anew(log):
     names = ["scores.json", "manifest.json", "frames.parquet", "cell.json", "tracks.parquet", "untouched"]
     cells = [cell(log, "mine.py:Mine", folder=Path("runs") / name) for name in names]
     run_suite(cells, 2)
-    whole = contents(cells[0].folder)
+    whole = contents(folder_of(cells[0]))
     for name in names[:4]:
         (Path("runs") / name / name).write_text("{")
     (Path("runs") / "tracks.parquet" / "tracks.parquet").unlink()
     left = Path("runs") / ".scores.json.partial-1"  # of a process that was killed
     left.mkdir()
     assert states(run_suite(cells, 2)) == ["replayed"] * 5 + ["there"]
-    assert all(contents(one.folder) == whole for one in cells)
+    assert all(contents(folder_of(one)) == whole for one in cells)
     assert not left.exists()
     assert states(run_suite(cells, 2)) == ["there"] * 6
 
@@ -162,7 +170,7 @@ def test_a_run_that_somebody_scores_otherwise_meanwhile_fails_and_is_made_anew(l
 
     def score_otherwise(done, of):
         if done == of:
-            score_folder(cells[0].folder, ScoreOptions(range_m=20))
+            score_folder(folder_of(cells[0]), ScoreOptions(range_m=20))
 
     scored, other = run_suite(cells, 1, score_otherwise)
     assert (scored.state, other.state) == ("failed", state)
@@ -277,7 +285,7 @@ def test_wrong_suites(log):
         run_suite([], 0)
     one = cell(log, "radar3d")
     with pytest.raises(ConfigError, match="two cells of a suite go to"):
-        run_suite([one, replace(one, folder=one.folder.absolute())], 1)
+        run_suite([one, replace(one, out=folder_of(one).absolute())], 1)
 
 
 def test_no_cells_give_nothing():
@@ -287,13 +295,13 @@ def test_no_cells_give_nothing():
 INTERRUPTED = """
 import sys
 from pathlib import Path
-from fbench.replay.setup.source import NO_CONFIG, LogWish
-from fbench.api.cells import Cell
+from fbench.replay.setup.source import NO_CONFIG, LogRequest
+from fbench.replay.setup.request import ReplayRequest
 from fbench.api.suite import run_suite
 
-log = LogWish(Path(sys.argv[1]), config=NO_CONFIG)
+log = LogRequest(Path(sys.argv[1]), config=NO_CONFIG)
 names = ("mine.py:Mine", "mine.py:Slow", "mine.py:Broken")
-cells = [Cell(log, name, Path("runs") / name[8:], media=False) for name in names]
+cells = [ReplayRequest(log, name, out=Path("runs") / name[8:], overwrite=True, no_media=True) for name in names]
 try:
     run_suite(cells, 1)
 except KeyboardInterrupt:

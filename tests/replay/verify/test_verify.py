@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from tests.replay.cli.conftest import fbench, log, messages, write_log
 
-from fbench.replay.check.verify import variants, verify
-from fbench.replay.check.verify_task import Task
-from fbench.replay.setup.source import LogWish
+from fbench.replay.check.verify import variants, verify_in
+from fbench.replay.setup.request import ReplayRequest
+from fbench.replay.setup.source import LogRequest
 
 __all__ = ["fbench", "log"]
 
@@ -215,9 +215,9 @@ def test_interrupt_ends_the_replays_that_run_and_begins_no_others(log, mine, tmp
         if done == 2:
             raise KeyboardInterrupt
 
-    task = Task(LogWish(log), str(tmp_path / mine(sleep="time.sleep(0.2)")), Path())
+    request = ReplayRequest(LogRequest(log), str(tmp_path / mine(sleep="time.sleep(0.2)")))
     with pytest.raises(KeyboardInterrupt):
-        verify(task, 10, True, tmp_path / "runs", interrupt)
+        verify_in(request, 10, True, tmp_path / "runs", "fbench.api.verify_child", interrupt)
     begun = [p for p in (tmp_path / "runs").iterdir() if p.name != "elsewhere"]
     assert len(begun) <= 6  # of 12: the reference, those of which one was done, and those that followed
 

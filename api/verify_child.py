@@ -1,4 +1,4 @@
-"""One replay in a fresh process: `python -m fbench.cli.verify_child`, the task as JSON.
+"""One replay in a fresh process: `python -m fbench.api.verify_child`, the task as JSON.
 
 Where the task can't be done, the last line of stdout is the error. The exit code is that of `fbench replay`. Threads
 are those of the environment, not those that `fbench` sets.
@@ -12,57 +12,56 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fbench.cli.responses import answers
-from fbench.cli.scoring import score_folder
-from fbench.replay.check.verify_task import WATCH, Task
+from fbench.api.responses import answers
+from fbench.api.scores import score_folder
+from fbench.replay.check.verify_task import WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, converted
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import give_log, opened_pipeline
-from fbench.replay.contracts.variants import sensors_of
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.engine.read_ahead import opened_ahead
 from fbench.replay.logs.open import open_container
-from fbench.replay.setup.source import LogSource, log_source
+from fbench.replay.setup.source import LogSource
 
 
 def main() -> int:
     """Do what stdin says."""
     with answers() as out:
         try:
-            run(Task.from_json(sys.stdin.buffer.read().decode()))
+            run(VerifyTask.from_json(sys.stdin.buffer.read().decode()))
         except FbenchError as error:
             out.write(f"{error}\n")
             return error.exit_code
     return EXIT_OK
 
 
-def run(task: Task) -> None:
+def run(task: VerifyTask) -> None:
     """Replay, score, and note what the frames were made of."""
     _prepare(task.num_threads)
-    faults = FaultLog()
+    request, options, faults = task.request, task.request.resolve(), FaultLog()
     with (
-        opened_pipeline(task.pipeline, task.settings) as (pipeline, parameters),
-        _log(task) as log,
-        opened_ahead(log.open, faults, task.read_ahead) as ahead,
+        opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
+        _open_source(task, options.log) as log,
+        opened_ahead(log.open, faults, options.read_ahead) as ahead,
     ):
-        give_log(pipeline, task.pipeline, lambda: log.open(faults))
+        give_log(pipeline, request.pipeline, lambda: log.open(faults))
         reader = WatchedReader(ahead)
         watched = WatchedPipeline(pipeline, reader)
         plan = Plan(
             watched,
             "verified",
             parameters,
-            sync=task.sync,
-            stamps=task.stamps,
-            excerpt=task.excerpt,
+            sync=options.sync,
+            stamps=options.stamps,
+            excerpt=options.excerpt,
             topics=log.topics,
-            sensors=sensors_of(task.pipeline, task.sensors),
+            sensors=options.sensors,
             inputs=log.used(),
             truth=log.truth_entry(),
-            clock=make_clock(task.rate, task.sync.max_gap_ns),
+            clock=make_clock(request.rate, options.sync.max_gap_ns),
             num_media=0,
         )
         replay(reader, plan, task.folder, faults, complete=lambda folder: _complete(folder, watched))
@@ -82,9 +81,8 @@ def _prepare(num_threads: int) -> None:
 
 
 @contextmanager
-def _log(task: Task) -> Iterator[LogSource]:
+def _open_source(task: VerifyTask, source: LogSource) -> Iterator[LogSource]:
     """Give the log, converted if that is wanted; the converted one is removed at the end."""
-    source = log_source(task.log)
     if task.form is None:
         yield source
         return

@@ -1,4 +1,4 @@
-"""Replays cells in a process of its own: `python -m fbench.cli.suite_worker`.
+"""Replays cells in a process of its own: `python -m fbench.api.suite_worker`.
 
 Each line of stdin is a cell, each line of stdout the answer to it; it ends with stdin.
 """
@@ -7,11 +7,11 @@ import signal
 import sys
 from types import FrameType
 
-from fbench.api.cells import Answer, Cell
-from fbench.cli.replay_job import Job, run_job
-from fbench.cli.responses import answers
+from fbench.api.cells import Answer
+from fbench.api.responses import answers
+from fbench.api.runs import replay
 from fbench.replay.contracts.errors import FbenchError, one_line
-from fbench.replay.setup.source import log_source
+from fbench.replay.setup.request import ReplayRequest
 
 _LACKS_SENSOR = "CFG001"
 
@@ -29,20 +29,15 @@ def main() -> int:
     try:
         with answers() as out:
             for line in sys.stdin.buffer:
-                print(_answer(Cell.from_json(line.decode())).to_json(), file=out, flush=True)
+                print(_answer(ReplayRequest.from_json(line.decode())).to_json(), file=out, flush=True)
     except (_EndedError, KeyboardInterrupt):
         return 128 + signal.SIGTERM
     return 0
 
 
-def _answer(cell: Cell) -> Answer:
+def _answer(request: ReplayRequest) -> Answer:
     try:
-        run_job(
-            Job(
-                log_source(cell.log), cell.pipeline, cell.settings, out=cell.folder, overwrite=True,
-                scoring=cell.scoring, no_media=not cell.media,
-            )
-        )  # fmt: skip
+        replay(request)
     except FbenchError as error:
         return Answer(str(error), error.code == _LACKS_SENSOR)
     except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest

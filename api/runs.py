@@ -1,0 +1,299 @@
+"""Runs: replay a log, open a run as tables, compare runs, verify a replay, and write reports."""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fbench.api.scores import open_folder, score_folder
+from fbench.replay.contracts.faults import FaultLog, explain_losses
+from fbench.replay.contracts.plugins import give_log, guarded, load, opened_pipeline, parse_name
+from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
+from fbench.replay.contracts.variants import Variant, variant_of
+from fbench.replay.data.files import replace_text
+from fbench.replay.data.rig import LogInfo
+from fbench.replay.data.scores import score_rows
+from fbench.replay.engine.clock import Clock, make_clock
+from fbench.replay.engine.loop import NUM_MEDIA, Plan
+from fbench.replay.engine.loop import replay as replay_plan
+from fbench.replay.engine.read_ahead import opened_ahead
+from fbench.replay.runs.folder import Run
+from fbench.replay.runs.manifest import VariantEntry, describe_host
+from fbench.replay.runs.redaction import public_name, public_pipeline
+from fbench.replay.runs.secrets import without_secrets
+from fbench.replay.setup.request import ReplayRequest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from fbench.metrics.comparison import Comparison
+    from fbench.replay.check.verify import Verified
+
+_VERIFY_WORKER = "fbench.api.verify_child"
+
+
+@dataclass(frozen=True)
+class OpenRun:
+    """A run whose tables are pandas DataFrames; each is read when it is asked for."""
+
+    run: Run
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.run.folder
+
+    @property
+    def complete(self) -> bool:
+        """Whether no data was lost beyond the fault budget."""
+        return self.run.manifest.complete
+
+    def scores(self) -> "pd.DataFrame":
+        """Return the scores: `metric`, `class`, `slice`, `matching`, `value`, `reason`, `unit`, `counts`."""
+        import pandas as pd
+
+        return pd.DataFrame(score_rows(self.run.scores))
+
+    def detections(self) -> "pd.DataFrame":
+        """Return the detections: a row a box with the index of its `frame`; columns as in `replay/data/boxes.py`."""
+        return self._read("detections.parquet")
+
+    def tracks(self) -> "pd.DataFrame":
+        """Return the tracks, in the form of `detections`."""
+        return self._read("tracks.parquet")
+
+    def truth(self) -> "pd.DataFrame":
+        """Return the 3D truth, in the form of `detections`; empty where the log has none."""
+        return self._read("truth.parquet")
+
+    def frames(self) -> "pd.DataFrame":
+        """Return the frames: a row each with stamps [ns], segment, missing sensors and digests."""
+        return self._read("frames.parquet")
+
+    def latency(self) -> "pd.DataFrame":
+        """Return the latency of each stage [ms], and of the whole frame in the last row."""
+        import pandas as pd
+
+        return pd.DataFrame(self.run.json("latency.json")["stages"]).set_index("stage")
+
+    def _read(self, name: str) -> "pd.DataFrame":
+        import pandas as pd
+
+        path = self.folder / name
+        return pd.read_parquet(path) if path.is_file() else pd.DataFrame()
+
+    def _repr_html_(self) -> str:
+        """Show what ran and the primary scores in a notebook."""
+        manifest = self.run.manifest
+        state = "" if manifest.complete else ", incomplete"
+        head = f"{manifest.log.name} → {manifest.pipeline}: {manifest.num_frames} frames{state}"
+        scores = self.scores()
+        shown = scores[scores["slice"] == "all"] if len(scores) else scores
+        columns = [name for name in ("metric", "class", "matching", "value", "unit") if name in shown]
+        return f"<p><b>{escape(head)}</b><br>{escape(str(self.folder))}</p>{shown[columns].to_html(index=False)}"
+
+
+@dataclass(frozen=True, eq=False)
+class RunComparison:
+    """Two runs side by side."""
+
+    comparison: "Comparison"
+    notes: tuple[str, ...]
+    """What else differs between the runs."""
+
+    @property
+    def regressed(self) -> bool:
+        """Whether a primary metric fell by more than the tolerance, or lost its value."""
+        return self.comparison.regressed
+
+    def rows(self) -> "pd.DataFrame":
+        """Return all metrics of both runs, a row each."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(row) for row in self.comparison.rows])
+
+    def _repr_html_(self) -> str:
+        """Show the verdict and the rows in a notebook."""
+        notes = "".join(f"<li>{escape(note)}</li>" for note in self.notes)
+        verdict = "regressed" if self.regressed else "no regression"
+        return f"<p><b>{verdict}</b></p><ul>{notes}</ul>{self.rows().to_html(index=False)}"
+
+
+def open_run(folder: Path | str) -> OpenRun:
+    """Open a run folder.
+
+    Raises:
+        ConfigError: where there is no such folder.
+        RunError: where it isn't a run.
+    """
+    return OpenRun(open_folder(Path(folder)))
+
+
+def compare(base: Path | str, head: Path | str, tolerance: float = 0.0) -> RunComparison:
+    """Compare two runs.
+
+    Args:
+        base: Folder of the run to compare with.
+        head: Folder of the run that should not be worse.
+        tolerance: How much a primary metric may fall.
+
+    Raises:
+        ConfigError: where a folder isn't there, or the runs aren't comparable.
+        RunError: where one isn't a run.
+    """
+    from fbench.metrics.comparison import compare, require_common_instants, require_comparable
+
+    before, after = open_folder(Path(base)), open_folder(Path(head))
+    notes = (*require_comparable(before.manifest, after.manifest), *require_common_instants(before, after))
+    return RunComparison(compare(before.scores, after.scores, tolerance), notes)
+
+
+def report(runs: Sequence[Path | str], out: Path | None = None, kind: str = "html") -> Path:
+    """Write one self-contained report of one or several runs and return its path.
+
+    Args:
+        runs: Run folders.
+        out: The file; `None`: `report.html` in the first run.
+        kind: Name of the report plug-in.
+
+    Raises:
+        ConfigError: where a folder isn't there, or there is no such plug-in.
+    """
+    opened = [open_folder(Path(folder)) for folder in runs]
+    path = out or opened[0].folder / "report.html"
+    load("reports", kind)().write(opened, path)
+    return path
+
+
+def verify(
+    request: ReplayRequest,
+    num_repeats: int = 2,
+    quick: bool = False,
+    keep: Path | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> "Verified":
+    """Replay in fresh processes under other rates, containers, hash seeds and threads, and find what differs first.
+
+    Args:
+        request: The replay.
+        num_repeats: How often the same is replayed, the first time included.
+        quick: Only the circumstances that find most.
+        keep: Folder for the runs; `None`: they are removed.
+        progress: Gets the number of replays that are done, and of all.
+
+    Raises:
+        ConfigError, LogError: where the log can't be replayed at all.
+    """
+    from fbench.replay.check.verify import verify_in, workplace
+
+    request.resolve()  # so that a wrong option is found before any process starts
+    with workplace(keep) as folder:
+        return verify_in(request, num_repeats, quick, folder, _VERIFY_WORKER, progress)
+
+
+def replay(
+    request: ReplayRequest,
+    progress: Callable[[int], None] = lambda num_frames: None,
+    failed: Callable[[BaseException], None] = lambda error: None,
+) -> OpenRun:
+    """Replay a log into a pipeline, score the run, and report if that is requested.
+
+    Args:
+        request: The log, the pipeline and all options.
+        progress: Gets the number of frames that are done.
+        failed: Gets every exception that counts as a failed frame.
+
+    Raises:
+        ConfigError: where an option isn't as expected, or the run folder exists or can't be written.
+        LogError: where the log can't be used by this pipeline.
+        RunError: where the pipeline keeps failing.
+    """
+    options, name = request.resolve(), name_pipeline(request)
+    clock, start = make_clock(request.rate, options.sync.max_gap_ns), time.monotonic()
+    faults = FaultLog()
+
+    def complete(folder: Path) -> None:
+        host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
+        replace_text(folder / "host.json", json.dumps({**host, **_measure_pace(clock)}, indent=1) + "\n")
+        if not request.redact:
+            with guarded(f"pipeline '{name}' can't give its stderr"):
+                keep_stderr(pipeline, folder)
+        score_folder(folder, request.scoring)
+
+    with opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
+        plan = Plan(
+            pipeline,
+            name,
+            parameters,
+            sync=options.sync,
+            stamps=options.stamps,
+            excerpt=options.excerpt,
+            topics=options.log.topics,
+            sensors=options.sensors,
+            variant=_describe_variant(request.variant),
+            inputs=options.log.used(),
+            truth=options.log.truth_entry(),
+            max_between_ns=options.max_between_ns,
+            clock=clock,
+            budget=options.budget,
+            redact=request.redact,
+            num_media=0 if request.no_media else NUM_MEDIA,
+            progress=progress,
+            failed=failed,
+        )
+        give_log(pipeline, name, lambda: options.log.open(faults))
+        with opened_ahead(options.log.open, faults, options.read_ahead) as reader:
+            folder = request.out or default_folder(request, reader.info)
+            replay_plan(reader, plan, folder, faults, request.overwrite, complete)
+    run = Run(folder)
+    if request.report:
+        load("reports", "html")().write([run], folder / "report.html")
+    return OpenRun(run)
+
+
+def name_pipeline(request: ReplayRequest) -> str:
+    """Return the pipeline's name for the manifest."""
+    if (variant := request.variant) is not None:
+        return without_secrets(variant.name)
+    return short_name(public_pipeline(request.pipeline) if request.redact else request.pipeline)
+
+
+def default_folder(request: ReplayRequest, info: LogInfo) -> Path:
+    """Return where the run of a log goes unless the request says otherwise."""
+    log = public_name(info) if request.redact else without_secrets(request.log.path.stem)
+    return Path("runs") / f"{log}-{name_pipeline(request).replace('/', '-')}"
+
+
+def short_name(pipeline: str) -> str:
+    """Return a pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`.
+
+    Raises:
+        ConfigError: where the file of a variant can't be used.
+    """
+    variant = variant_of(pipeline)
+    return parse_name(without_secrets(pipeline)).short if variant is None else without_secrets(variant.file_name)
+
+
+def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
+    """Write what the pipeline's program wrote to stderr, if anything, without credentials."""
+    data = pipeline.stderr() if isinstance(pipeline, KeepsStderr) else b""
+    if data:
+        text = without_secrets(data.decode(errors="surrogateescape"))
+        (folder / "stderr.txt").write_bytes(text.encode(errors="surrogateescape"))
+
+
+def _describe_variant(variant: Variant | None) -> VariantEntry | None:
+    if variant is None:
+        return None
+    sets = [name for name, _ in variant.settings]
+    return VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
+
+
+def _measure_pace(clock: Clock) -> dict[str, float]:
+    """Return what is known of the pace, for host.json."""
+    pace = clock.pace
+    values = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+    return {name: round(value, 3) for name, value in values.items() if value is not None}

@@ -1,0 +1,314 @@
+"""Scoring of run folders and of results of other systems, from requests."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fbench.replay.contracts.errors import ConfigError, RunError, did_you_mean
+from fbench.replay.contracts.faults import FAULTS, FaultLog
+from fbench.replay.contracts.plugins import found, load
+from fbench.replay.data.files import replace_text
+from fbench.replay.data.scores import Score, ScoreOptions, save_scores
+from fbench.replay.logs.setup import BoxSource
+from fbench.replay.runs.folder import Run
+from fbench.replay.setup.source import classes_of
+from fbench.replay.truth.relabel import relabel
+from fbench.replay.truth.times import make_max_between_ns
+
+if TYPE_CHECKING:
+    from fbench.metrics.core.bootstrap import Bootstrap
+    from fbench.metrics.files.sequences import Choice
+    from fbench.metrics.profiles.catalog import AnyProfile
+    from fbench.metrics.profiles.profile import Match
+
+FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
+"""Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
+_USUAL_RESAMPLES = 100
+OWN_PROFILE = "default"
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """Bootstrap resamples for confidence intervals."""
+
+    intervals: int = 0
+    """Number of resamples; 0: no intervals."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.intervals and not FEWEST_RESAMPLES <= self.intervals <= MOST_RESAMPLES:
+            raise ConfigError(
+                f"--intervals {self.intervals}: expected {FEWEST_RESAMPLES} to {MOST_RESAMPLES}, such as 1000"
+            )
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether so few resamples give the ends only roughly."""
+        return 0 < self.intervals < _USUAL_RESAMPLES
+
+    def bootstrap(self) -> "Bootstrap | None":
+        """Return how to resample; `None`: no intervals."""
+        if not self.intervals:
+            return None
+        from fbench.metrics.core.bootstrap import Bootstrap
+
+        return Bootstrap(self.seed, self.intervals)
+
+
+@dataclass(frozen=True)
+class ScoreRequest:
+    """Scoring of runs."""
+
+    runs: Sequence[Path]
+    """One run folder, or several of one pipeline that are scored together."""
+    options: ScoreOptions = field(default_factory=ScoreOptions)
+    """Which boxes count and match, unless a profile says so."""
+    profile: str | None = None
+    """Whose way to count, see `fbench plugins profiles`; `None`: the runs' own scores."""
+    match: str | None = None
+    """What matches in the profile: `iou3d:0.25` ..."""
+    classes: Sequence[str] = ()
+    """Of a profile: only these; empty: all."""
+    truth: BoxSource | None = None
+    """Other truth for a single run, which replaces its own."""
+    interpolate_truth_ms: float = 0.0
+    config: str | None = None
+    """`fbench.toml` with the classes of `truth`."""
+    resampling: Resampling = field(default_factory=Resampling)
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
+        if self.profile is not None:
+            _require_name(self.profile)
+        if self.truth is None and self.config is not None:
+            raise ConfigError("--config gives the classes of --truth PATH, which is missing")
+        if self.truth is None and self.interpolate_truth_ms:
+            raise ConfigError(
+                "--interpolate-truth is about --truth PATH, which is missing; for the log's own truth, replay with it"
+            )
+
+
+@dataclass(frozen=True)
+class FileScoreRequest:
+    """Scoring of results in files against truth in files."""
+
+    truth: Path
+    detections: Path
+    truth_format: str | None = None
+    detections_format: str | None = None
+    sequences: str | None = None
+    """Names with commas between; `None`: all."""
+    seqmap: Path | None = None
+    missing: str = "error"
+    """What sequences without results are: an `error` or `empty`."""
+    profile: str = OWN_PROFILE
+    match: str | None = None
+    classes: Sequence[str] = ()
+    resampling: Resampling = field(default_factory=Resampling)
+
+    def __post_init__(self) -> None:
+        _require_name(self.profile)
+
+
+def _require_name(profile: str) -> None:
+    if not profile:
+        raise ConfigError("--profile: names no profile; see fbench plugins profiles")
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreResult:
+    """Scores, and what there is to say about them."""
+
+    rows: Sequence[Score]
+    title: str
+    """What was scored."""
+    profile: str | None = None
+    """`None`: the runs' own scores."""
+    sequences: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    complete: bool = True
+    """Whether no data was lost."""
+
+
+def score(request: ScoreRequest) -> ScoreResult:
+    """Score runs: a single run's own scores are written into its folder; all else leaves the folders as they are.
+
+    Raises:
+        ConfigError: where a folder isn't there, or options don't fit together.
+        RunError: where a folder is no run, or nothing in it has truth.
+        MetricError: where the runs can't be scored by the profile.
+    """
+    runs = [open_folder(folder) for folder in request.runs]
+    if request.profile is not None:
+        return _score_by_profile(runs, request)
+    return _score_again(runs[0], request) if len(runs) == 1 else _score_together(runs, request)
+
+
+def score_files(request: FileScoreRequest) -> ScoreResult:
+    """Score results of another system, from files.
+
+    Raises:
+        FbenchError: where they can't be scored.
+    """
+    from fbench.metrics.files.sequences import open_files
+    from fbench.metrics.profiles.choose import chosen, compared, fitted, only
+    from fbench.metrics.profiles.evaluate import evaluate
+    from fbench.metrics.profiles.remarks import Remarks
+
+    profile = chosen(request.profile, request.match)
+    formats = request.truth_format, request.detections_format
+    pair = open_files(request.truth, request.detections, _choose_sequences(request), *formats)
+    profile = fitted(profile, pair, request.match is not None)
+    remarks = Remarks(profile, str(request.detections), str(request.truth))
+    result = evaluate(profile, remarks.watched(pair.sequences(compared(profile))))
+    remarks.require_tracks()
+    rows = only(result.scores(request.resampling.bootstrap()), tuple(request.classes))
+    odd = [f"{request.detections}: {line}" for line in pair.warnings.lines()]
+    faults = [_describe_fault(pair.faults, code, num) for code, num in sorted(pair.faults.counts.items())]
+    title, warnings = (
+        f"{request.detections} against {request.truth}",
+        (*pair.pairing.notes, *odd, *remarks.lines(), *faults),
+    )
+    return ScoreResult(rows, title, profile.name, tuple(result.statistics), warnings, not pair.faults.lost)
+
+
+def open_folder(folder: Path) -> Run:
+    """Return the run in a folder.
+
+    Raises:
+        ConfigError: where there is no such folder.
+        RunError: where it isn't a run.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such run folder")
+    run = Run(folder)
+    _ = run.manifest
+    return run
+
+
+def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = None) -> Run:
+    """Write `scores.json` and `latency.json` into a run folder and return the run.
+
+    Args:
+        folder: Of the run.
+        options: How boxes match, and which count.
+        how: Resamples for confidence intervals of the scores; none by default.
+    """
+    from fbench.metrics.latency import summarise
+    from fbench.metrics.runs.combine import score_run
+
+    run = Run(folder)
+    metrics = [load("metrics", name)() for name in found("metrics")]
+    scores = score_run(run, options, metrics)
+    if how is not None:
+        from fbench.metrics.runs.scoring import intervals_of_run
+
+        scores = intervals_of_run(run, options, scores, how)
+    latency = json.dumps(summarise(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
+    save_scores(folder / "scores.json", scores)
+    replace_text(folder / "latency.json", latency)
+    return Run(folder)
+
+
+def require_truth(run: Run) -> None:
+    """Refuse a run in which nothing can be scored.
+
+    Raises:
+        RunError: where none of its frames has truth.
+    """
+    if all(frame.truth_stamp_ns is None for frame in run.frames):
+        strays = next(row["count"] for row in run.json("faults.json")["rows"] if row["code"] == "GT006")
+        why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
+        raise RunError(f"{run.folder}: {why}, so there is nothing to score")
+
+
+def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
+    warnings: tuple[str, ...] = ()
+    if request.truth is not None:
+        found = relabel(
+            run, request.truth, classes_of(request.config), make_max_between_ns(request.interpolate_truth_ms)
+        )
+        labeled = f"{found.num_matched} of {run.manifest.num_frames} frames"
+        labeled += f", {found.num_between} of them by interpolation" if found.num_between else ""
+        warnings = (f"truth: {request.truth.path.name} has {found.num_truths} instants and labels {labeled}",)
+        run = Run(run.folder)
+    require_truth(run)
+    scored = score_folder(run.folder, request.options, request.resampling.bootstrap())
+    return ScoreResult(scored.scores, str(run.folder), warnings=warnings, complete=scored.manifest.complete)
+
+
+def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
+    """Add the counts of several runs, one in memory at a time."""
+    from fbench.metrics.runs.combine import combined, measure_run, told_of
+
+    complete = all(run.manifest.complete for run in runs)
+    measured = [measure_run(run, request.options) for run in runs]
+    rows = combined(measured, request.resampling.bootstrap())
+    return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(told_of(measured)), complete=complete)
+
+
+def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
+    from fbench.metrics.profiles.choose import chosen, only
+    from fbench.metrics.profiles.default import DefaultProfile
+    from fbench.metrics.profiles.profile import Match
+
+    match = None if request.match is None else Match.parse(request.match)
+    warnings: tuple[str, ...]
+    sequences: tuple[str, ...]
+    profile = chosen(request.profile or OWN_PROFILE, request.match)
+    if isinstance(profile, DefaultProfile):
+        from fbench.metrics.runs.scoring import own_rows
+
+        for run in runs:
+            require_truth(run)
+        rows, notes = own_rows(runs, match, request.resampling.bootstrap())
+        warnings, sequences = tuple(notes), ()
+    else:
+        rows, warnings, sequences = _count_by(profile, runs, match, request)
+    complete = all(run.manifest.complete for run in runs)
+    rows = only(rows, tuple(request.classes))
+    return ScoreResult(rows, _names(runs), profile.name, sequences, warnings, complete)
+
+
+def _count_by(
+    profile: "AnyProfile", runs: Sequence[Run], match: "Match | None", request: ScoreRequest
+) -> tuple[list[Score], tuple[str, ...], tuple[str, ...]]:
+    """Return what a benchmark counts, remarks on it, and the names of its sequences."""
+    from fbench.metrics.profiles.choose import run_sequence
+    from fbench.metrics.profiles.evaluate import evaluate
+    from fbench.metrics.profiles.remarks import Remarks
+
+    remarks = Remarks(profile, _names(runs))
+    result = evaluate(profile, remarks.watched(run_sequence(run, profile, match) for run in runs))
+    remarks.require_tracks()
+    return result.scores(request.resampling.bootstrap()), tuple(remarks.lines()), tuple(result.statistics)
+
+
+def _names(runs: Iterable[Run]) -> str:
+    return ", ".join(str(run.folder) for run in runs)
+
+
+def _choose_sequences(request: FileScoreRequest) -> "Choice":
+    from fbench.metrics.files.sequences import MISSING, Choice
+
+    missing = next((known for known in MISSING if known == request.missing), None)
+    if missing is None:
+        near = did_you_mean(request.missing, MISSING)
+        raise ConfigError(f"--missing {request.missing}: expected error or empty{near}")
+    names = tuple(name.strip() for name in (request.sequences or "").split(",") if name.strip())
+    if request.sequences is not None and not names:
+        raise ConfigError("--sequences: names no sequence")
+    return Choice(names, request.seqmap, missing)
+
+
+def _describe_fault(faults: FaultLog, code: str, num: int) -> str:
+    """Describe a fault of files, which have no pipeline that the table of faults speaks of."""
+    text = "result is no box, or its score isn't finite" if code == "PRD001" else FAULTS[code].text
+    places = faults.places[code]
+    others = len(places) - 1
+    many = "many" if len(places) == faults.keep else others
+    more = f"; {many} more place{'' if others == 1 else 's'}" if others else ""
+    return f"{num} x {text} [{code}]: {places[0]}{more}"
