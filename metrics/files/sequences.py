@@ -296,7 +296,7 @@ def open_files(
         truth: File or folder.
         estimates: File or folder.
         choice: What of them is scored.
-        truth_form: One of `forms.FORMS`; `None`: names and content tell.
+        truth_form: One of `FORMS`; `None`: names and content tell.
         estimates_form: As `truth_form`.
 
     Raises:

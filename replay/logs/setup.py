@@ -40,7 +40,7 @@ class BoxSource:
 
     path: Path
     format: str | None = None
-    """One of `boxfiles.FORMATS`; `None`: as its names and content tell."""
+    """One of `formats.open.FORMATS`; `None`: as its names and content tell."""
     frame: str = ""
     """Coordinate frame of 3D boxes: `body`, `world`, that of a sensor; empty: as file or format say."""
     camera: str = ""

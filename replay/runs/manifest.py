@@ -106,7 +106,7 @@ class TruthEntry(_Strict):
     name: str
     """Without the folder."""
     format: str
-    """One of `boxfiles.open.FORMATS`."""
+    """One of `formats.open.FORMATS`."""
     digest: str
     """blake2b over the file, or over names and content of the folder's files."""
 
