@@ -155,6 +155,7 @@ def test_settings_of_sensors_that_are_left_out_are_told(fbench):
     assert (code, err) == (0, "note: --set camera.rate_hz=3.0 changes nothing: --sensors leaves 'camera' out\n")
 
 
+@pytest.mark.slow
 def test_logs_say_which_show_one_scene(fbench, tmp_path):
     def scene(*args):
         assert fbench("urban", *SHORT, *args, "-o", "a.mcap", "--overwrite")[0] == 0

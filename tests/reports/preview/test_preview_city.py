@@ -19,6 +19,8 @@ from fbench.reports.preview.alignment import align
 from fbench.reports.preview.collect import PreviewRequest, collect
 from fbench.reports.preview.sample import Sample
 
+pytestmark = pytest.mark.slow  # test_alignment.py checks the same on drawn scenes
+
 
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory: pytest.TempPathFactory) -> list[Sample]:

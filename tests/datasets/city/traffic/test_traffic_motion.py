@@ -132,6 +132,7 @@ def test_time_never_goes_back(highway: Scene) -> None:
         motion.at(2.5)
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_in_fresh_processes_and_other_seed_other() -> None:
     runs = [subprocess.Popen([sys.executable, "-c", DIGEST.format(seed=seed)], stdout=subprocess.PIPE, text=True)
             for seed in (2, 2, 3)]  # fmt: skip
