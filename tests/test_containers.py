@@ -50,11 +50,13 @@ def expected(boxes, tmp_path_factory):
     return run_of(boxes, tmp_path_factory.mktemp("runs") / "run")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REWRITTEN)
 def test_mcap_of_other_writers(tmp_path, boxes, expected, name):
     assert run_of(rewrite(boxes, tmp_path / "a.mcap", **REWRITTEN[name]), tmp_path / "run") == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CONVERTED)
 def test_converted(tmp_path, boxes, expected, name):
     file, how = CONVERTED[name]

@@ -35,6 +35,7 @@ def imported(tree: ast.AST) -> list[str]:
     return names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_imports_form_a_star_under_one_roof(folder):
     others = set(FOLDERS) - MAY_IMPORT[folder]
@@ -52,6 +53,7 @@ def name_of(path: Path) -> str:
     return ".".join(("fbench", *(parts[:-1] if parts[-1] == "__init__" else parts)))
 
 
+@pytest.mark.slow
 def test_imports_make_no_circle():
     """Imports within functions count, too."""
     trees = {name_of(path): ast.parse(path.read_text()) for folder in FOLDERS for path in sources(folder)}
@@ -78,6 +80,7 @@ def opens_text(node: ast.Call) -> bool:
     return opens and "encoding" not in given and "utf-8" not in texts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_text_is_utf8_whatever_the_locale_says(folder):
     for path in sources(folder):
@@ -86,6 +89,7 @@ def test_text_is_utf8_whatever_the_locale_says(folder):
         assert not found, f"{path.relative_to(ROOT)}: {[f'line {n.lineno}: {ast.unparse(n)}' for n in found]}"
 
 
+@pytest.mark.slow
 def test_relative_imports_are_not_used():
     for folder in FOLDERS:
         for path in sources(folder):
@@ -128,6 +132,7 @@ def test_help_loads_nothing_heavy():
     assert not heavy & loaded
 
 
+@pytest.mark.slow
 def test_log_info_on_mcap_loads_no_tables_kernels_or_models(tmp_path):
     write_city_log(tmp_path / "city.mcap", 0.2)
     loaded = loaded_by("log", "info", str(tmp_path / "city.mcap"))

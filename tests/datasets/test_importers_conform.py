@@ -12,6 +12,7 @@ from fbench.replay.contracts.protocols import Importer
 from fbench.replay.contracts.testing import check_importer
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "folder"),
     [(Astyx, "astyx"), (Kitti, "kitti_object"), (Kitti, "kitti_tracking"), (Radiate, "radiate_tiny_foggy")],

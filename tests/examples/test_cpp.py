@@ -30,6 +30,7 @@ def replayed(log, folder, command):
     return Run(folder)
 
 
+@pytest.mark.slow
 def test_clusters_are_where_the_vehicles_are(cpp, boxes, tmp_path):
     from fbench.metrics.runs.detection import Detection
     from fbench.replay.data.scores import ScoreOptions

@@ -62,6 +62,7 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_damaged_requests_are_answered(sanitized):
     rng = np.random.Generator(np.random.Philox(key=3))
     whole = requests()

@@ -117,11 +117,13 @@ while LOOP:
 """
 
 
+@pytest.mark.slow
 def test_a_process_with_threads_ends():
     done = subprocess.run([sys.executable, "-c", ENDLESS.replace("LOOP", "False")], timeout=PATIENCE_S, check=False)
     assert done.returncode == 0
 
 
+@pytest.mark.slow
 def test_a_process_is_interrupted_while_branches_run():
     process = subprocess.Popen(
         [sys.executable, "-c", ENDLESS.replace("LOOP", "True")], stdout=subprocess.PIPE, stderr=subprocess.PIPE

@@ -1,5 +1,7 @@
 from dataclasses import dataclass, field
 
+import pytest
+
 from fbench.cli.listing import parameter_docs
 
 
@@ -24,6 +26,7 @@ def test_texts_under_fields_are_found_by_dotted_name():
     assert parameter_docs(None) == {}
 
 
+@pytest.mark.slow
 def test_every_parameter_of_the_builtin_pipelines_is_documented():
     from fbench.replay.contracts.plugins import default_params, found, load
 

@@ -39,6 +39,7 @@ def run(sources: Path) -> str:
     return subprocess.run([sys.executable, sources / "loops.py"], capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.slow
 def test_kernels_run_and_leave_machine_code_in_the_folder_of_their_digest(cache: Path, sources: Path):
     assert run(sources) == "42\n"
     folder = cache / "fbench" / "kernels" / kernels.kernel_digest(sources)
@@ -46,6 +47,7 @@ def test_kernels_run_and_leave_machine_code_in_the_folder_of_their_digest(cache:
     assert run(sources) == "42\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
 @pytest.mark.parametrize("damage", ["empty", "half", "garbage"])
 def test_damaged_machine_code_is_replaced(cache: Path, sources: Path, kind: str, damage: str):
@@ -89,6 +91,7 @@ def test_versions_change_the_digest(sources: Path, monkeypatch: pytest.MonkeyPat
     assert kernels.kernel_digest(sources) != before
 
 
+@pytest.mark.slow
 def test_without_a_writable_cache_kernels_still_run(sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))

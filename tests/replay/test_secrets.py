@@ -130,6 +130,7 @@ def test_time_grows_with_length_alone(piece, before):
     assert time.monotonic() - start < 5  # a quadratic scan takes minutes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("piece", ["a://", "@", "http:/u:x/"])
 def test_a_megabyte_is_done_in_seconds(piece):
     start = time.monotonic()

@@ -25,6 +25,7 @@ def test_else_one_for_each_processor(text: str | None, monkeypatch: pytest.Monke
     assert num_threads() == 3
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_suite_has_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "asked.py").write_text(
         "from fbench.api.cells import Answer\n"

@@ -236,6 +236,7 @@ def test_rounded() -> None:
     }
 
 
+@pytest.mark.slow
 @given(JSON)
 def test_island_keeps_data_and_ends_no_element(value: Any) -> None:
     text = island(value)

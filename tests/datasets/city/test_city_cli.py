@@ -116,6 +116,7 @@ def test_damaged_rigs_are_one_line(fbench, tmp_path, content):
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
+@pytest.mark.slow
 def test_json_says_what_was_made(fbench, tmp_path):
     code, out, _ = fbench("urban", *SHORT, "--seed", "1", "-o", "a.mcap", "--json")
     (log,) = json.loads(out)["logs"]

@@ -69,6 +69,7 @@ def test_frames_that_a_sensor_lost_are_told(compared):
     assert "that head alone has" not in out
 
 
+@pytest.mark.slow
 def test_other_traffic_is_another_scene(compared):
     code, out, err = compared("clear", "traffic")
     assert (code, out) == (3, "")

@@ -100,6 +100,7 @@ def test_the_same_command_writes_the_same_bytes_in_any_process(tmp_path, world):
     assert len(found) == 1
 
 
+@pytest.mark.slow
 def test_in_one_process_too_and_another_seed_has_other_bytes(tmp_path):
     logs = {}
     for name, seed, threads in (("a", 7, 1), ("b", 7, 3), ("c", 8, 3)):
@@ -112,6 +113,7 @@ def test_in_one_process_too_and_another_seed_has_other_bytes(tmp_path):
     assert logs["a"].info.log_id == logs["b"].info.log_id != logs["c"].info.log_id
 
 
+@pytest.mark.slow
 def test_parquet_keeps_everything(under, tmp_path):
     log = under("clear")
     folder, back = tmp_path / "log.parquet", tmp_path / "back.mcap"

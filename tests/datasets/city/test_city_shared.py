@@ -1,5 +1,6 @@
 """Drives that share a city are what they are alone."""
 
+import pytest
 from tests.city_log import SMALL_RIG
 
 from fbench.datasets.city import recording as city
@@ -19,6 +20,7 @@ def content(weather: str, cities: Cities, world="highway"):
     return clouds, [repr(item) for item in items]
 
 
+@pytest.mark.slow
 def test_weathers_of_one_scene_share_a_city_that_is_built_once_and_stay_as_they_are(monkeypatch):
     alone = {name: content(name, Cities()) for name in ("clear", "night", "traffic")}
     built, build_city = [], city.build_city

@@ -16,6 +16,7 @@ def in_world(log, stamp_ns):
     return moved(pose, boxes.center_m), boxes.velocity_mps @ pose[:3, :3].T, boxes
 
 
+@pytest.mark.slow
 def test_every_body_keeps_its_id_class_and_size(log):
     known, in_images = {}, {}
     for truth in log.truths.values():

@@ -205,6 +205,7 @@ NUM_FRAMES = {"0012": 78, "0014": 106, "0003": 144}
 ALL = [pytest.param(f"{i:04d}", marks=() if f"{i:04d}" in NUM_FRAMES else pytest.mark.slow) for i in range(21)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_real_labels_are_all_there(training: Path, tmp_path: Path, name: str) -> None:
     reader, _ = imported(training, tmp_path / "out.mcap", name)

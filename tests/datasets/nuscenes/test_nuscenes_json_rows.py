@@ -17,6 +17,7 @@ VALUES = st.recursive(
 ROWS = st.lists(st.dictionaries(st.text(max_size=8), VALUES, max_size=4), max_size=8)
 
 
+@pytest.mark.slow
 @given(rows=ROWS, indent=st.sampled_from([None, 0, 2]), chunk=st.integers(1, 40), plain=st.booleans())
 def test_same_as_reading_the_whole(tmp_path_factory, rows, indent, chunk, plain) -> None:
     path = tmp_path_factory.mktemp("rows") / "table.json"

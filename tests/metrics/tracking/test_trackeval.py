@@ -59,6 +59,7 @@ def test_a_sum_of_sequences_is_bit_equal_in_any_order_and_grouping():
     )
 
 
+@pytest.mark.slow
 def test_a_real_tracker_as_published(shared):
     """`car_detailed.csv` was written by TrackEval beside the tracker's results."""
     root = shared / "data/kitti_tracking"

@@ -147,6 +147,7 @@ def test_a_graph_for_one_image_under_a_free_header_gets_one_a_call(constant_mode
     assert len(detector.infer(wide)) == 3
 
 
+@pytest.mark.slow
 def test_a_free_batch_takes_all_windows_unless_they_are_too_large(constant_model: Model) -> None:
     pixels = np.zeros((100, 400, 3), np.uint8)
     small = CameraDetector(CameraParams(weights=batch_model(constant_model, "N", 4)))

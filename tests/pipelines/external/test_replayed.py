@@ -45,6 +45,7 @@ def program(folder, code):
         return "exec:" + shlex.join(pipeline._command.words)
 
 
+@pytest.mark.slow
 def test_runs_are_the_same(folder):
     for out in ("a", "b"):
         assert fbench("replay", "city.mcap", "-p", NEAREST, "-o", out).returncode == 0
@@ -57,6 +58,7 @@ def sha256(path):
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
+@pytest.mark.slow
 def test_manifest_tells_builds_apart(folder):
     """The same command, but the program was built anew in between."""
     python = {"file": Path(sys.executable).name, "sha256": sha256(sys.executable)}
@@ -71,6 +73,7 @@ def test_manifest_tells_builds_apart(folder):
     assert before != sha256("nearest.py")
 
 
+@pytest.mark.slow
 def test_crashes_are_counted_and_stderr_is_kept(folder):
     result = fbench("replay", "city.mcap", "-p", program(folder, "ACTIONS = {3: lambda r: os.abort()}"), "-o", "run")
     assert result.returncode == 4
@@ -127,6 +130,7 @@ def test_verify_replays_the_program_in_fresh_processes(folder):
     assert "identical: all" in result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_cancelled_replay_ends_the_program(folder, number):
     code = "open('pid', 'w').write(str(os.getpid())); ACTIONS = {2: lambda r: (open('here', 'w'), time.sleep(60))}"

@@ -67,6 +67,7 @@ def check(got, sent, kind):
     assert all(array.size == 0 for array in arrays.values())
 
 
+@pytest.mark.slow
 @given(boxes3d(), boxes3d())
 def test_boxes_in_3d(detections, tracks):
     sent = schema.Output(in_3d=schema.Results3D(detections=detections, tracks=tracks))
@@ -75,6 +76,7 @@ def test_boxes_in_3d(detections, tracks):
     check(got.tracks, tracks, Boxes3D)
 
 
+@pytest.mark.slow
 @given(boxes2d(), boxes2d())
 def test_boxes_in_2d(detections, tracks):
     sent = schema.Output(in_2d=schema.Results2D(detections=detections, tracks=tracks))

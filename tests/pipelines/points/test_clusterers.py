@@ -35,6 +35,7 @@ def clouds(draw):
     return draw(arrays(np.int64, shape, elements=st.integers(-6, 6))) / 4.0
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60)
 @given(clouds(), st.sampled_from(sorted(CLUSTERERS)), st.integers(1, 5), st.randoms(use_true_random=False))
 def test_order_of_points_changes_nothing(points, method, min_points, random):

@@ -58,12 +58,14 @@ def plain_dbscan(points, radii, min_points):
     return labels
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(clouds(), eps, min_points)
 def test_core_points_and_noise_are_those_of_scikit_learn(points, eps, min_points):
     require_agreement_with_scikit_learn(points, eps, min_points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_axes", [1, 2, 3])
 def test_thousands_of_clouds_of_all_densities_agree_with_scikit_learn(num_axes):
     rng = np.random.Generator(np.random.Philox(num_axes))

@@ -48,6 +48,7 @@ def plain_rectangle(xy, headings, near_m):
     return found
 
 
+@pytest.mark.slow
 @often
 @given(seeds, st.integers(1, 4))
 def test_rectangles(seed, num_clusters):
@@ -153,6 +154,7 @@ def test_heights_above_a_surface(seed):
 # --- the grid of DBSCAN
 
 
+@pytest.mark.slow
 @often
 @given(seeds)
 def test_cells_and_their_bounds(seed):

@@ -31,6 +31,7 @@ def every_drop(rate, alpha, range_m, reflectivity, num_beams, rng):
     return np.where(np.maximum(strongest, target) < FLOOR, 0.0, result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "range_m", "reflectivity"),
     [(10.0, 40.0, 0.15), (50.0, 30.0, 0.2), (100.0, 25.0, 0.05), (25.0, 40.0, 0.01)],

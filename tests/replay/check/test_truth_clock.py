@@ -44,6 +44,7 @@ def of_demo(path: Path, **offsets_ms: float) -> list[Finding]:
     return [f for f in result.findings if f.code == "TIM012"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_ms", [-300, -100, 200])
 def test_an_offset_of_the_lidar_is_found(demo, offset_ms):
     """The option adds to the stamps, so what mends them is the option without it."""

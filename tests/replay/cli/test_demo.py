@@ -158,6 +158,7 @@ def test_experiment_is_repeated_in_no_time_and_equal_for_any_number_of_workers(f
     assert not Run(Path("one/highway-fog-1/lidar3d")).media
 
 
+@pytest.mark.slow
 def test_pipelines_without_their_sensors_are_left_out(fbench, capsys):
     what = small(Path("demo"), "radar3d", "stereo3d", "thesis/early3d-stereo", conditions=("clear",))
     assert run_experiment(what, 1) == 0

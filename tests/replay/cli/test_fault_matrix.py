@@ -304,6 +304,7 @@ ELSEWHERE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_row(fbench, tmp_path, case):
     log = case.build(tmp_path)

@@ -138,6 +138,7 @@ def test_another_import_is_not_taken_for_this_one(toys, source, args):
     assert toys("-o", "logs", *args).out.count("is there already") == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "form", "code"),
     [
@@ -163,6 +164,7 @@ def test_an_interrupted_import_goes_on(toys, source, number, form, code):
     assert content("logs") == content("whole")
 
 
+@pytest.mark.slow
 def test_two_imports_at_once(toys, source):
     command = [*COMMAND, "src", "-o", "logs"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)]
@@ -174,6 +176,7 @@ def test_two_imports_at_once(toys, source):
     assert content("logs") == content("whole")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["mcap", "parquet"])
 def test_a_full_disk(tmp_path, form):
     write_toy(tmp_path / "src", ["a"], num_sweeps=40, num_points=10_000)
@@ -186,6 +189,7 @@ def test_a_full_disk(tmp_path, form):
     assert [path.name for path in tmp_path.iterdir()] == ["src"]
 
 
+@pytest.mark.slow
 def test_a_bar_on_a_terminal_only(toys, source):
     read, write = pty.openpty()
     process = subprocess.Popen(

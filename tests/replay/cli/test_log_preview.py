@@ -37,6 +37,7 @@ def digests(folder):
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
 
+@pytest.mark.slow
 def test_a_preview_shows_all_sensors(fbench, log, tmp_path):
     result = fbench("log", "preview", log)
     assert result.code == 0, result.err
@@ -53,6 +54,7 @@ def test_a_preview_shows_all_sensors(fbench, log, tmp_path):
     assert "preview: car-preview/index.html (6 frames" in result.out
 
 
+@pytest.mark.slow
 def test_radar_is_red_where_it_recedes(fbench, log, tmp_path):
     """The test's car recedes at 10 m/s, 10 m ahead in the first frame: u = 39.5 + 60 * 0.2 / 10, twelvefold."""
     fbench("log", "preview", log)
@@ -63,6 +65,7 @@ def test_radar_is_red_where_it_recedes(fbench, log, tmp_path):
         assert picture[round((v + 0.5) * 12 - 0.5), round((u + 0.5) * 12 - 0.5)].tolist() == [0, 0, 255]
 
 
+@pytest.mark.slow
 def test_equal_logs_give_equal_bytes(fbench, log, tmp_path):
     for name in ("a", "b"):
         assert fbench("log", "preview", log, "-o", name, "--num", 2).code == 0
@@ -100,6 +103,7 @@ def test_frames_can_be_chosen(fbench, log):
     assert fbench("log", "preview", log, "--offset", "lidr=5", "-o", "x").code == 2
 
 
+@pytest.mark.slow
 def test_an_offset_is_seen(fbench, log, tmp_path):
     plain = fbench("log", "preview", log, "-o", "plain", "--json").json()
     moved = fbench("log", "preview", log, "-o", "moved", "--offset", "lidar=200", "--json").json()
@@ -111,6 +115,7 @@ def test_an_offset_is_seen(fbench, log, tmp_path):
     assert digests(tmp_path / "plain")["000000-above.png"] != digests(tmp_path / "moved")["000000-above.png"]
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_is_told(fbench, tmp_path):
     azimuth = np.radians(np.linspace(-50, 50, 101))
     xyz = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), 0 * azimuth], axis=1).astype(np.float32)
@@ -203,6 +208,7 @@ def test_hostile_names_are_only_text(fbench, tmp_path):
     assert {p for p in sheet.pictures if "/" in p} == set()
 
 
+@pytest.mark.slow
 def test_poses_are_among_the_times(fbench, tmp_path):
     poses = [Pose("gps", s, s, np.array([10.0 * i, 0, 0]), UPRIGHT)
              for i, s in enumerate(range(1_000_000_000, 1_600_000_000, 100 * MS))]  # fmt: skip
@@ -247,6 +253,7 @@ def alignment(fbench, log, out):
     return next(v for v in content["verdicts"] if v["what"] == "alignment")
 
 
+@pytest.mark.slow
 def test_a_wrong_extrinsic_changes_the_verdict_on_a_real_drive(fbench, shared, tmp_path):
     real = shared / "data/mcap/kitti_raw_12frames_ros2.mcap"
     assert not alignment(fbench, real, "right")["is_bad"]

@@ -53,6 +53,7 @@ def quarter_of_an_hour(fbench, log: Path, pipeline: str, preview_args=()) -> Pat
     return Path(f"run-{log.stem}-{pipeline}")
 
 
+@pytest.mark.slow
 def test_a_rewritten_log_gives_the_numbers_of_the_original(fbench, tmp_path):
     write_city_log(tmp_path / "city.mcap", seconds=2.0)
     own = without_ignored(tmp_path / "city.mcap", tmp_path / "own.mcap")

@@ -80,6 +80,7 @@ def score(run, metric):
     return next(row for row in rows if row["metric"] == metric and row["class"] == "vehicle" and row["slice"] == "all")
 
 
+@pytest.mark.slow
 def test_known_errors_give_the_scores_that_one_counts_by_hand(fbench, tmp_path):
     log = write(tmp_path / "log.mcap", *drive(*known_errors()))
     result = fbench("replay", log, "-p", "recorded:/tracks", "-o", "run", "--all-around", "--report")

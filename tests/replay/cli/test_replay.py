@@ -302,6 +302,7 @@ def test_failing_pipelines_can_be_debugged(fbench, log, still, monkeypatch):
     assert fbench("--version").out.strip() == "0.1.0"
 
 
+@pytest.mark.slow
 def test_debug_shows_the_traceback_of_the_first_failure(log, still, tmp_path):
     path = Path(still().rpartition(":")[0])
     path.write_text(
@@ -344,6 +345,7 @@ def test_disk_that_is_full(fbench, log, still, monkeypatch):
     assert list(Path("runs").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_termination_leaves_nothing_behind(log, still, tmp_path):
     command = [sys.executable, "-c", "from fbench.cli import main; main()"]
     arguments = ["replay", str(log), "-p", still(), "-o", str(tmp_path / "runs" / "run"), "--rate", "0.01"]
@@ -391,6 +393,7 @@ def test_corrupt_image_is_a_fault_of_its_frame(fbench, tmp_path, shared):
     assert "INCOMPLETE" in result.out
 
 
+@pytest.mark.slow
 def test_debug_keeps_the_exit_code(tmp_path):
     command = [str(Path(sys.executable).parent / "fbench"), "--debug", "replay"]
     for arguments, code in ((["none.mcap", "-p", "lidar3d"], 3), (["none.mcap", "-p", "lidar4d"], 2)):

@@ -21,6 +21,7 @@ def rows_of(fbench, *args):
     return {(r["metric"], r["class"], r["slice"]): r for r in reversed(rows)}
 
 
+@pytest.mark.slow
 def test_runs_are_added(fbench, runs, tmp_path):
     single = [rows_of(fbench, run) for run in runs]
     both = rows_of(fbench, *runs)
@@ -33,12 +34,14 @@ def test_runs_are_added(fbench, runs, tmp_path):
     assert json.loads((tmp_path / "both.json").read_text())[0]["metric"] == "f1"
 
 
+@pytest.mark.slow
 def test_order_of_runs_is_no_matter(fbench, runs):
     first, second = (fbench("score", *order, "--intervals", "50", "--json").json() for order in (runs, runs[::-1]))
     key = lambda r: (r["metric"], r["class"], r["slice"], r["matching"])  # noqa: E731
     assert sorted(first["scores"], key=key) == sorted(second["scores"], key=key)
 
 
+@pytest.mark.slow
 def test_intervals_depend_on_the_seed_alone(fbench, tmp_path):
     write_city_log(tmp_path / "log.mcap", 6.0, 103)
     assert fbench("replay", "log.mcap", "-p", "lidar3d", "-o", "run", "--no-media").code == 0
@@ -69,6 +72,7 @@ def test_a_frame_is_explained(fbench, runs):
     assert (missing.code, missing.err.count("\n")) == (2, 1)
 
 
+@pytest.mark.slow
 def test_regions_leave_boxes_out(fbench, runs):
     everywhere, road = (rows_of(fbench, runs[0], *args) for args in ((), ("--region", "road")))
     f1 = ("f1", "vehicle", "all")
@@ -89,6 +93,7 @@ def test_a_profile_takes_several_runs(fbench, runs):
     assert tp[0] == tp[1] + tp[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("args", "why"),
     [

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from tests.replay.cli.conftest import messages, rig, truths, write_log
 
 from fbench.replay.data.rig import Rig
@@ -42,6 +43,7 @@ def test_a_pipeline_that_gets_nothing_it_needs(fbench, log):
     assert list(Path("runs").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_patterns_that_fit_nothing(fbench, log):
     result = fbench("replay", log, "-p", "lidar3d", "--sensors", "lidra")
     assert result.code == 2
@@ -51,6 +53,7 @@ def test_patterns_that_fit_nothing(fbench, log):
     assert fbench("replay", log, "-p", "lidar3d", "--sensors", "a,,b").code == 2
 
 
+@pytest.mark.slow
 def test_verify_with_some_of_the_sensors(fbench, log):
     result = fbench("verify", log, "-p", "lidar3d", "--quick", "--sensors", "lidar", "--keep", "kept")
     assert result.code == 0, result.out

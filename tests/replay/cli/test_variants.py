@@ -171,6 +171,7 @@ def test_list_of_pipelines_and_parameters_of_a_variant(fbench, far):
     assert fbench("plugins", "datasets", far).code == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -65,6 +65,7 @@ def test_what_is_no_box_is_like_nothing(iou, bad: Boxes3D) -> None:
     assert iou(bad, unit).tolist() == iou(unit, bad).tolist() == iou(bad, bad).tolist() == [[-np.inf]]
 
 
+@pytest.mark.slow
 def test_shapely_agrees_on_ordinary_pairs() -> None:
     a, b = ordinary(50_000, 1)
     ours = of_pairs(a, b)

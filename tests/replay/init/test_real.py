@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import pytest
 from tests.replay.init import drive as d
 
 from fbench.datasets.astyx import Astyx
@@ -52,6 +53,7 @@ class Counting(McapFile):
         return self._counted(super().entries_from(channels, start_ns))
 
 
+@pytest.mark.slow
 def test_long_logs_are_only_sampled(tmp_path):
     log = d.Drive()
     num = 12_000

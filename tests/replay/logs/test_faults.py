@@ -75,6 +75,7 @@ def test_no_permission(tmp_path, monkeypatch):
         b.read(tmp_path / "log.mcap")
 
 
+@pytest.mark.slow
 def test_truncated_log_gives_all_whole_chunks(tmp_path, drive):
     data = drive.read_bytes()
     whole, _ = content(drive)
@@ -100,6 +101,7 @@ def test_truncation_names_byte_and_last_stamp(tmp_path, drive):
     assert "LOG003" not in faults.counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [{}, NO_SUMMARY, {"use_chunking": False}, {"use_chunking": False, **NO_SUMMARY}])
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_no_flipped_bit_is_silent(tmp_path, drive, how, compression):

@@ -64,6 +64,7 @@ def payload(item):
 payloads = st.binary(max_size=60) | st.one_of(b.images, b.clouds, b.scans, b.poses, b.truths).map(payload)
 
 
+@pytest.mark.slow
 @quick
 @given(
     st.sampled_from(SCHEMAS),

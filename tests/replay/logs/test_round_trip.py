@@ -33,6 +33,7 @@ def test_messages(message):
     assert [b.canonical(m) for m in kept(message)] == [b.canonical(message)]
 
 
+@pytest.mark.slow
 @quick
 @given(b.truths)
 def test_truth(truth):
@@ -61,6 +62,7 @@ def test_last_stamp_of_an_int64_is_kept():
     assert (pose.stamp_ns, pose.log_ns) == (last, last)
 
 
+@pytest.mark.slow
 @quick
 @given(
     st.dictionaries(b.names, b.mounts, max_size=4),

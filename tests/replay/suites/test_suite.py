@@ -161,6 +161,7 @@ def test_what_is_damaged_or_missing_is_made_anew(log):
     assert states(run_suite(cells, 2)) == ["there"] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("state", ["replayed", "there"])
 def test_a_run_that_somebody_scores_otherwise_meanwhile_fails_and_is_made_anew(log, state):
     """Else the suite's tables would hold numbers by different rules, and nobody would know."""
@@ -232,6 +233,7 @@ def test_a_process_that_dies_quotes_nothing_that_another_cell_said(log):
     assert last.reason == "its process ended with signal 9: low on tape"
 
 
+@pytest.mark.slow
 def test_a_run_that_cannot_be_sealed_fails_alone(log, monkeypatch):
     def seal(folder, key, content):
         if folder.name == "full":

@@ -108,6 +108,7 @@ def test_random_sleeps_do_not_matter(fbench, log, mine):
 # --- 17: what breaks a promise is found, with the stage ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "later", "stage"),
     [
@@ -123,6 +124,7 @@ def test_time_and_global_generators_are_found_by_a_repeat(fbench, log, mine, noi
     assert "DIVERGED: 3 of 3" in result.out
 
 
+@pytest.mark.slow
 def test_order_of_a_set_is_found_by_another_hash_seed(fbench, log, mine):
     order = "next(i for i, s in enumerate({f'sensor {n}' for n in range(40)}) if s == 'sensor 7')"
     result = fbench("verify", log, "-p", mine(order), "--quick", "--json")
@@ -133,6 +135,7 @@ def test_order_of_a_set_is_found_by_another_hash_seed(fbench, log, mine):
     assert rows["hash seed 1"]["difference"]["frame"] == 0
 
 
+@pytest.mark.slow
 def test_number_of_threads_is_found(fbench, log, mine):
     result = fbench(
         "verify", log, "-p", mine("float(__import__('os').environ['OMP_NUM_THREADS'])"), "--quick", "--json"
@@ -140,6 +143,7 @@ def test_number_of_threads_is_found(fbench, log, mine):
     assert [name for name, row in by_name(result).items() if not row["identical"]] == ["2 threads"]
 
 
+@pytest.mark.slow
 def test_variant_that_crashes_has_diverged(fbench, log, mine):
     crash = "0 if __import__('os').environ['PYTHONHASHSEED'] == '0' else __import__('os')._exit(9)"
     result = fbench("verify", log, "-p", mine(crash), "--quick", "--json")
@@ -147,6 +151,7 @@ def test_variant_that_crashes_has_diverged(fbench, log, mine):
     assert by_name(result)["hash seed 1"]["difference"]["what"] == "failed: exit code 9: no message"
 
 
+@pytest.mark.slow
 def test_variant_that_fails_tells_its_error(fbench, log, mine):
     fail = "0 if __import__('os').environ['PYTHONHASHSEED'] == '0' else 1 / 0"
     result = fbench("verify", log, "-p", mine(fail), "--quick")
@@ -167,6 +172,7 @@ def test_runs_are_kept_where_that_is_wanted(fbench, log, mine):
     assert (again.code, again.err) == (2, "fbench: kept: isn't empty; choose another with --keep\n")
 
 
+@pytest.mark.slow
 def test_log_without_truth_and_excerpts(fbench, tmp_path, mine):
     path = write_log(tmp_path / "blind.mcap", messages())
     result = fbench("verify", path, "-p", mine(), "--quick", "--frames", "2:4", "--json")
@@ -174,6 +180,7 @@ def test_log_without_truth_and_excerpts(fbench, tmp_path, mine):
     assert "scores" not in result.json()["stages"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
@@ -210,6 +217,7 @@ def test_at_most_two_processes_at_a_time(fbench, log, mine, monkeypatch):
     assert max(most) <= 2
 
 
+@pytest.mark.slow
 def test_interrupt_ends_the_replays_that_run_and_begins_no_others(log, mine, tmp_path):
     def interrupt(done, of):
         if done == 2:

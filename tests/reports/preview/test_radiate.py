@@ -20,6 +20,7 @@ def radiate(shared, tmp_path):
     return write_radiate(source, tmp_path / "radiate.mcap")
 
 
+@pytest.mark.slow
 def test_all_sensors_are_drawn_into_each_other(radiate, tmp_path):
     reader, faults = open_log(radiate, FaultLog()), FaultLog()
     wish = PreviewRequest(num=2, sync=SyncParams(timeout_ns=10**9), excerpt=Excerpt(1, None))

@@ -58,6 +58,7 @@ def overlapping(state: BodyStates, sizes: np.ndarray) -> list[tuple[int, int]]:
     return list(_pairs(at, np.ascontiguousarray(sizes[:, :2]), np.argsort(at[:, 0])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["urban", "highway"])
 def test_no_two_bodies_overlap(name: str, request: pytest.FixtureRequest) -> None:
     scene: Scene = request.getfixturevalue(name)

@@ -41,6 +41,7 @@ def turned(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray((b - a + np.pi) % (2 * np.pi) - np.pi)
 
 
+@pytest.mark.slow
 def test_velocity_and_yaw_rate_are_derivatives(scene: Scene) -> None:
     h = 1e-4
     for time_s in (1.234, 7.777, 33.351, 60.05, 80.962):
@@ -97,6 +98,7 @@ def test_gait_goes_on_with_distance(urban: Scene) -> None:
     assert (b.phase[~walks & (urban.labels != "bicycle")] == 0).all()
 
 
+@pytest.mark.slow
 def test_other_rates_and_chunks_see_the_same() -> None:
     world = layout("urban", 3)
     whole = Traffic(world, TrafficParams.of("urban"), 3).motion(0.0, 6.0)
@@ -107,6 +109,7 @@ def test_other_rates_and_chunks_see_the_same() -> None:
             assert same(motion.at(time_s), whole.at(time_s))
 
 
+@pytest.mark.slow
 def test_rewound_traffic_begins_again() -> None:
     world = layout("urban", 3)
     traffic = Traffic(world, TrafficParams.of("urban"), 3)
@@ -120,6 +123,7 @@ def test_rewound_traffic_begins_again() -> None:
     assert again.num_lane_changes == traffic.num_lane_changes
 
 
+@pytest.mark.slow
 def test_time_never_goes_back(highway: Scene) -> None:
     traffic = Traffic(highway.layout, TrafficParams.of("highway"), 1)
     motion = traffic.motion(1.0, 2.0)

@@ -35,6 +35,7 @@ def test_mcap_of_any_kind(tmp_path, drive, expected, compression, chunk_size):
     assert (messages(out), content(out), digest(out)) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "snappy", "zstd"])
 @pytest.mark.parametrize("rows", [1, 64, 4096, None])
 def test_parquet_of_any_kind_and_back(tmp_path, drive, expected, compression, rows):
@@ -75,6 +76,7 @@ def test_equal_input_gives_equal_bytes(tmp_path, drive):
     assert first.read_bytes() == second.read_bytes()
 
 
+@pytest.mark.slow
 @quick
 @given(st.lists(st.one_of(b.clouds, b.scans, b.poses), max_size=4), st.lists(b.truths, max_size=3))
 def test_every_field_of_every_type(items, truths):
@@ -162,6 +164,7 @@ def test_sensors_without_messages_and_logs_without_any(tmp_path, name):
     assert content(converted(empty, tmp_path / f"empty-{name}")) == content(empty)
 
 
+@pytest.mark.slow
 def test_the_real_recording(tmp_path, shared):
     path = shared / "data" / "mcap" / "kitti_raw_12frames_ros2.mcap"
     there = converted(path, tmp_path / "kitti.parquet")

@@ -45,6 +45,7 @@ def schema(id_, size):
     return record(Opcode.SCHEMA, struct.pack("<H", id_) + text(b"a") + text(b"x") + text(bytes(size)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", [b"zstd", b"lz4"])
 def test_millions_of_empty_records(tmp_path, compression):
     path = saved(tmp_path, chunk(HEAD.pack(0x20, 0) * 1_500_000, compression))

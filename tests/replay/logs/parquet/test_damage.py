@@ -58,6 +58,7 @@ def flips(path, num, seed):
         files[which].write_bytes(contents[which])
 
 
+@pytest.mark.slow
 def test_bit_flips(log):
     path, expected = log
     for _ in flips(path, 150, 1):

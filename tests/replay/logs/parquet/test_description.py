@@ -161,6 +161,7 @@ values = st.recursive(
 keys = st.sampled_from(["file", "kind", "sensor", "topic", "channel", "num_rows", "checksums"])
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(st.dictionaries(keys, values, max_size=3), st.dictionaries(st.sampled_from(["rigs", "metadata"]), values))
 def test_any_values(tmp_path_factory, in_stream, in_log):

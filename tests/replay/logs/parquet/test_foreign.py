@@ -213,6 +213,7 @@ def test_any_rows(tmp_path_factory, rows, size):
     logs.read(path)[0].container.log_times()
 
 
+@pytest.mark.slow
 @settings(max_examples=120)
 @given(st.data())
 def test_bit_flips_of_unverified_files_raise_nothing_else(tmp_path_factory, data):

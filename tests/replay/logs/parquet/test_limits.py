@@ -79,6 +79,7 @@ def claim(path, unpacked, num_values=1):
     return logs.edit(path, change)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("unpacked", "num_values"), [(2**31 - 1, 1), (300 * 2**20, 1), (100, 2**30)])
 def test_a_page_that_claims_gigabytes_is_refused(tmp_path, unpacked, num_values):
     xyz = np.random.Generator(np.random.Philox(1)).normal(size=(20_000, 3)).astype(np.float32)
@@ -89,6 +90,7 @@ def test_a_page_that_claims_gigabytes_is_refused(tmp_path, unpacked, num_values)
     assert size < 100
 
 
+@pytest.mark.slow
 def test_values_that_a_dictionary_multiplies_are_read_in_pieces(tmp_path):
     xyz = pa.DictionaryArray.from_arrays(pa.array([0] * 700, pa.int32()), pa.array([bytes(12 * 87_000)]))
     path = foreign(

@@ -32,18 +32,21 @@ def kept(items, **how):
     return found
 
 
+@pytest.mark.slow
 @quick
 @given(st.one_of(b.images, b.clouds, b.scans, b.poses, b.truths), compressions)
 def test_one(item, compression):
     assert kept([item], compression=compression) == [b.canonical(item)]
 
 
+@pytest.mark.slow
 @quick
 @given(st.lists(st.one_of(b.clouds, b.poses, b.truths), max_size=6), st.none() | st.integers(1, 3))
 def test_several_in_the_order_of_mcap(items, rows_per_group):
     kept(items, rows_per_group=rows_per_group)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "snappy", "zstd"])
 @pytest.mark.parametrize("rows_per_group", [None, 1, 64, 4096])
 def test_a_drive(tmp_path, compression, rows_per_group):
@@ -100,6 +103,7 @@ def test_written_in_any_order(tmp_path):
         assert logs.content(a) == logs.content(c)
 
 
+@pytest.mark.slow
 @quick
 @given(
     st.dictionaries(b.names, b.mounts, max_size=4),

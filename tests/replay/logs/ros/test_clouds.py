@@ -40,6 +40,7 @@ def test_sweeps_of_all_distributions(distro, big, text):
 FIELD = st.sampled_from(["<f4", "<f8", ">f4", ">f8", "<i2", ">i2", "<i4", ">i4", "|i1"])
 
 
+@pytest.mark.slow
 @given(st.data(), st.integers(0, 3), st.integers(0, 5), st.sampled_from("<>|"))
 def test_any_layout(data, height, width, order):
     """Fields in any order and type, with gaps, points and rows with padding."""

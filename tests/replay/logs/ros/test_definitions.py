@@ -171,6 +171,7 @@ def test_definitions_with_changed_bytes_give_clear_errors(name):
     assert not any("\n" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_rosbags_is_imported_when_a_log_has_ros_messages():
     code = (
         "import sys; from fbench.replay.logs.codecs.ros.codec import ros_codec; "

@@ -220,6 +220,7 @@ def marker(ros, id_, kind=1, action=0, text="", ns="cars", frame_id="map"):
     return ros.make(name, **values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [True, False])
 @pytest.mark.parametrize("distro", DISTROS, ids=lambda d: d.value)
 def test_markers(distro, text):

@@ -95,6 +95,7 @@ def chunk_ends(path):
     return ends
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "lz4"])
 def test_truncation_delivers_the_whole_chunks_before(tmp_path, compression):
     path = b.write_bag1(tmp_path / "a.bag", b.rows(), compression)
@@ -161,6 +162,7 @@ def test_single_bit_flips(tmp_path, compression):
             assert got == good
 
 
+@pytest.mark.slow
 def test_flips_in_the_index_lose_nothing_silently(tmp_path):
     path = b.write_bag1(tmp_path / "a.bag", b.rows(60))
     data = path.read_bytes()

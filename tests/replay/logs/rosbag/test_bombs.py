@@ -54,6 +54,7 @@ def packed(compression, num=20):
     return b"".join([compressor.begin(), *(compressor.compress(ZEROS) for _ in range(num)), compressor.flush()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["bz2", "lz4"])
 @pytest.mark.parametrize(("size", "match"), [(1000, "declares 1000 unpacked bytes and has more"), (2**32 - 1, "limit")])
 def test_chunks_that_unpack_to_more(tmp_path, compression, size, match):
@@ -66,6 +67,7 @@ def test_chunks_that_unpack_to_more(tmp_path, compression, size, match):
     assert seconds < 1
 
 
+@pytest.mark.slow
 def test_chunk_of_the_largest_size_that_holds_garbage(tmp_path):
     path = tmp_path / "a.bag"
     path.write_bytes(bag_header() + chunk(packed("lz4", 5), b"lz4", MAX_RECORD))
@@ -75,6 +77,7 @@ def test_chunk_of_the_largest_size_that_holds_garbage(tmp_path):
     assert seconds < 1
 
 
+@pytest.mark.slow
 def test_chunk_of_very_many_messages(tmp_path):
     content = message(7, 1, b"") * 1_000_000
     path = tmp_path / "a.bag"
@@ -84,6 +87,7 @@ def test_chunk_of_very_many_messages(tmp_path):
     assert mib < 300
 
 
+@pytest.mark.slow
 def test_header_of_very_many_fields(tmp_path):
     path = tmp_path / "a.bag"
     path.write_bytes(bag_header()[:-4] + b"\0\0\0\0" + (10_000_000).to_bytes(4, "little") + b"\2\0\0\0a=" * 2_000_000)
@@ -92,6 +96,7 @@ def test_header_of_very_many_fields(tmp_path):
     assert mib < 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tells_size", [True, False])
 def test_messages_that_unpack_to_more(tmp_path, tells_size):
     compressor = zstandard.ZstdCompressor(write_content_size=tells_size).compressobj(
@@ -107,6 +112,7 @@ def test_messages_that_unpack_to_more(tmp_path, tells_size):
     assert seconds < 1
 
 
+@pytest.mark.slow
 def test_recordings_of_others_cost_little(tmp_path):
     _, mib, _ = outcome(b.write_bag1(tmp_path / "a.bag", b.rows()))
     assert mib < 50

@@ -250,6 +250,7 @@ def test_messages_that_cannot_be_unpacked(tmp_path):
     assert "zstd data are damaged" in faults.places["LOG004"][0]
 
 
+@pytest.mark.slow
 def test_single_bit_flips(tmp_path):
     """SQLite keeps no checksums, so that flips in messages can't be seen; that nothing breaks can."""
     path = written(tmp_path)
