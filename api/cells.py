@@ -1,10 +1,13 @@
-"""Cells of a suite, what became of them, and seals that tell whether a result is still valid."""
+"""Cells of a suite, responses of the processes that replay them, and seals that tell whether a result is valid."""
 
 import json
-from collections.abc import Mapping
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TextIO, TypeAlias
 
 from pydantic import TypeAdapter
 
@@ -12,6 +15,21 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.files import replace_text
 from fbench.replay.formats.text import digest_of
 from fbench.replay.setup.request import ReplayRequest
+
+_STDOUT, _STDERR = 1, 2
+
+
+@contextmanager
+def answers() -> Iterator[TextIO]:
+    """Give what writes to this process's stdout, in UTF-8; what else goes there, from libraries and programs too, goes
+    to stderr from here on.
+    """
+    sys.stdout.flush()
+    with os.fdopen(os.dup(_STDOUT), "w", encoding="utf-8", errors="backslashreplace") as out:
+        os.dup2(_STDERR, _STDOUT)
+        with redirect_stdout(sys.stderr):
+            yield out
+
 
 State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]
 

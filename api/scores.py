@@ -154,8 +154,7 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
         FbenchError: where they can't be scored.
     """
     from fbench.metrics.files.sequences import open_files
-    from fbench.metrics.profiles.choose import chosen, compared, fitted, only
-    from fbench.metrics.profiles.evaluate import evaluate
+    from fbench.metrics.profiles.choose import chosen, compared, evaluate, fitted, only
     from fbench.metrics.profiles.remarks import Remarks
 
     profile = chosen(request.profile, request.match)
@@ -277,8 +276,7 @@ def _count_by(
     profile: "AnyProfile", runs: Sequence[Run], match: "Match | None", request: ScoreRequest
 ) -> tuple[list[Score], tuple[str, ...], tuple[str, ...]]:
     """Return what a benchmark counts, remarks on it, and the names of its sequences."""
-    from fbench.metrics.profiles.choose import run_sequence
-    from fbench.metrics.profiles.evaluate import evaluate
+    from fbench.metrics.profiles.choose import evaluate, run_sequence
     from fbench.metrics.profiles.remarks import Remarks
 
     remarks = Remarks(profile, _names(runs))

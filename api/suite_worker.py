@@ -7,8 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from fbench.api.cells import Answer
-from fbench.api.responses import answers
+from fbench.api.cells import Answer, answers
 from fbench.api.runs import replay
 from fbench.replay.contracts.errors import FbenchError, one_line
 from fbench.replay.setup.request import ReplayRequest

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fbench.api.responses import answers
+from fbench.api.cells import answers
 from fbench.api.scores import score_folder
-from fbench.replay.check.verify_task import WATCH, VerifyTask
+from fbench.replay.check.difference import WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, converted
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from made_frames import frames_of, write_drive
+from made_drives import frames_of, write_drive
 
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import Pipeline

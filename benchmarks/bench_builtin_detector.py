@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from made_city import images_and_truth
+from made_drives import images_and_truth
 from rich.console import Console
 from rich.progress import track
 
@@ -26,8 +26,8 @@ from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.metrics.core.sequence import Objects, Steps
 from fbench.metrics.core.sequence import Sequence as Drive
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.metrics.profiles.evaluate import evaluate
 from fbench.metrics.profiles.profile import Match
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS

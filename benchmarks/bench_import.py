@@ -20,9 +20,8 @@ from made_datasets import make_kitti, make_nuscenes
 
 from fbench.datasets.importing.run import import_one
 from fbench.replay.contracts.plugins import make_importer
-from fbench.replay.logs.container import Channel
+from fbench.replay.logs.container import Channel, LogHeader
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
-from fbench.replay.logs.header import LogHeader
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 REPEATS = 3

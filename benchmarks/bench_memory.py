@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from made_city import write_city_log
+from made_drives import write_city_log
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import Image, PointCloud

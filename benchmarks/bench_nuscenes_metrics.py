@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
-from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
 from fbench.metrics.profiles.nuscenes.settings import DETECTION_RULES
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from made_frames import write_drive
+from made_drives import write_drive
 
 from fbench.api.runs import replay
 from fbench.metrics.latency import stage_latency

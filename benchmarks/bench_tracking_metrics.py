@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.files.sequences import Choice, open_files
-from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.replay.data.scores import Score
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from fbench.cli.progress import frame_progress, import_progress, message_progress
-from fbench.cli.show import console, fault_lines, print_json
+from fbench.cli.show import console, fault_lines, frame_progress, import_progress, message_progress, print_json
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.data.files import swap

@@ -22,8 +22,7 @@ from fbench.cli.experiment import (
     shown_runs,
     simulate,
 )
-from fbench.cli.progress import import_progress, replay_progress
-from fbench.cli.show import console, show_results
+from fbench.cli.show import console, import_progress, replay_progress, show_results
 from fbench.datasets.importing.run import claim
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 from fbench.replay.data.files import replace_text

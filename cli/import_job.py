@@ -8,8 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Literal
 
-from fbench.cli.progress import ImportProgress, import_progress
-from fbench.cli.show import console, print_json
+from fbench.cli.show import ImportProgress, console, import_progress, print_json
 from fbench.datasets.importing.files import format_counts, format_list
 from fbench.datasets.importing.guard import GuardedImporter, log_names
 from fbench.datasets.importing.run import ImportedLog, import_recordings

@@ -10,8 +10,8 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.data.files import replace_text
 from fbench.replay.setup.configuration import config_place
-from fbench.replay.setup.draft import Draft
 from fbench.replay.setup.init import Placed, Written, draft_of, plain, toml_value, write_toml
+from fbench.replay.setup.inspection import Draft
 
 _MAX_VALUE = 48
 

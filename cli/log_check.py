@@ -10,8 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fbench.api.runs import short_name
-from fbench.cli.progress import message_progress
-from fbench.cli.show import console, print_json
+from fbench.cli.show import console, message_progress, print_json
 from fbench.replay.check.findings import Finding, require_codes
 from fbench.replay.check.log_check import CheckOptions, CheckResult, check_log
 from fbench.replay.check.times import StreamStats

@@ -107,8 +107,8 @@ def replay(
     from fbench.api.runs import name_pipeline
     from fbench.api.runs import replay as replay_request
     from fbench.cli.options import box_source
-    from fbench.cli.progress import frame_progress
     from fbench.cli.run_summary import require_coverage, show_run
+    from fbench.cli.show import frame_progress
     from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
     from fbench.replay.data.scores import ScoreOptions
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline

@@ -1,15 +1,28 @@
-"""Tables on the terminal, JSON for machines, and faults as text."""
+"""Tables and progress on the terminal, JSON for machines, and faults as text."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console, HighlighterType, JustifyMethod, OverflowMethod
+from rich.progress import (
+    BarColumn,
+    DownloadColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
 from fbench.replay.data.scores import Results, ResultTable, Score, shown
+from fbench.replay.runs.secrets import without_secrets
 
 _COUNTS = ("idsw",)
 _SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw", "idf1", "hota")
@@ -171,3 +184,82 @@ def _show(table: ResultTable, out: Console) -> None:
 def _lines(lines: Iterable[str], out: Console) -> None:
     for line in lines:
         out.print(line, markup=False, soft_wrap=True)
+
+
+@contextmanager
+def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how many of `total` messages are done on stderr while the `with` block runs."""
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
+        task = progress.add_task(_shown(title), total=total or None)
+        yield lambda num_messages: progress.update(task, completed=num_messages)
+
+
+@contextmanager
+def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how many of `total` bytes are done on stderr while the `with` block runs."""
+    with _progress(BarColumn(), DownloadColumn(), TimeRemainingColumn()) as progress:
+        task = progress.add_task(_shown(title), total=total)
+        yield lambda num_bytes: progress.update(task, completed=num_bytes)
+
+
+class ImportProgress:
+    """Shows the sequence that is being imported, and how many are done."""
+
+    def __init__(self, progress: Progress, num_sequences: int) -> None:
+        self._progress = progress
+        self._all = progress.add_task("sequences", total=num_sequences, visible=num_sequences > 1)
+        self._one = progress.add_task("", total=None, visible=False)
+
+    def __call__(self, name: str, done: int, total: int) -> None:
+        """Tell how many items of a sequence are done."""
+        self._progress.update(self._one, description=_shown(name), completed=done, total=total or None, visible=True)
+
+    def done(self) -> None:
+        """Tell that a sequence is done."""
+        self._progress.advance(self._all)
+        self._progress.reset(self._one, visible=False)
+
+    @contextmanager
+    def finished(self, num: int) -> Iterator[None]:
+        """Tell that a sequence of `num` items is done; nothing is shown while the `with` block prints about it."""
+        # How many there would be was an estimate.
+        self._progress.update(self._one, completed=num, total=num or None, refresh=True)
+        self._progress.advance(self._all)
+        self._progress.stop()
+        yield
+        self._progress.reset(self._one, visible=False)
+        self._progress.start()
+
+
+@contextmanager
+def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
+    """Show the progress of an import on stderr while the `with` block runs."""
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
+        yield ImportProgress(progress, num_sequences)
+
+
+@contextmanager
+def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
+    """Show a running count of frames on stderr while the `with` block runs."""
+    with _progress(TextColumn("{task.completed} frames"), TimeElapsedColumn(), spins=True) as progress:
+        task = progress.add_task(_shown(title), total=None)
+        yield lambda num_frames: progress.update(task, completed=num_frames)
+
+
+@contextmanager
+def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show how many replays are done, of how many, on stderr while the `with` block runs."""
+    with _progress(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), spins=True) as progress:
+        task = progress.add_task(_shown(title), total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def _progress(*columns: ProgressColumn, spins: bool = False) -> Progress:
+    """On stderr, where that is a terminal, and gone when it ends; spins where nobody knows how much there is."""
+    console = Console(stderr=True)
+    named = [*([SpinnerColumn()] if spins else []), TextColumn("{task.description}", markup=False)]
+    return Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _shown(title: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in without_secrets(title))

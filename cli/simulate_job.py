@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from fbench.cli.import_job import log_line
-from fbench.cli.progress import import_progress
-from fbench.cli.show import console, print_json
+from fbench.cli.show import console, import_progress, print_json
 from fbench.datasets.importing.run import ImportedLog, write_recording
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.logs.convert.target import Target

@@ -6,8 +6,7 @@ from pathlib import Path
 from rich.table import Table
 
 from fbench.api.runs import short_name, verify
-from fbench.cli.progress import replay_progress
-from fbench.cli.show import console, print_json
+from fbench.cli.show import console, print_json, replay_progress
 from fbench.replay.check.verify import Verified
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.setup.request import ReplayRequest

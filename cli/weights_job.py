@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from fbench.cli.progress import byte_progress, message_progress
-from fbench.cli.show import console, print_json
+from fbench.cli.show import byte_progress, console, message_progress, print_json
 from fbench.replay.contracts.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,8 +38,7 @@ def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
 
 def get_weights(entry: "Entry", file: Path | None) -> None:
     """Fetch weights, or take them from a file, unless they are in the cache; say where they are."""
-    from fbench.pipelines.models.fetch import downloaded
-    from fbench.pipelines.models.weights import file_blocks, state, store, weights_folder
+    from fbench.pipelines.models.weights import downloaded, file_blocks, state, store, weights_folder
 
     target = weights_folder() / entry.file_name
     if state(entry, target) == "good":

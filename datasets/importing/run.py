@@ -21,12 +21,10 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D, message_topic
-from fbench.replay.logs.container import Entry
-from fbench.replay.logs.convert.items import Copied, Decoded, Encoder, Item, RigAt
+from fbench.replay.logs.container import Entry, LogHeader, header_of
 from fbench.replay.logs.convert.run import Converted, write_items
-from fbench.replay.logs.convert.sinks import open_sink
+from fbench.replay.logs.convert.sinks import Copied, Decoded, Encoder, Item, RigAt, open_sink
 from fbench.replay.logs.convert.target import Target
-from fbench.replay.logs.header import LogHeader, header_of
 from fbench.replay.logs.open import open_container
 
 

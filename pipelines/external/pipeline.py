@@ -7,9 +7,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
+from fbench.pipelines.external.messages import (
+    Pieces,
+    ProtocolError,
+    frame_request,
+    hello,
+    parse_response,
+    small_request,
+    to_output,
+)
 from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
-from fbench.pipelines.external.requests import Pieces, frame_request, hello, small_request
-from fbench.pipelines.external.responses import ProtocolError, parse_response, to_output
 from fbench.pipelines.params import require_between
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
 from fbench.replay.contracts.settings import described_file

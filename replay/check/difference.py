@@ -1,18 +1,49 @@
-"""The first difference of two replays: which frame, stage and field."""
+"""The task of one verified replay, and the first difference of two: which frame, stage and field."""
 
 import json
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import TypeAdapter
 
-from fbench.replay.check.verify_task import WATCH
 from fbench.replay.data.arrays import Array
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.replay.setup.request import ReplayRequest
+
+Form = Literal["unchunked", "lz4", "small chunks", "parquet"]
+
+
+@dataclass(frozen=True)
+class VerifyTask:
+    """One replay under some circumstances."""
+
+    request: ReplayRequest
+    folder: Path
+    """Folder of the run; what else the process writes goes beside it."""
+    form: Form | None = None
+    """Container to which the log is converted first."""
+    num_threads: int = 1
+    """Of OpenCV; other libraries read the environment."""
+
+    def to_json(self) -> str:
+        """Return it for another process."""
+        return _ADAPTER.dump_json(self).decode()
+
+    @staticmethod
+    def from_json(text: str) -> "VerifyTask":
+        """Read what `to_json` returned."""
+        return _ADAPTER.validate_json(text)
+
+
+_ADAPTER = TypeAdapter(VerifyTask)
+WATCH = "watch.json"
+"""In the run folder: what each frame was made of."""
+
 
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from fbench.replay.check.difference import Difference, Outcome, first_difference
-from fbench.replay.check.verify_task import Form, VerifyTask
+from fbench.replay.check.difference import Difference, Form, Outcome, VerifyTask, first_difference
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX

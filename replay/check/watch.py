@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from fbench.replay.check.verify_task import Form
+from fbench.replay.check.difference import Form
 from fbench.replay.contracts.protocols import Pipeline, Reader
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Message, Tick, Truth

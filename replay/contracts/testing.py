@@ -8,7 +8,7 @@ from fbench.replay.contracts.importing import FrameRange, ImportWish, checked_it
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.header import header_of, header_record
+from fbench.replay.logs.container import header_of, header_record
 from fbench.replay.runs.digest import Digest, digest
 
 

@@ -1,12 +1,16 @@
-"""Removal of what must never reach a pipeline, and messages that are skipped."""
+"""Removal of what must never reach a pipeline, and checks of what it returns."""
 
 from bisect import bisect_left, bisect_right, insort
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, get_args
 
 import numpy as np
 
-from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.contracts.errors import DataError, did_you_mean
+from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.data.arrays import Float32
+from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.codecs.points import C, only_finite
@@ -108,3 +112,61 @@ def _flag_far(where: str, xyz: Float32, faults: FaultLog) -> None:
     if max(float(xyz.max()), -float(xyz.min())) > MAX_RANGE_M:
         num = int(np.count_nonzero((np.abs(xyz) > MAX_RANGE_M).any(axis=1)))
         faults.add("DAT003", f"{where}: {num} of {len(xyz)} points")
+
+
+class OutputCheck:
+    """Checks outputs of one run: their types, names that exist, and one kind of boxes throughout."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._cameras = tuple(sorted(rig.cameras))
+        self._kind: type[Boxes] | None = None
+
+    def __call__(self, output: object) -> Output:
+        """Return the output as it is.
+
+        Raises:
+            DataError: saying what is wrong.
+        """
+        if not isinstance(output, Output):
+            raise DataError(f"step() gave {type(output).__name__}, expected Output")
+        for name, boxes in (("detections", output.detections), ("tracks", output.tracks)):
+            self._check_boxes(name, boxes)
+        self._kind = type(output.detections)
+        _check_texts("missing", dict(output.missing))
+        _check_times(dict(output.stage_ns))
+        if output.clock not in get_args(ClockName):
+            raise DataError(f"Output.clock: expected {' or '.join(get_args(ClockName))}, got {output.clock!r}")
+        for fault in output.faults:
+            if not isinstance(fault, Fault) or fault.code not in FAULTS:
+                raise DataError(f"Output.faults: {fault!r} isn't a fault of the table")
+        return output
+
+    def _check_boxes(self, name: str, boxes: object) -> None:
+        if not isinstance(boxes, Boxes2D | Boxes3D):
+            raise DataError(f"Output.{name}: expected Boxes2D or Boxes3D, got {type(boxes).__name__}")
+        if self._kind is not None and type(boxes) is not self._kind:
+            raise DataError(
+                f"Output.{name}: expected {self._kind.__name__} as in other frames, got {type(boxes).__name__}"
+            )
+        if boxes.label is not None:
+            _check_names(f"Output.{name}.label", boxes.label.tolist(), ("", *LABELS))
+        if isinstance(boxes, Boxes2D):
+            _check_names(f"Output.{name}.camera", boxes.camera.tolist(), self._cameras)
+
+
+def _check_names(where: str, names: list[str], known: tuple[str, ...]) -> None:
+    for name in names:
+        if name not in known:
+            raise DataError(f"{where}: '{name}' isn't known{did_you_mean(name, known)}")
+
+
+def _check_texts(where: str, texts: Mapping[str, object]) -> None:
+    for key, value in texts.items():
+        if not isinstance(key, str) or not isinstance(value, str):
+            raise DataError(f"Output.{where}: expected texts, got {key!r}: {value!r}")
+
+
+def _check_times(stage_ns: Mapping[str, object]) -> None:
+    for stage, ns in stage_ns.items():
+        if not isinstance(stage, str) or not isinstance(ns, int | np.integer) or ns < 0:
+            raise DataError(f"Output.stage_ns: expected names and times [ns], got {stage!r}: {ns!r}")

@@ -16,11 +16,11 @@ from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import ClockName, Frame, Output
 from fbench.replay.data.rig import Rig
+from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock, VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
 from fbench.replay.engine.frames import FrameStream
-from fbench.replay.engine.outputs import OutputCheck
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, RunWriter

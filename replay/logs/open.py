@@ -12,10 +12,9 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Container, Entry, merged
+from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merged
 from fbench.replay.logs.containers.limits import entries_from
 from fbench.replay.logs.containers.mcap.file import McapFile
-from fbench.replay.logs.header import LogHeader
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
 

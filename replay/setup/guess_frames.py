@@ -10,8 +10,8 @@ from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.rig import LogInfo, Mount, Rig
 from fbench.replay.engine.frame_buffer import SyncParams, choose_reference
 from fbench.replay.logs.setup import MAX_SKEW_NS
-from fbench.replay.setup.draft import Line, Table
 from fbench.replay.setup.guess_sensors import Candidate
+from fbench.replay.setup.inspection import Line, Table
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,8 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.ego_velocity import EgoFit, fit_ego
-from fbench.replay.setup.draft import Line
 from fbench.replay.setup.guess_sensors import Candidate
-from fbench.replay.setup.inspection import Heard
+from fbench.replay.setup.inspection import Heard, Line
 
 
 def fit_scan(scan: RadarScan, body_R_sensor: Float64) -> EgoFit | None:

@@ -16,9 +16,8 @@ from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.rig import first_state
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import SensorSetup, Setup
-from fbench.replay.setup.draft import Line
 from fbench.replay.setup.guess_sensors import Candidate
-from fbench.replay.setup.inspection import Heard, Look
+from fbench.replay.setup.inspection import Heard, Line, Look
 
 
 @dataclass(frozen=True, eq=False)

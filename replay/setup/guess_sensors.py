@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from fbench.replay.data.rig import KINDS, Kind
 from fbench.replay.logs.codecs.points import RING_FIELDS
 from fbench.replay.logs.coordinate_frames import BODIES, WORLDS
-from fbench.replay.setup.draft import LeftOut
-from fbench.replay.setup.inspection import Heard, compensated_field, doppler_field
+from fbench.replay.setup.inspection import Heard, LeftOut, compensated_field, doppler_field
 
 _GENERIC = frozenset(
     ("sensing", "sensor", "sensors", "driver", "drivers", "device", "devices", "perception", "vehicle", "robot", "ros",

@@ -13,8 +13,7 @@ from fbench.replay.data.classes import is_known, label
 from fbench.replay.logs.codecs.codec import Origin, TruthPart
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.roles import Role
-from fbench.replay.setup.draft import Line, Table
-from fbench.replay.setup.inspection import Look, sampled
+from fbench.replay.setup.inspection import Line, Look, Table, sampled
 
 _MAX_FILES = 2000
 _MAX_SHOWN = 5

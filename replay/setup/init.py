@@ -8,13 +8,12 @@ from pathlib import Path
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_container
-from fbench.replay.setup.draft import Draft, LeftOut, Line, Table, Value
 from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks, guess_reference
 from fbench.replay.setup.guess_radar import doppler_lines, period_lines
 from fbench.replay.setup.guess_rig import Body, calibration_line, guess_body, guess_pose, intrinsics_of
 from fbench.replay.setup.guess_sensors import Candidate, choose
 from fbench.replay.setup.guess_truth import Beside, classes_table, look_beside, results_table, truth_table
-from fbench.replay.setup.inspection import Heard, Unread, look_at
+from fbench.replay.setup.inspection import Draft, Heard, LeftOut, Line, Table, Unread, Value, look_at
 
 _OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
                 "box", "label", "odom", "pose", "navsat")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Inspection of a log: its topics, and a few messages of each from several places."""
+"""Inspection of a log for its configuration: topics, a few messages of each, and the draft of values with reasons."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -19,6 +19,54 @@ from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.containers.limits import Seekable
 from fbench.replay.logs.open import span_ns
 from fbench.replay.logs.roles import Codecs, Role, roles
+
+Value = str | bool | int | float | tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One key of a table."""
+
+    key: str
+    value: Value
+    why: str = ""
+    is_guess: bool = False
+    """Whether somebody should look at it."""
+    is_active: bool = True
+    """Else it is only suggested, as a comment."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table."""
+
+    path: tuple[str, ...]
+    """`("sensors", "front")` is `[sensors.front]`."""
+    lines: tuple[Line, ...]
+    why: str = ""
+    notes: tuple[str, ...] = ()
+    """Comments above it."""
+    is_active: bool = True
+    is_guess: bool = False
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A topic that isn't used."""
+
+    topic: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A whole configuration."""
+
+    log: str
+    """Name of the log."""
+    tables: tuple[Table, ...]
+    left_out: tuple[LeftOut, ...] = ()
+
 
 NUM_WINDOWS = 4
 MAX_ENTRIES = 800

@@ -8,9 +8,8 @@ from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.lidar.lidar import OWN, LidarParams, LidarView, Obstacles, judging
 from fbench.pipelines.sensors.lidar.lidar import detect as lidar_detect
 from fbench.pipelines.sensors.lidar.lidar import obstacles as lidar_obstacles
-from fbench.pipelines.sensors.points.deskew import Deskew
 from fbench.pipelines.sensors.points.ground import Plane
-from fbench.pipelines.sensors.points.merged import Outline, lidar_points, lidar_position
+from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, lidar_position
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, completed, fit_rectangles
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64

@@ -9,11 +9,10 @@ from fbench.replay.data.messages import Message
 from fbench.replay.data.rig import RigChange
 from fbench.replay.logs.codecs.codec import MESSAGES, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D
-from fbench.replay.logs.container import Channel, Container, Entry
+from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, header_of
 from fbench.replay.logs.containers.parquet.folder import ParquetFolder
-from fbench.replay.logs.convert.items import Copied, Decoded, Encoded, Encoder, Item, RigAt, log_ns_of
+from fbench.replay.logs.convert.sinks import Copied, Decoded, Encoded, Encoder, Item, RigAt, log_ns_of
 from fbench.replay.logs.convert.source import Source, Window, cut, cut_rigs
-from fbench.replay.logs.header import LogHeader, header_of
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.rig import RigState
 from fbench.replay.logs.roles import STORED, Role

@@ -8,8 +8,7 @@ from pathlib import Path
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.convert.copying import Copying, Decoding, InexactError, candidates
-from fbench.replay.logs.convert.items import Copied, Item, RigAt
-from fbench.replay.logs.convert.sinks import Sink, open_sink
+from fbench.replay.logs.convert.sinks import Copied, Item, RigAt, Sink, open_sink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.reader import LogReader

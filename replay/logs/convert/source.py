@@ -9,9 +9,8 @@ from fbench.replay.contracts.errors import ConfigError, DecodeError
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.engine.excerpt import Excerpt, Moment
 from fbench.replay.logs.codecs.codec import MESSAGES
-from fbench.replay.logs.container import Container, Entry
-from fbench.replay.logs.convert.items import RigAt
-from fbench.replay.logs.header import LogHeader
+from fbench.replay.logs.container import Container, Entry, LogHeader
+from fbench.replay.logs.convert.sinks import RigAt
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.roles import Role, selected
 

@@ -8,8 +8,8 @@ import pytest
 from tests.metrics.coco.oracles.make_coco import CLASSES, SEEDS, Boxes, random_images
 
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.metrics.profiles.evaluate import evaluate
 from fbench.replay.data.scores import Score
 
 NAMES = ("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")

@@ -8,7 +8,7 @@ import pytest
 from tests.metrics.nuscenes.nuscenes_sequences import find, of_scene
 from tests.metrics.nuscenes.oracles.nuscenes_scenes import DETECTION_PLANS, TRACKING_PLANS, scenes_of
 
-from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
 from fbench.metrics.profiles.nuscenes.ranking import ERRORS
 from fbench.metrics.profiles.nuscenes.tracking import UNITS, NuscenesTracking

@@ -7,9 +7,8 @@ import pytest
 from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, card_of
 from fbench.metrics.files.sequences import open_files
 from fbench.metrics.profiles.catalog import PROFILES, described, explained, facts_of, profile_of
-from fbench.metrics.profiles.choose import chosen, fitted, only
+from fbench.metrics.profiles.choose import chosen, evaluate, fitted, only
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.profiles.evaluate import evaluate
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.remarks import headlines_of, lines
 from fbench.replay.contracts.errors import ConfigError, MetricError

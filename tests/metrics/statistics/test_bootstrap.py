@@ -9,8 +9,8 @@ import pytest
 from tests.metrics.standard.made import Box, sequence
 
 from fbench.metrics.core.bootstrap import Bootstrap, Interval, interval, intervals, weighted_sums, with_intervals
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.profiles.evaluate import evaluate
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.hota import HotaCounts
 from fbench.metrics.tracking.scores import TrackingCounts

@@ -9,7 +9,7 @@ from tests.metrics.tracking.kitti_text import mot_objects, mot_sequence
 from tests.metrics.tracking.oracles.made_tracks import MOT_NAMES, NUM_FRAMES, mot_texts
 
 from fbench.metrics.core.sequence import Sequence, Steps
-from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.motmetrics import MOTMETRICS
 from fbench.metrics.profiles.trackeval.prepare import problems
 

@@ -9,7 +9,7 @@ from tests.metrics.tracking.kitti_text import kitti_sequence, lengths, mot_seque
 from tests.metrics.tracking.oracles.made_tracks import KITTI_NAMES, MOT_NAMES, NUM_FRAMES, kitti_texts, mot_texts
 from tests.metrics.tracking.trackeval_fields import compare, expected, table
 
-from fbench.metrics.profiles.evaluate import evaluate
+from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI, TRACKEVAL_MOT, TRACKEVAL_MOT15, TRACKEVAL_MOT20
 
 ORACLE = json.loads((Path(__file__).parent / "oracles/trackeval.json").read_text())

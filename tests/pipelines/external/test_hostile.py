@@ -6,7 +6,7 @@ import pytest
 from tests.replay.mutations import complaint, mutated
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.responses import parse_response, to_output
+from fbench.pipelines.external.messages import parse_response, to_output
 from fbench.replay.contracts.errors import DataError
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.requests import frame_request, hello, small_request
+from fbench.pipelines.external.messages import frame_request, hello, small_request
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.pipelines.external import fbench_exec_pb2 as schema
-from fbench.pipelines.external.responses import ProtocolError, parse_response, to_output
+from fbench.pipelines.external.messages import ProtocolError, parse_response, to_output
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D
 

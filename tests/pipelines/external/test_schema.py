@@ -54,7 +54,7 @@ def test_schema_and_generated_code_agree():
 
 
 def test_package_and_version_agree():
-    from fbench.pipelines.external.requests import VERSION
+    from fbench.pipelines.external.messages import VERSION
 
     assert schema.DESCRIPTOR.package == f"fbench.exec.v{VERSION}"
     assert f"package fbench.exec.v{VERSION};" in PROTO.read_text()

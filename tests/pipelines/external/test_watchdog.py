@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from tests.pipelines.external.programs import INFO, RIG, frame, wicked
 
+from fbench.pipelines.external.messages import ProtocolError
 from fbench.pipelines.external.pipeline import Exec, ExecParams, RefusedError
 from fbench.pipelines.external.process import ProgramError
-from fbench.pipelines.external.responses import ProtocolError
 from fbench.replay.contracts.errors import ConfigError, DataError, LogError, RunError
 from fbench.replay.contracts.protocols import Closes, KeepsStderr, TakesArgument
 from fbench.replay.data.rig import Mount, Rig

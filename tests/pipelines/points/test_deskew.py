@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from fbench.pipelines.sensors.points.deskew import FROZEN, Deskew, carried, motion
-from fbench.pipelines.sensors.points.merged import Outline, lidar_points
+from fbench.pipelines.sensors.points.merged import FROZEN, Deskew, Outline, carried, lidar_points, motion
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import PointCloud, Pose
 from fbench.replay.data.rig import LogInfo, Mount, Rig

@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial import KDTree
 from tests.datasets.city.city_logs import Log, simulated
 
-from fbench.pipelines.sensors.points.deskew import Deskew
-from fbench.pipelines.sensors.points.merged import Outline, lidar_points
+from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import Pose
 

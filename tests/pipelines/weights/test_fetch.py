@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from tests.weights_server import CONTENT, Server, cut_chunk, fails, redirects, sends, serving
 
-from fbench.pipelines.models.fetch import downloaded, origin
-from fbench.pipelines.models.weights import Entry, store
+from fbench.pipelines.models.weights import Entry, downloaded, origin, store
 from fbench.replay.contracts.errors import ModelError
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from fbench.pipelines.models.fetch import origin
 from fbench.pipelines.models.weights import (
     CATALOGUE,
     Entry,
     entry_named,
     file_blocks,
+    origin,
     resolve,
     resolve_settings,
     state,

@@ -143,9 +143,8 @@ def test_damaged_chunk(path):
 
 
 def test_damaged_chunk_of_an_unused_topic_is_found_too(path, tmp_path):
-    from fbench.replay.logs.container import Channel
+    from fbench.replay.logs.container import Channel, LogHeader
     from fbench.replay.logs.containers.mcap.write import RawMcapWriter
-    from fbench.replay.logs.header import LogHeader
 
     writer = RawMcapWriter(path, LogHeader("id"), "none", chunk_size=100)
     for i in range(5):

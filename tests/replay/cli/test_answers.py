@@ -9,7 +9,7 @@ import pytest
 ASCII = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 CHILD = """
 import os, subprocess, sys
-from fbench.api.responses import answers
+from fbench.api.cells import answers
 
 with answers() as out:
     print("printed")

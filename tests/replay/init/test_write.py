@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from tests.replay.init import drive as d
 
 from fbench.replay.setup.configuration import Config
-from fbench.replay.setup.draft import Draft, LeftOut, Line, Table
 from fbench.replay.setup.guess_sensors import named, stems
 from fbench.replay.setup.init import write_toml
+from fbench.replay.setup.inspection import Draft, LeftOut, Line, Table
 
 names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
 nasty = st.sampled_from(

@@ -12,9 +12,8 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart
 from fbench.replay.logs.codecs.ros import boxes
 from fbench.replay.logs.codecs.ros.boxes import OBJECTS, POSES, UNDEFINED
-from fbench.replay.logs.codecs.ros.calibration import camera_model, edges, radar_scan
 from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1, Header
-from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, decoder, get, header
+from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, camera_model, decoder, edges, get, header, radar_scan
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
 from fbench.replay.logs.codecs.ros.point_cloud2 import BULK
 from fbench.replay.logs.container import Channel

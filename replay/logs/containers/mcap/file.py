@@ -22,8 +22,8 @@ from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs import header
-from fbench.replay.logs.container import Channel, Entry, Schema, merged
+from fbench.replay.logs import container as header
+from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merged
 from fbench.replay.logs.containers.limits import Held, crc32, looks_like
 from fbench.replay.logs.containers.mcap.index import Block, Index, NoIndexError, has_end, read_index
 from fbench.replay.logs.containers.mcap.records import (
@@ -38,7 +38,6 @@ from fbench.replay.logs.containers.mcap.records import (
     unpack,  # fmt: skip
 )
 from fbench.replay.logs.containers.mcap.walk import MESSAGE, check_compression, walk
-from fbench.replay.logs.header import LogHeader
 
 MAX_SHARE = 0.005
 """Message indexes that are a larger share of the file aren't read, unless they are small:"""

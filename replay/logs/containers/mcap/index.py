@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Footer, Metadata, MetadataIndex, Schema, Statistics
 
 from fbench.replay.contracts.errors import LimitError
-from fbench.replay.logs import header
+from fbench.replay.logs import container as header
 from fbench.replay.logs.containers.limits import crc32
 from fbench.replay.logs.containers.mcap.records import (
     HEAD,

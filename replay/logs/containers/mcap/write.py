@@ -12,11 +12,10 @@ from mcap.writer import CompressionType, Writer
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.logs import header
+from fbench.replay.logs import container as header
 from fbench.replay.logs.codecs.foxglove.proto import MAX_STAMP_NS, descriptor_set
 from fbench.replay.logs.codecs.foxglove.topics import Record, message_records, rig_records
-from fbench.replay.logs.container import Channel, Schema
-from fbench.replay.logs.header import LogHeader, header_of
+from fbench.replay.logs.container import Channel, LogHeader, Schema, header_of
 
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 _MAX_CHANNELS = 2**16 - 1

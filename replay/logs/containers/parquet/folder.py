@@ -17,7 +17,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.codecs.foxglove.topics import KIND, SENSOR
-from fbench.replay.logs.container import Channel, Entry, Schema, merged
+from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merged
 from fbench.replay.logs.containers.parquet import log_json
 from fbench.replay.logs.containers.parquet.columns import default_topic
 from fbench.replay.logs.containers.parquet.footer import MAX_CHUNKS, DamageError, read_footer, reason_of
@@ -25,7 +25,6 @@ from fbench.replay.logs.containers.parquet.groups import GroupFile
 from fbench.replay.logs.containers.parquet.log_json import GroupEntries, StreamEntry
 from fbench.replay.logs.containers.parquet.rows import Row, Rows
 from fbench.replay.logs.containers.parquet.source import checked_path, opened
-from fbench.replay.logs.header import LogHeader
 
 STORED = "fbench"
 """Encoding of the channels whose rows are decoded messages."""

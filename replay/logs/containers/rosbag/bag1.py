@@ -14,7 +14,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Entry, merged
+from fbench.replay.logs.container import Channel, Entry, LogHeader, merged
 from fbench.replay.logs.containers.limits import Held
 from fbench.replay.logs.containers.mcap.records import RecordError, check_size
 from fbench.replay.logs.containers.rosbag.bag1_index import (
@@ -29,7 +29,6 @@ from fbench.replay.logs.containers.rosbag.bag1_index import (
     read_index,
 )
 from fbench.replay.logs.containers.rosbag.bag1_records import Op, Record, connection, read_record
-from fbench.replay.logs.header import LogHeader
 
 MAX_CHANNELS = 2**16 - 1
 

@@ -17,11 +17,10 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Entry, Schema
+from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema
 from fbench.replay.logs.containers.limits import looks_like
 from fbench.replay.logs.containers.mcap.records import MAX_RECORD, RecordError, check_size
 from fbench.replay.logs.containers.rosbag.zstd import check_format, unpack_message
-from fbench.replay.logs.header import LogHeader
 
 _MAGIC = b"SQLite format 3\x00"
 FAILURES = (sqlite3.Error, UnicodeDecodeError)

@@ -8,10 +8,9 @@ import zstandard
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Container, Entry
+from fbench.replay.logs.container import Channel, Container, Entry, LogHeader
 from fbench.replay.logs.containers.limits import entries_from
 from fbench.replay.logs.containers.mcap.records import MAX_RECORD, RecordError
-from fbench.replay.logs.header import LogHeader
 
 _PIECE = 1024 * 1024
 _MAX_WINDOW = 128 * 1024 * 1024

@@ -9,12 +9,11 @@ from tests.replay.logs.builders import sequence, write
 from tests.replay.logs.containers import HEAD, NO_SUMMARY, layout, rewrite, shuffled_topics
 
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.logs.container import Channel
+from fbench.replay.logs.container import Channel, LogHeader
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.containers.mcap.index import parse_chunk_index
 from fbench.replay.logs.containers.mcap.records import RecordError
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
-from fbench.replay.logs.header import LogHeader
 
 
 @pytest.fixture
