@@ -1,4 +1,4 @@
-"""What a program or a notebook calls: plain functions with frozen requests; the command line calls the same."""
+"""Entry points for programs and notebooks: plain functions with frozen requests; the command line calls the same."""
 
 from fbench.api.logs import OpenLog, SimulateRequest, open_log, simulate
 from fbench.api.runs import OpenRun, RunComparison, compare, open_run, replay, report, verify

@@ -1,4 +1,4 @@
-"""How good the built-in camera detector is on drives that it never saw: AP50 by class, distance, visibility, weather.
+"""Accuracy of the built-in camera detector on drives that it never saw: AP50 by class, distance, visibility, weather.
 
     python benchmarks/bench_builtin_detector.py [--split dev|test] [--seeds N] [--weights FILE] [--conditions ...]
 

@@ -1,4 +1,4 @@
-"""How real the city looks to detectors that were trained on photographs (COCO): what they find of near vehicles."""
+"""Recall of detectors that were trained on photographs (COCO) on near vehicles of the city."""
 
 from collections import Counter
 from collections.abc import Sequence

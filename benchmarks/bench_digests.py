@@ -1,4 +1,4 @@
-"""What digests of messages and outputs cost a replay through lidar3d: with and without them, in one process."""
+"""Cost of digests of messages and outputs in a replay through lidar3d: with and without them, in one process."""
 
 import tempfile
 import time

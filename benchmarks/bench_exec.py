@@ -1,4 +1,4 @@
-"""What `exec` costs a frame of 50,000 LiDAR points: the C++ echo client against the same pipeline in this process."""
+"""Cost of `exec` for a frame of 50,000 LiDAR points: the C++ echo client against the same pipeline in this process."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""How fast `fbench --help` answers, against a bare typer application with as many commands."""
+"""Response time of `fbench --help`, against a bare typer application with as many commands."""
 
 import subprocess
 import sys

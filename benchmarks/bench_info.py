@@ -1,4 +1,4 @@
-"""What `fbench log info` reads of a large indexed MCAP file, and how long it takes beyond start-up.
+"""Bytes that `fbench log info` reads of a large indexed MCAP file, and its time beyond start-up.
 
 python benchmarks/bench_info.py [GIGABYTES]
 """

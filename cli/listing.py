@@ -139,9 +139,9 @@ def show_metric(name: str) -> None:
     Raises:
         ConfigError: for an unknown name.
     """
-    from fbench.metrics.definitions.catalog import card_of
+    from fbench.metrics.definitions.catalog import definition_of
 
-    card = card_of(name)
+    card = definition_of(name)
     table = _table("", "")
     rows = {
         "metric": card.name,

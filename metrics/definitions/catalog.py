@@ -146,14 +146,14 @@ DETECTION_DEFINITIONS = (*OPERATING_POINT, *AVERAGE_PRECISION, *COCO, *NUSCENES)
 
 
 DEFINITIONS: Mapping[str, MetricDefinition] = {
-    card.name: card
-    for card in (*DETECTION_DEFINITIONS, *tracking.TRACKING_DEFINITIONS, *tracking.BENCHMARK_DEFINITIONS)
+    definition.name: definition
+    for definition in (*DETECTION_DEFINITIONS, *tracking.TRACKING_DEFINITIONS, *tracking.BENCHMARK_DEFINITIONS)
 }
-COUNTS = frozenset(card.name for card in DEFINITIONS.values() if card.is_count)
+COUNTS = frozenset(definition.name for definition in DEFINITIONS.values() if definition.is_count)
 
 
-def card_of(name: str) -> MetricDefinition:
-    """Return the card of a metric.
+def definition_of(name: str) -> MetricDefinition:
+    """Return the definition of a metric.
 
     Raises:
         ConfigError: for an unknown name, with the nearest one.

@@ -1,4 +1,4 @@
-"""What a match of CLEAR is besides, as bits."""
+"""Events of CLEAR that a match can be, as bits."""
 
 SWITCH = 1
 """The truth track's last match, after any gap, was with another id."""

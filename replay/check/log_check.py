@@ -87,7 +87,7 @@ class CheckOptions:
     pipeline: tuple[str, Pipeline] | None = None
     """Name and pipeline, to say what it would miss."""
     sensors: tuple[str, ...] = ()
-    """Patterns of the sensors that frames wait for and the pipeline gets, see `sensor_choice`; empty: all."""
+    """Patterns of the sensors that frames wait for and the pipeline gets; empty: all."""
     ignored: tuple[str, ...] = ()
     """Codes that count as information only."""
     progress: Callable[[int], None] = lambda num_messages: None

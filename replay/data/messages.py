@@ -24,7 +24,7 @@ class Image:
     """When it was recorded, that is arrived."""
     data: bytes
     encoding: str
-    """`jpeg`, `png`, `webp`, or a raw layout of `raw_images.LAYOUTS`: `rgb8`, `mono16`, `bayer_rggb8`, `uyvy` ...;
+    """`jpeg`, `png`, `webp`, or a raw layout of `data.images.LAYOUTS`: `rgb8`, `mono16`, `bayer_rggb8`, `uyvy` ...;
     rows without padding, 16 bits little-endian."""
     size_wh: tuple[int, int]
     """Width and height [px]."""

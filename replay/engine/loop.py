@@ -57,7 +57,7 @@ class Plan:
     topics: Sequence[str] = ()
     """Patterns with which the log was opened, for the manifest."""
     sensors: Sequence[str] = ()
-    """Patterns of the sensors that the pipeline gets, see `sensor_choice`; empty: all."""
+    """Patterns of the sensors that the pipeline gets, see `contracts.sensor_settings`; empty: all."""
     variant: VariantEntry | None = None
     """Which variant the pipeline is, for the manifest."""
     inputs: Sequence[InputEntry] = ()

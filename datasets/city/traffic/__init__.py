@@ -1,1 +1,1 @@
-"""How road users move: car following, lane changes, signals, crossings."""
+"""Motion of road users: car following, lane changes, signals, crossings."""

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, card_of
+from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, definition_of
 from fbench.metrics.files.sequences import open_files
 from fbench.metrics.profiles.catalog import PROFILES, described, explained, facts_of, profile_of
 from fbench.metrics.profiles.choose import chosen, evaluate, fitted, only
@@ -100,7 +100,7 @@ def test_unknown_names():
     with pytest.raises(ConfigError, match=r"unknown profile 'kitti3dmot'; did you mean 'kitti-3dmot'\?"):
         profile_of("kitti3dmot")
     with pytest.raises(ConfigError, match=r"unknown metric 'hotaa'; did you mean 'hota'\?"):
-        card_of("hotaa")
+        definition_of("hotaa")
 
 
 @pytest.mark.parametrize(
