@@ -356,6 +356,7 @@ PLACES = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60)), max_size=6)
 RUNS = settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
+@pytest.mark.slow
 @RUNS
 @given(PLACES, PLACES, st.randoms(use_true_random=False))
 def test_the_order_of_boxes_changes_nothing(
@@ -368,6 +369,7 @@ def test_the_order_of_boxes_changes_nothing(
     assert rows(estimates, truth) == rows(mixed_estimates, mixed_truth)
 
 
+@pytest.mark.slow
 @RUNS
 @given(PLACES.filter(bool))
 def test_estimates_that_equal_truth_score_one(make_run: MakeRun, places: Places) -> None:

@@ -247,6 +247,7 @@ def shuffled(case: Case, random: Random) -> Case:
     return Case(case.estimates[rows[0]], case.truth[rows[1]])
 
 
+@pytest.mark.slow
 @RUNS
 @given(SEQUENCES, SEQUENCES, st.randoms(use_true_random=False))
 def test_the_order_of_boxes_changes_nothing(
@@ -257,6 +258,7 @@ def test_the_order_of_boxes_changes_nothing(
     assert Tracking().scores(make_run(*ordered), OPTIONS) == Tracking().scores(make_run(*mixed), OPTIONS)
 
 
+@pytest.mark.slow
 @RUNS
 @given(SEQUENCES, SEQUENCES, st.permutations([3, 50, 7, 1000]))
 def test_names_of_tracks_change_nothing(
@@ -278,6 +280,7 @@ def test_tracks_that_equal_truth_score_one(make_run: MakeRun, truth: Sequences) 
     assert found["mota"].counts["fn"] == found["mota"].counts["fp"] == 0
 
 
+@pytest.mark.slow
 @RUNS
 @given(SEQUENCES, SEQUENCES)
 def test_mota_adds_up(make_run: MakeRun, truth: Sequences, tracks: Sequences) -> None:

@@ -60,6 +60,7 @@ def test_damaged_machine_code_is_replaced(cache: Path, sources: Path, kind: str,
     assert run(sources) == "42\n"
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_while_machine_code_is_saved(cache: Path, sources: Path):
     # No file may grow beyond a byte: the folder can be made, and nothing can be kept in it.
     code = "import resource, runpy, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "

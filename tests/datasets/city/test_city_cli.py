@@ -131,6 +131,7 @@ def test_json_says_what_was_made(fbench, tmp_path):
     assert len(made.scans()) == len(made.truths) == 2
 
 
+@pytest.mark.slow
 def test_a_log_that_is_there_stays_unless_told_otherwise(fbench, tmp_path):
     args = ("urban", *SHORT, "-o", "a.mcap")
     assert fbench(*args)[0] == 0

@@ -95,6 +95,7 @@ def test_points_of_bodies_are_in_their_boxes(log):
     assert 0.8 * counted < told
 
 
+@pytest.mark.slow
 def test_points_of_moving_bodies_are_in_their_boxes_when_shot(tmp_path):
     """A raw cloud: each point where vehicle and body are at its own time."""
     args = ("--sensors", "lidar", "--set", "lidar.motion=true", "--set", "lidar.rate_hz=5", "--seconds", 1.2)

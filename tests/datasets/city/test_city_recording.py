@@ -20,6 +20,7 @@ SMALL = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_messages_come_in_their_order(log):
     arrived = [message.log_ns for message in log.messages]
     assert arrived == sorted(arrived)

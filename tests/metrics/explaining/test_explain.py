@@ -172,6 +172,7 @@ def outcomes(told: Explanation, table: int) -> tuple[int, int, int, int]:
 BOXES = st.lists(st.tuples(st.integers(0, 28), st.sampled_from([0, 1, 3])), max_size=5)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.lists(st.tuples(BOXES, BOXES), min_size=1, max_size=3))
 def test_explanations_add_up_to_the_scores(make_run: MakeRun, frames: list[tuple[list, list]]) -> None:  # type: ignore[type-arg]

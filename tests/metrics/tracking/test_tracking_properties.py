@@ -65,6 +65,7 @@ def test_truth_as_result_scores_1(profile, seed):
     assert all(row.value == pytest.approx(1) for row in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", PROFILES)
 @given(seeds)
 @some
@@ -86,6 +87,7 @@ def test_by_content_that_holds_for_equal_boxes_too(seed):
     assert values(BY_CONTENT, one) == values(BY_CONTENT, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", PROFILES)
 @given(seeds)
 @some

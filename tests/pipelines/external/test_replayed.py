@@ -96,6 +96,7 @@ def test_failures_in_a_row_end_the_replay(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pipeline", "code", "line"),
     [
@@ -111,12 +112,14 @@ def test_commands_that_cannot_run_are_one_line(folder, pipeline, code, line):
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
 
 
+@pytest.mark.slow
 def test_check_finds_that_a_program_cannot_start(folder):
     result = fbench("log", "check", "city.mcap", "-p", "exec:true")
     assert (result.returncode, result.stderr) == (1, "")
     assert "error PRD002: true can't start: exec: can't start: true exited with 0" in result.stdout
 
 
+@pytest.mark.slow
 def test_check_tries_the_program_and_ends_it(folder):
     result = fbench("log", "check", "city.mcap", "-p", NEAREST, "--json")
     assert result.returncode in (0, 1)

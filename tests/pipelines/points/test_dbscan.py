@@ -91,6 +91,7 @@ def test_numbers_and_border_points_are_those_of_the_plain_definition(points, eps
     np.testing.assert_array_equal(dbscan(points, eps, min_points), expected)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(clouds(), st.data(), min_points)
 def test_radius_for_each_point_is_that_of_the_plain_definition(points, data, min_points):

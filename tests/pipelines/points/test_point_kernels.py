@@ -185,6 +185,7 @@ def test_cells_and_their_bounds(seed):
         assert is_small[c] == (x * x + y * y + z * z <= least * least)
 
 
+@pytest.mark.slow
 @often
 @given(seeds, st.sampled_from([1, 3, 4]))
 def test_lexicographic_order_of_any_numbers(seed, num_columns):
@@ -194,6 +195,7 @@ def test_lexicographic_order_of_any_numbers(seed, num_columns):
     np.testing.assert_array_equal(lexicographic(numbers), np.lexsort(numbers.T[::-1]))
 
 
+@pytest.mark.slow
 @often
 @given(seeds)
 def test_cells_may_touch_where_points_are_neighbours(seed):

@@ -66,6 +66,7 @@ def footprint(row):
     return local @ turn.T + [x, y]
 
 
+@pytest.mark.slow
 @given(boxes, boxes)
 @settings(max_examples=300, deadline=None)
 def test_hulls_as_scipy_has_them(a, b):

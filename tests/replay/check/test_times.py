@@ -215,6 +215,7 @@ def test_quantile_is_that_of_numpy(values, share):
     assert quantile(np.array(values), share) == expected
 
 
+@pytest.mark.slow
 def test_only_some_bytes_of_each_message_are_kept():
     tracemalloc.start()
     times = times_of(range(START, START + 50_000))

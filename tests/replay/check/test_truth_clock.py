@@ -190,6 +190,7 @@ def test_it_does_not_matter_whether_truth_comes_first_or_last():
     assert len(told(every)) == 1
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_long_logs_is_bounded():
     (one,) = told(items(num=3000, offset_ms=300))
     assert shift_ms(one) == pytest.approx(300, abs=20)
@@ -236,6 +237,7 @@ def test_plain_logs_have_no_such_finding(tmp_path):
     assert "TIM012" not in [f.code for f in checked(tmp_path / "log.mcap", clean()).findings]
 
 
+@pytest.mark.slow
 def test_real_data_without_tracks_say_nothing(shared, tmp_path):
     import_one(Astyx(), shared / "data" / "astyx", tmp_path / "a.mcap")
     assert "TIM012" not in [f.code for f in checked(tmp_path / "a.mcap").findings]

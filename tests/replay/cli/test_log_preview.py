@@ -72,6 +72,7 @@ def test_equal_logs_give_equal_bytes(fbench, log, tmp_path):
     assert digests(tmp_path / "a") == digests(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_an_existing_folder_is_kept(fbench, log, tmp_path):
     assert fbench("log", "preview", log, "--num", 1).code == 0
     before = digests(tmp_path / "car-preview")
@@ -92,6 +93,7 @@ def test_other_folders_are_never_overwritten(fbench, log, tmp_path):
     assert (tmp_path / "photos" / "holiday.png").exists()
 
 
+@pytest.mark.slow
 def test_frames_can_be_chosen(fbench, log):
     content = fbench("log", "preview", log, "--frames", "2:5", "--num", 2, "--json").json()
     assert content["frames"] == [2, 4]
@@ -190,6 +192,7 @@ def foreign_log(tmp_path):
     return out
 
 
+@pytest.mark.slow
 def test_hostile_names_are_only_text(fbench, tmp_path):
     name = "<script>alert(1)</script>/../../x"
     hostile = Rig({name: Mount("lidar", np.zeros(3), UPRIGHT), "cam\x1b[31m": Mount("camera", np.zeros(3), FORWARD)},

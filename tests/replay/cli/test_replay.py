@@ -140,6 +140,7 @@ def test_log_info(fbench, log):
     assert info["cameras"]["camera"]["size_wh"] == [80, 60]
 
 
+@pytest.mark.slow
 def test_plugins_are_listed_with_their_parameters(fbench):
     assert "late3d" in fbench("plugins", "pipelines").out
     assert "lidar.cluster.eps_m" in fbench("plugins", "pipelines", "lidar3d").out
@@ -239,6 +240,7 @@ def test_unknown_names(fbench, log):
     fails(fbench("log", "import", "astix", ".", "-o", "x.mcap"), 2, "did you mean 'astyx'")
 
 
+@pytest.mark.slow
 def test_output_that_exists_or_cannot_be_written(fbench, log, still, tmp_path):
     fbench("replay", log, "-p", still(), "-o", "run")
     before = files(Path("run"))

@@ -73,6 +73,7 @@ def test_truth_for_no_sequence_is_an_error(fbench, folders, tmp_path):
     assert "no truth for any sequence" in result.err
 
 
+@pytest.mark.slow
 def test_lost_boxes_are_told_by_the_exit_code(fbench, folders, tmp_path):
     path = tmp_path / "truth" / "0000.txt"
     path.write_text(path.read_text().replace(" 10.0 ", " nan ", 1))

@@ -55,6 +55,7 @@ def test_intervals_depend_on_the_seed_alone(fbench, tmp_path):
     assert f"[{one['low']:.3f}, {one['high']:.3f}]" in fbench("score", "run", "--intervals", "60", "--seed", "1").out
 
 
+@pytest.mark.slow
 def test_too_little_to_resample_is_said(fbench, runs):
     recall = ("recall", "vehicle", "all")
     single, both = rows_of(fbench, runs[0], "--intervals", "60"), rows_of(fbench, *runs, "--intervals", "60")
@@ -63,6 +64,7 @@ def test_too_little_to_resample_is_said(fbench, runs):
     assert "low" not in both[recall]
 
 
+@pytest.mark.slow
 def test_a_frame_is_explained(fbench, runs):
     told = fbench("score", runs[0], "--explain", "3")
     assert (told.code, told.out.splitlines()[0][:11]) == (0, "frame 3 at ")
@@ -86,6 +88,7 @@ def test_coverage_is_a_gate(fbench, runs):
     assert fbench("score", runs[0], "--min-coverage", "1").code == 0
 
 
+@pytest.mark.slow
 def test_a_profile_takes_several_runs(fbench, runs):
     rows = rows_of(fbench, *runs, "--profile", "default", "--match", "bev:2")
     single = [rows_of(fbench, run, "--profile", "default", "--match", "bev:2") for run in runs]

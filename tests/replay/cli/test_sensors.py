@@ -74,6 +74,7 @@ def test_check_waits_for_some_of_the_sensors(fbench, tmp_path):
     assert "radar3d needs a radar" in result.out
 
 
+@pytest.mark.slow
 def test_parameters_of_one_sensor(fbench, tmp_path):
     log = two_lidars(tmp_path)
     settings = ["--set", "left.top.max_range_m=5", "--set", "lidar.min_range_m=2"]

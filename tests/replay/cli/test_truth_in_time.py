@@ -38,6 +38,7 @@ def coverage_line(result):
     return next(line for line in result.out.splitlines() if line.startswith("truth: "))
 
 
+@pytest.mark.slow
 def test_frames_between_truths_are_labelled_where_that_is_wanted(fbench, sparse):
     result = fbench("replay", sparse, "-p", "lidar3d", "-o", "plain")
     assert coverage_line(result) == "truth: 50.0 % of outputs had truth (3 of 6 frames)"

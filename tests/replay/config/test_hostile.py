@@ -18,6 +18,7 @@ def refused(tmp_path, text, match):
     assert len(str(caught.value)) < 2000
 
 
+@pytest.mark.slow
 def test_damaged_configurations_are_read_or_refused_in_one_line(tmp_path):
     path = tmp_path / "fbench.toml"
     for content in mutated(GOOD.encode(), 500, seed=4):

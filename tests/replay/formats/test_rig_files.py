@@ -192,6 +192,7 @@ cameras = st.builds(
 )
 
 
+@pytest.mark.slow
 @given(st.dictionaries(names, mounts, max_size=3), st.dictionaries(names, cameras, max_size=2))
 def test_a_rig_is_read_back_bit_for_bit(tmp_path_factory, some_mounts, some_cameras):
     rig = Rig(some_mounts, some_cameras)

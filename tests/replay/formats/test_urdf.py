@@ -114,6 +114,7 @@ def test_a_xacro_file_is_told_by_its_name_too(tmp_path):
         read(tmp_path, "<robot><xacro:include filename='a'/></robot>", "rig.urdf.xacro")
 
 
+@pytest.mark.slow
 def test_a_long_chain_is_read_in_time(tmp_path):
     links = [f"l{i}" for i in range(5001)]
     joints = [joint(a, b) for a, b in pairwise(links)]

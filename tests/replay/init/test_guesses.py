@@ -62,6 +62,7 @@ def test_the_file_works_untouched(guess, tmp_path):
     assert not faults.lost
 
 
+@pytest.mark.slow
 def test_doppler_by_what_stands_still(guess):
     config, text = guess(d.drive())
     radars = {name: sensor for name, sensor in config.sensors.items() if sensor.kind == "radar"}

@@ -26,6 +26,7 @@ def test_kitti_in_ros2(guess, shared):
     assert "guess: " not in text
 
 
+@pytest.mark.slow
 def test_astyx_keeps_its_names_and_the_meaning_of_own_logs(guess, shared, tmp_path):
     import_one(Astyx(), shared / "data/astyx", tmp_path / "astyx.mcap")
     config, text = guess(tmp_path / "astyx.mcap")

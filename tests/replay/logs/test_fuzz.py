@@ -63,6 +63,7 @@ def flip(data, bits, path, expected):
         check(path, expected, f"bit {bit}")
 
 
+@pytest.mark.slow
 def test_bits_anywhere(log, tmp_path):
     data = log[0].read_bytes()
     rng = np.random.Generator(np.random.Philox(11))

@@ -208,6 +208,7 @@ def test_cells_that_fail_say_why_and_stop_nobody(log):
     assert not list(Path().rglob("*.partial-*"))
 
 
+@pytest.mark.slow
 def test_a_log_without_the_sensor_is_unfit_and_programs_run_each_time(log):
     without = Rig({"lidar": rig(camera=False).mounts["lidar"]}, {})
     items = [message for message in messages(2, camera=False) if message.sensor == "lidar"]

@@ -1,6 +1,7 @@
 """Overtaking, crossing, waiting for room: on toy maps; and nobody walks before wheels."""
 
 import numpy as np
+import pytest
 from tests.datasets.city.traffic.conftest import Scene
 from tests.datasets.city.traffic.test_traffic_long import overlapping
 
@@ -53,6 +54,7 @@ def _states(layout: Layout, vehicles_per_km: float, seconds: int) -> tuple[list[
     return [motion.at(k / 10) for k in range(seconds * 10)], sizes, traffic
 
 
+@pytest.mark.slow
 def test_on_a_ring_faster_ones_pass_on_the_left_and_return() -> None:
     states, sizes, traffic = _states(_ring(), 8.0, 120)
     radius = np.array([np.hypot(*state.position_m[:, :2].T) for state in states])

@@ -46,6 +46,7 @@ def test_parquet_of_any_kind_and_back(tmp_path, drive, expected, compression, ro
     assert (messages(back), content(back), digest(back)) == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how",
     [

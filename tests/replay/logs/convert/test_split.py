@@ -11,6 +11,7 @@ from fbench.replay.data.messages import Pose
 NONE = np.array([0, 0, 0, 1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how", [{"split_s": 0.7}, {"split_s": 0.05}, {"split_mb": 0.004}, {"split_s": 1, "split_mb": 0.01}]
 )

@@ -86,6 +86,7 @@ def test_none_where_they_cannot_be_right(log, change):
     assert from_index(log) is None
 
 
+@pytest.mark.slow
 def test_none_where_they_would_be_much_to_read(tmp_path):
     path = tmp_path / "small.mcap"
     writer = RawMcapWriter(path, LogHeader("many"), "none")

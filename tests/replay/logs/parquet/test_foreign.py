@@ -200,6 +200,7 @@ ints = st.none() | st.integers(-(2**63), 2**63 - 1)
 blobs = st.none() | st.binary(max_size=30) | st.sampled_from([XYZ.tobytes(), bytes(16)])
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(st.lists(st.tuples(ints, ints, ints, blobs, blobs), max_size=6), st.integers(1, 4))
 def test_any_rows(tmp_path_factory, rows, size):

@@ -177,6 +177,7 @@ def test_reading_holds_few_row_groups(tmp_path, compression):
     assert traced < 4_000_000
 
 
+@pytest.mark.slow
 def test_writing_many_streams_holds_little(tmp_path, monkeypatch):
     monkeypatch.setattr(write, "_MAX_PENDING", 2_000_000)
     tracemalloc.start()

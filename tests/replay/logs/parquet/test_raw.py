@@ -52,6 +52,7 @@ channels = st.builds(
 stamps = st.integers(0, 2**64 - 1)
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(st.lists(st.tuples(channels, stamps, stamps, st.integers(0, 2**32 - 1), st.binary()), max_size=5))
 def test_any_channel_and_payload(tmp_path_factory, messages):

@@ -137,6 +137,7 @@ def flipped(data, bit):
     return bytes(changed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
 def test_single_bit_flips(tmp_path, compression):
     """Payloads have no checksum, so that flips in those of uncompressed chunks can't be seen; all else is."""

@@ -131,6 +131,7 @@ def test_names_that_are_no_paths(tmp_path, name):
         files(folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "text", "match"),
     [
