@@ -41,16 +41,12 @@ def started(name: str, rig: Rig, info: LogInfo, branches: int, detector: int) ->
     return pipeline
 
 
-Way = tuple[int, int]
-"""Threads of branches, and of the detector."""
+Way = tuple[int, int]  # Threads of branches, and of the detector
 
 
 def by_turns(ways: dict[Way, Pipeline], frames: list[Frame]) -> dict[Way, list[float]]:
     """Return wall times [ms] of all frames but the first. Each way takes each frame in turn, so that what else the
-    machine does hits all alike.
-
-    Raises:
-        AssertionError: where they don't find the same.
+    machine does hits all alike. Raises AssertionError where they don't find the same.
     """
     times: dict[Way, list[float]] = {way: [] for way in ways}
     for pipeline in ways.values():

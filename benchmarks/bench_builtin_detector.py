@@ -36,8 +36,7 @@ from fbench.replay.data.boxes import VEHICLES, Boxes2D
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image
 
-FAR_M, SEEN = 50.0, 0.5
-"""Vehicles count up to this distance, and where at least so much of them is visible."""
+FAR_M, SEEN = 50.0, 0.5  # Vehicles count up to this distance, and where at least so much of them is visible
 MIN_SCORE = 0.01
 SECONDS, RATE_HZ = 20.0, 1.0
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")

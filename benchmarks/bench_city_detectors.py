@@ -28,8 +28,7 @@ WEIGHTS = {
 }
 WORLDS: tuple[WorldName, ...] = ("urban", "highway")
 SECONDS, NUM_SEEDS = 2.0, 4
-Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]
-"""By detector and world."""
+Counts: TypeAlias = dict[tuple[str, WorldName], Counter[str]]  # By detector and world
 
 
 def mono_log(world: WorldName, seed: int, seconds: float) -> tuple[dict[int, Image], dict[int, Boxes2D]]:

@@ -15,8 +15,7 @@ from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.logs.open import open_log
 from fbench.replay.runs.digest import START
 
-LOG_S = 10.0
-"""100 frames."""
+LOG_S = 10.0  # 100 frames
 
 
 class NoDigest:

@@ -40,8 +40,7 @@ class Case:
     name: str
     dataset: str
     source: Path
-    half: str = ""
-    """Frames of its first half."""
+    half: str = ""  # Frames of its first half
 
 
 class OpenedFiles:

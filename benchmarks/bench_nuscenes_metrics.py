@@ -19,8 +19,7 @@ from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
 from fbench.metrics.profiles.nuscenes.settings import DETECTION_RULES
 
-NUM_SCENES, NUM_STEPS, NUM_TRUTH, NUM_RESULTS = 25, 40, 40, 100
-"""The last two are per sample: 100,000 results in all."""
+NUM_SCENES, NUM_STEPS, NUM_TRUTH, NUM_RESULTS = 25, 40, 40, 100  # The last two are per sample: 100,000 results in all
 
 
 def scene(seed: int, num_steps: int = NUM_STEPS) -> Sequence:

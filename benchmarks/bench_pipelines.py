@@ -41,11 +41,9 @@ class Row:
     """One row of the thesis's table, with a figure [ms] for each of `PIPELINES`."""
 
     name: str
-    stages: tuple[str, ...]
-    """Ours that are the same."""
+    stages: tuple[str, ...]  # Ours that are the same
     thesis: tuple[float, ...]
-    asked: tuple[float, ...] = ()
-    """At most so much is wanted."""
+    asked: tuple[float, ...] = ()  # At most so much is wanted
 
     @property
     def kinds(self) -> dict[str, int]:
@@ -75,14 +73,11 @@ class Component:
     """One row of the thesis's table of components."""
 
     name: str
-    pipeline: str
-    """Whose replay shows it."""
+    pipeline: str  # Whose replay shows it
     stages: tuple[str, ...]
-    what: str
-    """That those do."""
+    what: str  # That those do
     before: str
-    after: tuple[float, float]
-    """Its figures [ms] after it moved to the GPU: from, to."""
+    after: tuple[float, float]  # Its figures [ms] after it moved to the GPU: from, to
 
 
 COMPONENTS = (

@@ -17,8 +17,7 @@ from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
-NUM_FRAMES, NUM_POINTS = 850, 50_000
-"""About 1 GB."""
+NUM_FRAMES, NUM_POINTS = 850, 50_000  # About 1 GB
 UPRIGHT = np.array([0.0, 0, 0, 1])
 RIG = Rig(
     {"lidar": Mount("lidar", np.zeros(3), UPRIGHT), "camera": Mount("camera", np.zeros(3), UPRIGHT)},

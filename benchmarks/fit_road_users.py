@@ -57,8 +57,7 @@ KNOTS = {
     "near_share": (0.0, 0.02, 0.1, 0.25, 0.5, 0.8),
 }
 """Where the functions of the features bend."""
-INVERSE_PENALTY = 0.3
-"""scikit-learn's C: large coefficients cost, so that few examples don't decide."""
+INVERSE_PENALTY = 0.3  # scikit-learn's C: large coefficients cost, so that few examples don't decide
 WHOLE, PART = 0.4, 0.25
 """Intersection over union of a cluster's points with those in a box: from `WHOLE` on the best cluster of the box is
 that road user; with less than that but more than `PART` it's left out, being neither.

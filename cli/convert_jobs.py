@@ -24,8 +24,7 @@ from fbench.replay.logs.partial_rig import partial_rig
 from fbench.replay.logs.setup import StampParams
 from fbench.replay.setup.source import LogSource
 
-_NO_USE = "LOG012"
-"""Topics that fbench has no use for are converted like all others."""
+_NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all others
 
 
 def run_convert(source: Path, target: Target, wish: Wish, as_json: bool) -> int:
@@ -72,11 +71,8 @@ def _lines(result: Converted, rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def run_export(job: Export, as_json: bool) -> int:
-    """Export, and print what was written and what was left out; returns the exit code.
-
-    Raises:
-        ConfigError: where files can't or mustn't be written.
-        FbenchError: where a source can't be read, or the format can't hold what it has.
+    """Export, and print what was written and what was left out; returns the exit code. Raises ConfigError where files
+    can't or mustn't be written. Raises FbenchError where a source can't be read, or the format can't hold what it has.
     """
     faults = FaultLog()
     printer = console()
@@ -140,11 +136,8 @@ class PreviewJob:
 
 
 def run_preview(job: PreviewJob) -> None:
-    """Read a log, draw it, and print where and what was found.
-
-    Raises:
-        ConfigError: where the folder exists or can't be written.
-        LogError: where the log can't be read, or has no frames.
+    """Read a log, draw it, and print where and what was found. Raises ConfigError where the folder exists or can't be
+    written. Raises LogError where the log can't be read, or has no frames.
     """
     from fbench.reports.preview.collect import PreviewRequest, collect
     from fbench.reports.preview.preview import write_preview
@@ -164,10 +157,8 @@ def run_preview(job: PreviewJob) -> None:
 
 @contextmanager
 def new_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
-    """Give a folder under a temporary name, which becomes `folder` when all went well.
-
-    Raises:
-        ConfigError: where `folder` is there already and isn't to be replaced, or can't be written.
+    """Give a folder under a temporary name, which becomes `folder` when all went well. Raises ConfigError where
+    `folder` is there already and isn't to be replaced, or can't be written.
     """
     if folder.exists() and not overwrite:
         raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")

@@ -31,8 +31,7 @@ from fbench.replay.data.scores import Results, table_rows
 if TYPE_CHECKING:
     from fbench.datasets.city.request import Scene, Split
 
-SHORT_S, FULL_S = 1.5, 10.0
-"""Length of each log of the short version and of the full suite."""
+SHORT_S, FULL_S = 1.5, 10.0  # Length of each log of the short version and of the full suite
 
 
 @dataclass(frozen=True)
@@ -40,13 +39,10 @@ class DemoWish:
     """What `fbench demo` was asked for."""
 
     out: Path
-    split: "Split | None" = None
-    """The full suite with the seeds of this split; `None`: the short version."""
+    split: "Split | None" = None  # The full suite with the seeds of this split; `None`: the short version
     seconds: float | None = None
-    num_seeds: int | None = None
-    """Only the first of the split's seeds."""
-    workers: int | None = None
-    """`None`: as many as there are processors for us."""
+    num_seeds: int | None = None  # Only the first of the split's seeds
+    workers: int | None = None  # `None`: as many as there are processors for us
 
     @property
     def command(self) -> str:
@@ -57,20 +53,12 @@ class DemoWish:
 
 
 def run_demo(wish: DemoWish) -> int:
-    """Do it, and return the exit code.
-
-    Raises:
-        ConfigError: where options don't fit, or the folder can't be written.
-    """
+    """Do it, and return the exit code. Raises ConfigError where options don't fit, or the folder can't be written."""
     return run_experiment(experiment(wish), wish.workers or len(os.sched_getaffinity(0)))
 
 
 def experiment(wish: DemoWish) -> Experiment:
-    """Return what is to be done.
-
-    Raises:
-        ConfigError: where options don't fit.
-    """
+    """Return what is to be done. Raises ConfigError where options don't fit."""
     from fbench.datasets.city.request import experiment_spec
 
     usual = SHORT_S if wish.split is None else FULL_S
@@ -86,10 +74,8 @@ def experiment(wish: DemoWish) -> Experiment:
 
 
 def run_experiment(what: Experiment, num_workers: int) -> int:
-    """Simulate, replay and score what isn't there; print and write the results; return the exit code.
-
-    Raises:
-        ConfigError: where the folder can't be written.
+    """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
+    ConfigError where the folder can't be written.
     """
     _make_folder(what.folder)
     # Two in one folder would clear away each other's half-written runs.

@@ -59,10 +59,8 @@ class Experiment:
     drives: tuple[Drive, ...]
     pipelines: tuple[str, ...]
     folder: Path
-    command: str
-    """That does it again."""
-    settings: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """`NAME=VALUE`, by pipeline."""
+    command: str  # That does it again
+    settings: Mapping[str, Sequence[str]] = field(default_factory=dict)  # `NAME=VALUE`, by pipeline
 
     @property
     def conditions(self) -> list[str]:
@@ -93,10 +91,8 @@ def own_variants() -> tuple[str, ...]:
 
 
 def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:
-    """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written.
-
-    Raises:
-        ConfigError: where a log can't be written, or another has its name.
+    """Write the logs that aren't there, or aren't whole any more; yields for each whether it was written. Raises
+    ConfigError where a log can't be written, or another has its name.
     """
     from fbench.datasets.city.recording import Cities, CityRecording
 

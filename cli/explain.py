@@ -18,10 +18,8 @@ _OUTCOMES = ("missed", "false alarm", "invalid", "hit", "ignored")
 
 
 def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_json: bool) -> int:
-    """Print what became of each box of a frame, and return the exit code.
-
-    Raises:
-        FbenchError: where there is no such run, frame or class, or the frame isn't scored.
+    """Print what became of each box of a frame, and return the exit code. Raises FbenchError where there is no such
+    run, frame or class, or the frame isn't scored.
     """
     from fbench.metrics.explanation import explain_frame
 

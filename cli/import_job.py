@@ -23,8 +23,7 @@ _PAIR = r"\w[^:,()]* \d+"
 _PAIRS = re.compile(rf"(?:: | \()({_PAIR}(?:, {_PAIR})*)(?:\)|$)")
 """Counts by name, all that a line says or in brackets: `: Car 3, Van 1`."""
 _NAMED = 3
-_ALIKE = 3
-"""So many forms of a line are shown of one subject."""
+_ALIKE = 3  # So many forms of a line are shown of one subject
 
 
 def log_line(log: ImportedLog) -> str:
@@ -49,8 +48,7 @@ def counts_line(logs: Sequence[ImportedLog]) -> str:
 class _Form:
     """Lines that differ in their numbers only."""
 
-    texts: list[str]
-    """Between the numbers."""
+    texts: list[str]  # Between the numbers
     low: list[str]
     high: list[str]
     names: list[str] = field(default_factory=list)
@@ -136,19 +134,14 @@ class ImportJob:
     scenes: Sequence[str] = ()
     frames: str | None = None
     skip_bad: bool = False
-    form: Form = "mcap"
-    """Of the logs in a folder."""
+    form: Form = "mcap"  # Of the logs in a folder
     overwrite: bool = False
     as_json: bool = False
 
 
 def run_import(job: ImportJob) -> int:
-    """Import, and print what was found; returns the exit code.
-
-    Raises:
-        ConfigError: where a log can't or mustn't be written.
-        LogError: naming what is wrong with the dataset.
-        RunError: where the importer fails.
+    """Import, and print what was found; returns the exit code. Raises ConfigError where a log can't or mustn't be
+    written. Raises LogError naming what is wrong with the dataset. Raises RunError where the importer fails.
     """
     importer = GuardedImporter(make_importer(job.dataset, list(job.settings)), job.dataset)
     _require_place(job)

@@ -17,11 +17,8 @@ _MAX_VALUE = 48
 
 
 def run_init(log: Path, out: Path | None, overwrite: bool, as_json: bool) -> None:
-    """Write the configuration of a log and say what was guessed.
-
-    Raises:
-        ConfigError: where there is one already, or no folder for it.
-        LogError: where the log can't be read, or holds no sensor.
+    """Write the configuration of a log and say what was guessed. Raises ConfigError where there is one already, or no
+    folder for it. Raises LogError where the log can't be read, or holds no sensor.
     """
     place = config_place(log) if out is None else out
     _require_free(place, overwrite)

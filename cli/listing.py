@@ -134,11 +134,7 @@ def show_metrics() -> None:
 
 
 def show_metric(name: str) -> None:
-    """Print what one metric is.
-
-    Raises:
-        ConfigError: for an unknown name.
-    """
+    """Print what one metric is. Raises ConfigError for an unknown name."""
     from fbench.metrics.definitions.catalog import definition_of
 
     card = definition_of(name)
@@ -171,11 +167,7 @@ def show_profiles() -> None:
 
 
 def show_profile(name: str) -> None:
-    """Print the rules of one profile.
-
-    Raises:
-        ConfigError: for an unknown name.
-    """
+    """Print the rules of one profile. Raises ConfigError for an unknown name."""
     from fbench.metrics.profiles.catalog import described, explained, profile_of
 
     profile = profile_of(name)

@@ -16,8 +16,7 @@ from fbench.replay.data.rig import CameraModel, LogInfo, Mount
 from fbench.replay.logs.open import Storage
 from fbench.replay.setup.source import LogSource
 
-_MAX_VALUE = 300
-"""Of metadata on the terminal."""
+_MAX_VALUE = 300  # Of metadata on the terminal
 
 
 def show_info(log: LogSource, as_json: bool) -> int:

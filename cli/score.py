@@ -213,10 +213,8 @@ def _score_runs(request: "ScoreRequest", min_coverage: float, out: Path | None, 
 
 
 def _require_writable(path: Path) -> None:
-    """Refuse what no file can be written to before anything is computed.
-
-    Raises:
-        ConfigError: naming the path as the user did.
+    """Refuse what no file can be written to before anything is computed. Raises ConfigError naming the path as the user
+    did.
     """
     if path.is_dir():
         raise ConfigError(f"-o {path}: is a folder; name a file in it")

@@ -149,8 +149,7 @@ def _line(row: Mapping[str, Any]) -> str:
     return f"{row['code']} {row['text']}: {row['count']}{first}"
 
 
-_ON_TERMINAL = ("accuracy", "robustness", "latency")
-"""The others are in the files."""
+_ON_TERMINAL = ("accuracy", "robustness", "latency")  # The others are in the files
 
 
 def show_results(results: Results, out: Console) -> None:

@@ -29,20 +29,16 @@ class SimulateJob:
 
     wish: "CityRequest"
     out: Path
-    split: "Split | None" = None
-    """Of a suite; `dev` unless said otherwise."""
+    split: "Split | None" = None  # Of a suite; `dev` unless said otherwise
     threads: int | None = None
-    form: Literal["mcap", "parquet"] | None = None
-    """Of a suite's logs; `mcap` unless said otherwise."""
+    form: Literal["mcap", "parquet"] | None = None  # Of a suite's logs; `mcap` unless said otherwise
     overwrite: bool = False
     as_json: bool = False
 
 
 def run_simulation(job: SimulateJob) -> None:
-    """Simulate, and print what was made.
-
-    Raises:
-        ConfigError: where something asked for isn't there, or the log can't or mustn't be written.
+    """Simulate, and print what was made. Raises ConfigError where something asked for isn't there, or the log can't or
+    mustn't be written.
     """
     wanted = _wanted(job)
     _warn_of_idle(job.wish.settings, wanted[0][0])

@@ -80,15 +80,12 @@ def _described(entry: "Entry", path: Path, found: str) -> dict[str, object]:
     }
 
 
-_SAID_EVERY = 100
-"""Steps."""
+_SAID_EVERY = 100  # Steps
 
 
 def train_detector(folder: Path, out: Path, seed: int | None, steps: int | None, device: str, threads: int) -> None:
     """Train on the logs of a folder, go on from a checkpoint beside `out` where there is one, and write an ONNX file.
-
-    Raises:
-        ConfigError: without torch, logs, or the device.
+    Raises ConfigError without torch, logs, or the device.
     """
     torch = _torch()
     if out.suffix != ".onnx":

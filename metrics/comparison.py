@@ -17,8 +17,7 @@ Verdict = Literal["same", "better", "worse", "changed", "gone", "new", "null"]
 Key = tuple[str, str, str, str]
 
 _DECISIVE = ("f1", "mota")
-_ROUNDING = 1e-12
-"""0.80 - 0.79 is a little more than 0.01 in binary."""
+_ROUNDING = 1e-12  # 0.80 - 0.79 is a little more than 0.01 in binary
 
 
 @dataclass(frozen=True)
@@ -32,11 +31,9 @@ class Row:
     unit: str
     base: float | None
     head: float | None
-    delta: float | None
-    """`head - base`, where both have a value."""
+    delta: float | None  # `head - base`, where both have a value
     verdict: Verdict
-    primary: bool
-    """Whether it decides about regression."""
+    primary: bool  # Whether it decides about regression
 
 
 @dataclass(frozen=True)
@@ -129,18 +126,15 @@ def _lost(row: Row) -> bool:
     return row.base is not None and row.head is None
 
 
-_MAX_CHARS = 40
-"""Longer values of metadata say no more in a note."""
+_MAX_CHARS = 40  # Longer values of metadata say no more in a note
 
 
 def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
     """Refuse to compare runs of logs that show different things; returns notes on what else differs.
 
     Logs are comparable where they are equal, or where their metadata say that they show one scene: the same drive with
-    the same truth, under other weather or with other sensors.
-
-    Raises:
-        MetricError: where the logs show different things, naming both.
+    the same truth, under other weather or with other sensors. Raises MetricError where the logs show different things,
+    naming both.
     """
     other = _other_log(base, head) if base.log.digest != head.log.digest else []
     notes = [f"{what}: {a} -> {b}" for what, a, b in (*other, *_settings(base, head)) if a != b]
@@ -151,10 +145,7 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
 def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:
     """Refuse to compare runs of different logs that have no frame of one instant; returns notes on frames of one alone.
 
-    Sensors lose messages, and others have other rates.
-
-    Raises:
-        MetricError: where they have none in common.
+    Sensors lose messages, and others have other rates. Raises MetricError where they have none in common.
     """
     if base.manifest.log.digest == head.manifest.log.digest:
         return ()

@@ -14,10 +14,8 @@ class Published:
     """One configuration; all are ratios."""
 
     f1: float
-    mota_no_fp: float
-    """The thesis calls it MOTA; it leaves out false positives."""
-    change: Mapping[str, float]
-    """Relative change of F1 against the normal condition, by condition."""
+    mota_no_fp: float  # The thesis calls it MOTA; it leaves out false positives
+    change: Mapping[str, float]  # Relative change of F1 against the normal condition, by condition
 
 
 def _published(f1: float, mota: float, traffic: float, rain: float, fog: float, night: float) -> Published:
@@ -54,8 +52,7 @@ _BOTH = (
     "whether stereo is in it, so early3d-stereo has none."
 )
 _FOG = "How dense its fog is the thesis doesn't say: its figure stands beside fog and dense fog both."
-NOTES = (_ONE_FIGURE, _BOTH, _FOG)
-"""What who reads both must know."""
+NOTES = (_ONE_FIGURE, _BOTH, _FOG)  # What who reads both must know
 _NAMES = (
     "camera2d", "lidar2d", "lidar3d", "radar2d", "radar3d", "early2d", "early3d", "early3d-stereo", "late2d", "late3d",
 )  # fmt: skip

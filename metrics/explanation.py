@@ -32,24 +32,18 @@ class Verdict:
     """One truth box, detection or track in one frame, or in one image of it."""
 
     side: Literal["truth", "detection", "track"]
-    number: int
-    """Counted from 0 on in its frame or image and side, in an order that depends on the boxes alone."""
-    camera: str
-    """Empty in 3D."""
-    class_: str
-    """Its label; empty where there is none."""
+    number: int  # Counted from 0 on in its frame or image and side, in an order that depends on the boxes alone
+    camera: str  # Empty in 3D
+    class_: str  # Its label; empty where there is none
     outcome: Outcome
     reason: str
     track_id: int | None
-    score: float | None
-    """Of estimates; `None` where it isn't finite."""
+    score: float | None  # Of estimates; `None` where it isn't finite
     range_m: float | None
     """From the body in the ground plane in 3D; as the results tell it in images; `None` where unknown."""
-    partner: int | None
-    """Number of the box of the other side that it was matched with."""
+    partner: int | None  # Number of the box of the other side that it was matched with
     partner_id: int | None
-    likeness: float | None
-    """Distance [m] or intersection over union of the two."""
+    likeness: float | None  # Distance [m] or intersection over union of the two
 
 
 @dataclass(frozen=True)
@@ -69,10 +63,8 @@ class Explanation:
     stamp_ns: int
     class_: str
     matching: str
-    num_invalid_truth: int
-    """Truth boxes of the frame that aren't finite: left out and counted (GT004)."""
-    tables: tuple[Table, ...]
-    """Of detections, then of tracks."""
+    num_invalid_truth: int  # Truth boxes of the frame that aren't finite: left out and counted (GT004)
+    tables: tuple[Table, ...]  # Of detections, then of tracks
 
     def content(self) -> dict[str, object]:
         """Return it as plain data, for JSON."""
@@ -90,10 +82,8 @@ class Judged:
     what: Literal["detection", "track"]
     group: Group
     counted: Counted
-    partner: Int64
-    """(M,) which of the N truth boxes that must be found each estimate is on; -1: none."""
-    outcome: Array
-    """(M,) `judge.Outcome`."""
+    partner: Int64  # (M,) which of the N truth boxes that must be found each estimate is on; -1: none
+    outcome: Array  # (M,) `judge.Outcome`
     options: ScoreOptions
     switches: Mapping[int, tuple[int, int]]
     """Of estimates that are another track than the one that was on their truth before: its id, and its last frame."""

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 
 from fbench.replay.data.scores import Figure, Score
 
-Space = str
-"""`image` or `3D`."""
-SPACES: Mapping[Space, str] = {"image": "iou ", "3D": "bev "}
-"""How the matching of each begins."""
+Space = str  # `image` or `3D`
+SPACES: Mapping[Space, str] = {"image": "iou ", "3D": "bev "}  # How the matching of each begins
 CLEAR = "clear"
 _CLASS = "vehicle"
 _COUNTS = ("tp", "fp", "fn", "gt", "idsw")
@@ -24,8 +22,7 @@ class ScoredRun:
 
     configuration: str
     condition: str
-    scene: str
-    """What conditions are compared on: the same for each condition of one world and seed."""
+    scene: str  # What conditions are compared on: the same for each condition of one world and seed
     scores: Sequence[Score]
 
 
@@ -35,8 +32,7 @@ class _Ratio:
 
     top: Callable[[Counter[str]], float]
     bottom: Callable[[Counter[str]], float]
-    nothing: str
-    """Why there is no value where the bottom is 0."""
+    nothing: str  # Why there is no value where the bottom is 0
 
 
 _RATIOS: Mapping[str, _Ratio] = {

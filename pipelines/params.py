@@ -6,15 +6,12 @@ from contextlib import contextmanager
 
 from fbench.replay.contracts.errors import ConfigError
 
-LIMIT = 1e6
-"""No parameter is sensible beyond this; keeps numbers that follow from them finite."""
+LIMIT = 1e6  # No parameter is sensible beyond this; keeps numbers that follow from them finite
 
 
 def require_between(name: str, value: float, low: float, high: float = LIMIT) -> None:
-    """Refuse a parameter outside of [low, high].
-
-    Raises:
-        ConfigError: naming the parameter, what is expected and what was given.
+    """Refuse a parameter outside of [low, high]. Raises ConfigError naming the parameter, what is expected and what was
+    given.
     """
     if not low <= value <= high:
         limits = f"between {low:g} and {high:g}"
@@ -25,10 +22,8 @@ def require_between(name: str, value: float, low: float, high: float = LIMIT) ->
 
 
 def require_ranges(prefix: str, params: object, ranges: Mapping[str, tuple[float, float]]) -> None:
-    """Refuse fields of `params` outside of their range (low, high); `prefix` is what precedes their names.
-
-    Raises:
-        ConfigError: see `require_between`.
+    """Refuse fields of `params` outside of their range (low, high); `prefix` is what precedes their names. Raises
+    ConfigError: see `require_between`.
     """
     for name, (low, high) in ranges.items():
         require_between(f"{prefix}.{name}", getattr(params, name), low, high)

@@ -33,8 +33,7 @@ CALIBRATION, TRUTH = "calibration", "groundtruth_obj3d"
 KINDS: dict[str, Kind] = {CAMERA: "camera", LIDAR: "lidar", RADAR: "radar"}
 _SUFFIXES = {CAMERA: ".jpg", LIDAR: ".txt", RADAR: ".txt", CALIBRATION: ".json", TRUTH: ".json"}
 _DIGITS = 6
-_TOLERANCE = 1e-3
-"""Of the squared length of quaternions, which are written with few digits."""
+_TOLERANCE = 1e-3  # Of the squared length of quaternions, which are written with few digits
 
 LABELS = {
     "Car": "car", "Truck": "truck", "Bus": "bus", "Trailer": "trailer", "Towed Object": "trailer",
@@ -87,10 +86,8 @@ Files = Mapping[str, Mapping[int, Path]]
 
 
 def scan(source: Path, frames: FrameRange) -> Files:
-    """Find the files of chosen frames, by folder and frame number; other files and folders are left alone.
-
-    Raises:
-        LogError: where `source` isn't an Astyx folder, or has no LiDAR frames.
+    """Find the files of chosen frames, by folder and frame number; other files and folders are left alone. Raises
+    LogError where `source` isn't an Astyx folder, or has no LiDAR frames.
     """
     require_folder(source)
     for folder in (LIDAR, CALIBRATION):
@@ -106,10 +103,8 @@ def scan(source: Path, frames: FrameRange) -> Files:
 def read_rig(files: Files) -> Rig:
     """Read the calibration, which must be the same in all frames; a sensor without any file is left out.
 
-    Body coordinates are the set's reference frame, that of the radar.
-
-    Raises:
-        LogError: naming the first calibration that differs, isn't rigid or lacks a sensor.
+    Body coordinates are the set's reference frame, that of the radar. Raises LogError naming the first calibration that
+    differs, isn't rigid or lacks a sensor.
     """
     (_, first), *others = sorted(files[CALIBRATION].items())
     calibration = read_json(first, Calibration)
@@ -137,11 +132,7 @@ def read_rig(files: Files) -> Rig:
 
 
 def read_jpeg(path: Path, stamp_ns: int, size_wh: tuple[int, int] | None = None, number: int | None = None) -> Image:
-    """Return an image, which must be `size_wh` [px] where that is given.
-
-    Raises:
-        LogError: naming the file.
-    """
+    """Return an image, which must be `size_wh` [px] where that is given. Raises LogError naming the file."""
     image = read_image(path, CAMERA, stamp_ns, frame_number=number)
     if image.encoding != "jpeg":
         raise LogError(f"{path}: not a JPEG image")
@@ -154,10 +145,8 @@ def read_jpeg(path: Path, stamp_ns: int, size_wh: tuple[int, int] | None = None,
 def read_boxes(path: Path) -> Boxes3D:
     """Read the objects of one frame, in body coordinates.
 
-    `label_certainty`, `measured_by` and `created_by` are dropped; `object_id` and `score` are always -1.
-
-    Raises:
-        LogError: naming file and field.
+    `label_certainty`, `measured_by` and `created_by` are dropped; `object_id` and `score` are always -1. Raises
+    LogError naming file and field.
     """
     objects = read_json(path, Objects).objects
     angles = np.array([_angles(path, o.orientation_quat) for o in objects]).reshape(-1, 3)
@@ -183,8 +172,7 @@ def _angles(path: Path, wxyz: tuple[float, float, float, float]) -> tuple[float,
 _LIDAR_HEADER = "X Y Z Reflectivity LaserID Timestamp"
 _RADAR_HEADER = "X Y Z V_r Mag"
 HOUR_US = 3_600_000_000
-_BLOCK = 128 * 1024
-"""Files are parsed in blocks of so many bytes, as many at a time as there are cores."""
+_BLOCK = 128 * 1024  # Files are parsed in blocks of so many bytes, as many at a time as there are cores
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +186,7 @@ class LidarTable:
 
 
 def read_lidar(path: Path) -> LidarTable:
-    """Read one sweep, in the LiDAR's coordinate frame.
-
-    Raises:
-        LogError: naming file and line.
-    """
+    """Read one sweep, in the LiDAR's coordinate frame. Raises LogError naming file and line."""
     table = _table(path, _LIDAR_HEADER)
     ring, time_us = table[:, 4], table[:, 5]
     if not (np.all((ring >= 0) & (ring < 2**16)) and np.all((time_us >= 0) & (time_us < HOUR_US))):
@@ -211,10 +195,8 @@ def read_lidar(path: Path) -> LidarTable:
 
 
 def read_radar(path: Path) -> Float64:
-    """Read one scan (N, 5): x, y, z [m], V_r [m/s], magnitude [dB], in the radar's coordinate frame.
-
-    Raises:
-        LogError: naming file and line.
+    """Read one scan (N, 5): x, y, z [m], V_r [m/s], magnitude [dB], in the radar's coordinate frame. Raises LogError
+    naming file and line.
     """
     return _table(path, _RADAR_HEADER)
 

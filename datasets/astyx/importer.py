@@ -46,11 +46,9 @@ _LISTED = 20
 class _Findings:
     """What the import met, for its summary."""
 
-    frames: list[tuple[int, int]] = field(default_factory=list)
-    """Number and stamp [ns] of each frame."""
+    frames: list[tuple[int, int]] = field(default_factory=list)  # Number and stamp [ns] of each frame
     timeless: list[int] = field(default_factory=list)
-    turns: list[int] = field(default_factory=list)
-    """Frames before which the clock ran backwards."""
+    turns: list[int] = field(default_factory=list)  # Frames before which the clock ran backwards
     boxes: Counter[str] = field(default_factory=Counter)
     unlabelled: int = 0
 

@@ -11,32 +11,22 @@ from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64, freeze_fields
 from fbench.replay.geometry.transforms import chained
 
-EGO = 0
-"""Index of the vehicle that carries the sensors; all others are track ids too."""
-BRAKE, HEAD, TAIL = 0, 1, 2
-"""Lamps of bodies (`Mesh.lamp`): brake lights shine while braking, the others by night."""
+EGO = 0  # Index of the vehicle that carries the sensors; all others are track ids too
+BRAKE, HEAD, TAIL = 0, 1, 2  # Lamps of bodies (`Mesh.lamp`): brake lights shine while braking, the others by night
 
 
 @dataclass(frozen=True, eq=False)
 class BodyStates:
     """N bodies at one instant; the same bodies in the same order throughout a log."""
 
-    time_s: float
-    """Since the log's beginning."""
-    position_m: Float64
-    """(N, 3) the middle of the body's footprint, on the ground that it stands on."""
-    yaw_rad: Float64
-    """(N,) about z, from x towards y."""
-    velocity_mps: Float64
-    """(N, 3) of that point: the derivative of `position_m`."""
-    yaw_rate_radps: Float64
-    """(N,)."""
-    phase: Float64
-    """(N,) of the gait or the pedals, from 0 to below 1; 0 for what has none."""
-    braking: Bool
-    """(N,) whether brake lights shine."""
-    lamps: Bool
-    """(L,) which lamps of the static world shine: those of traffic signals, by the number in `Mesh.lamp`."""
+    time_s: float  # Since the log's beginning
+    position_m: Float64  # (N, 3) the middle of the body's footprint, on the ground that it stands on
+    yaw_rad: Float64  # (N,) about z, from x towards y
+    velocity_mps: Float64  # (N, 3) of that point: the derivative of `position_m`
+    yaw_rate_radps: Float64  # (N,)
+    phase: Float64  # (N,) of the gait or the pedals, from 0 to below 1; 0 for what has none
+    braking: Bool  # (N,) whether brake lights shine
+    lamps: Bool  # (L,) which lamps of the static world shine: those of traffic signals, by the number in `Mesh.lamp`
 
     def __post_init__(self) -> None:
         freeze_fields(
@@ -66,20 +56,16 @@ class Motion(Protocol):
         ...
 
 
-STATIC, MISS = -1, -2
-"""What a ray hit that hit no actor: the static world, or nothing within its range."""
+STATIC, MISS = -1, -2  # What a ray hit that hit no actor: the static world, or nothing within its range
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
     """N rays in world coordinates."""
 
-    origin_m: Float64
-    """(N, 3), or (1, 3) for all of them."""
-    direction: Float32
-    """(N, 3) unit vectors."""
-    range_m: float
-    """How far they go."""
+    origin_m: Float64  # (N, 3), or (1, 3) for all of them
+    direction: Float32  # (N, 3) unit vectors
+    range_m: float  # How far they go
     offset_s: Float64 | None = None
     """(N,) how long after the states' instant each is shot; bodies move on at constant velocity and turn rate."""
 
@@ -94,12 +80,9 @@ class Rays:
 class Hits:
     """What N rays hit first."""
 
-    range_m: Float32
-    """(N,), infinite where nothing was hit."""
-    body: Array
-    """(N,) int32 index of the actor, `STATIC` or `MISS`."""
-    triangle: Array
-    """(N,) int32 of the mesh that was hit (of the phase in which the actor is), -1 where nothing was."""
+    range_m: Float32  # (N,), infinite where nothing was hit
+    body: Array  # (N,) int32 index of the actor, `STATIC` or `MISS`
+    triangle: Array  # (N,) int32 of the mesh that was hit (of the phase in which the actor is), -1 where nothing was
     normal: Float32
     """(N, 3) unit vectors in the world, towards the side where the ray comes from; 0 where nothing was hit."""
     alone: tuple[tuple[int, Int64], ...]
@@ -144,20 +127,14 @@ class Instant:
     """The world around one sensor when it measures; what it is like itself is said by its spec."""
 
     caster: RayCaster
-    states: BodyStates
-    """Of all bodies at `stamp_ns`."""
+    states: BodyStates  # Of all bodies at `stamp_ns`
     weather: Weather
-    street_lamps_m: Float64
-    """(L, 3) in the world."""
-    seed: int
-    """Of all chances."""
-    sensor: str
-    """Its name."""
-    body_T_sensor: Float64
-    """(4, 4) its mount on the ego vehicle."""
+    street_lamps_m: Float64  # (L, 3) in the world
+    seed: int  # Of all chances
+    sensor: str  # Its name
+    body_T_sensor: Float64  # (4, 4) its mount on the ego vehicle
     stamp_ns: int
-    log_ns: int
-    """When the message arrives."""
+    log_ns: int  # When the message arrives
 
     @property
     def world_T_sensor(self) -> Float64:

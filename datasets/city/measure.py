@@ -25,14 +25,10 @@ from fbench.replay.geometry.transforms import wrap_angle
 class Seen2D:
     """Bodies in one image, B of them, in ascending order."""
 
-    body: Int64
-    """(B,) indices of actors."""
-    full_px: Float64
-    """(B, 4) rectangles around all pixels that show the body or would, if nothing were in front of it."""
-    visible_px: Float64
-    """(B, 4) those around the pixels that do show it; equal to `full_px` where none does."""
-    num_full: Int64
-    """(B,) pixels."""
+    body: Int64  # (B,) indices of actors
+    full_px: Float64  # (B, 4) rectangles around all pixels that show the body or would, if nothing were in front of it
+    visible_px: Float64  # (B, 4) those around the pixels that do show it; equal to `full_px` where none does
+    num_full: Int64  # (B,) pixels
     num_visible: Int64
 
 
@@ -41,10 +37,8 @@ class Measured:
     """One message and what it hit."""
 
     message: Image | PointCloud | RadarScan
-    num_points: Int64
-    """(A,) points or echoes of each actor; zeros of an image."""
-    seen: Seen2D | None = None
-    """Of an image."""
+    num_points: Int64  # (A,) points or echoes of each actor; zeros of an image
+    seen: Seen2D | None = None  # Of an image
 
 
 def count_hits(body: Array, num_actors: int) -> Int64:
@@ -79,10 +73,8 @@ def _rectangle(pixels: Int64, width: int) -> tuple[float, float, float, float]:
     return float(u.min()) - 0.5, float(v.min()) - 0.5, float(u.max()) + 0.5, float(v.max()) + 0.5
 
 
-START_NS = 1_700_000_000_000_000_000
-"""Stamp of a log's beginning."""
-LEAD_S = 1.0
-"""So long the traffic runs before, so that a sensor's turn that ends at the beginning has begun in it."""
+START_NS = 1_700_000_000_000_000_000  # Stamp of a log's beginning
+LEAD_S = 1.0  # So long the traffic runs before, so that a sensor's turn that ends at the beginning has begun in it
 _POSE_LATENCY_NS = 1_000_000
 
 
@@ -100,12 +92,10 @@ class Slot:
 class Plan:
     """All that is measured around one instant of the reference sensor, half way to the instants before and after it."""
 
-    stamp_ns: int
-    """The instant."""
+    stamp_ns: int  # The instant
     from_ns: int
     to_ns: int
-    slots: tuple[Slot, ...]
-    """By sensor, then by stamp."""
+    slots: tuple[Slot, ...]  # By sensor, then by stamp
     poses: tuple[Slot, ...]
 
 
@@ -156,8 +146,7 @@ class Surroundings:
     """What all messages of a log have in common."""
 
     caster: RayCaster
-    street_lamps_m: Float64
-    """(L, 3)."""
+    street_lamps_m: Float64  # (L, 3)
     weather: Weather
     seed: int
     rig: Rig
@@ -187,10 +176,8 @@ def _instant(around: Surroundings, states: BodyStates, slot: Slot) -> Instant:
     )  # fmt: skip
 
 
-EYE_M = 1.8
-"""Height of the point above the ego vehicle's middle from which bodies are looked at."""
-_GRID = 12
-"""Rays across a body, in both directions."""
+EYE_M = 1.8  # Height of the point above the ego vehicle's middle from which bodies are looked at
+_GRID = 12  # Rays across a body, in both directions
 
 
 def visible_shares(caster: RayCaster, states: BodyStates, bodies: Int64, range_m: float) -> Float64:

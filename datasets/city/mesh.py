@@ -14,18 +14,14 @@ class Material:
     """One kind of surface. Figures are typical of it, chosen by us within what is published."""
 
     name: str
-    lidar: float
-    """Diffuse reflectivity at 905 nm, 0 to 1, at normal incidence."""
-    radar_db: float
-    """Radar cross-section a square meter at 77 GHz and normal incidence [dB]."""
+    lidar: float  # Diffuse reflectivity at 905 nm, 0 to 1, at normal incidence
+    radar_db: float  # Radar cross-section a square meter at 77 GHz and normal incidence [dB]
     radar_lobe_deg: float
     """Half width of the lobe in which radar waves come back: small for smooth metal, wide for leaves."""
     gloss: float = 0.0
     """Share of light that is mirrored at normal incidence, 0 to 1; more at grazing incidence (Schlick)."""
-    retro: float = 0.0
-    """Additional reflectivity for light that returns to its source: signs, plates, reflectors."""
-    emits: float = 0.0
-    """Luminance where it shines, in units of the camera's white by day; 0: shines never."""
+    retro: float = 0.0  # Additional reflectivity for light that returns to its source: signs, plates, reflectors
+    emits: float = 0.0  # Luminance where it shines, in units of the camera's white by day; 0: shines never
     texture: str = "plain"
     """Name of its pattern in the camera: plain, asphalt, concrete, brick, grass, leaves, bark, cloth, tiles, soil."""
 
@@ -61,24 +57,18 @@ MATERIALS = (
     Material("signal_lamp", 0.20, -6.0, 40.0, emits=1.5),
     Material("wood", 0.45, -14.0, 60.0, texture="plain"),
 )
-INDEX: Mapping[str, int] = {material.name: i for i, material in enumerate(MATERIALS)}
-"""Index into `MATERIALS` by name."""
+INDEX: Mapping[str, int] = {material.name: i for i, material in enumerate(MATERIALS)}  # Index into `MATERIALS` by name
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """V vertices and T triangles, counter-clockwise from outside."""
 
-    vertices_m: Float32
-    """(V, 3)."""
-    triangles: Array
-    """(T, 3) int32 indices of vertices."""
-    material: Array
-    """(T,) uint8 index into `materials.MATERIALS`."""
-    color: Float32
-    """(T, 3) linear red, green, blue, 0 to 1: the diffuse albedo, or the light's color of what shines."""
-    lamp: Array
-    """(T,) int32: which switchable lamp a triangle belongs to (see `motion.Lamps`), -1 for none."""
+    vertices_m: Float32  # (V, 3)
+    triangles: Array  # (T, 3) int32 indices of vertices
+    material: Array  # (T,) uint8 index into `materials.MATERIALS`
+    color: Float32  # (T, 3) linear red, green, blue, 0 to 1: the diffuse albedo, or the light's color of what shines
+    lamp: Array  # (T,) int32: which switchable lamp a triangle belongs to (see `motion.Lamps`), -1 for none
 
     def __post_init__(self) -> None:
         freeze_fields(self, vertices_m=("f4", ("V", 3)), triangles=("i4", ("T", 3)), material=("u1", ("T",)),
@@ -109,8 +99,7 @@ def move_mesh(mesh: Mesh, dst_T_src: Float64) -> Mesh:
     return Mesh(vertices, mesh.triangles, mesh.material, mesh.color, mesh.lamp)
 
 
-Rgb = tuple[float, float, float]
-"""Linear red, green, blue, 0 to 1."""
+Rgb = tuple[float, float, float]  # Linear red, green, blue, 0 to 1
 Three = tuple[float, float, float]
 
 
@@ -198,12 +187,10 @@ class Body:
     middle of its footprint.
     """
 
-    label: str
-    """One of `LABELS`."""
+    label: str  # One of `LABELS`
     size_lwh_m: tuple[float, float, float]
     """Length, width, height of the box that holds all phases: |x| <= l/2, |y| <= w/2, 0 <= z <= h."""
-    phases: tuple[Mesh, ...]
-    """One mesh, or those of a gait, evenly over one cycle."""
+    phases: tuple[Mesh, ...]  # One mesh, or those of a gait, evenly over one cycle
 
     def mesh_at(self, phase: float) -> int:
         """Index of the mesh at a phase from 0 to below 1."""
@@ -218,20 +205,16 @@ class Actor:
     parked: bool = False
 
 
-Number = float | Array
-"""One for all quadrilaterals, or one each."""
+Number = float | Array  # One for all quadrilaterals, or one each
 
 
 @dataclass(frozen=True, eq=False)
 class Quads:
     """Q quadrilaterals, counter-clockwise from outside. Never checked: there are very many of them."""
 
-    corners_m: Float64
-    """(Q, 4, 3)."""
-    material: Array
-    """(Q,) uint8."""
-    color: Float32
-    """(Q, 3)."""
+    corners_m: Float64  # (Q, 4, 3)
+    material: Array  # (Q,) uint8
+    color: Float32  # (Q, 3)
 
     def __len__(self) -> int:
         return len(self.corners_m)

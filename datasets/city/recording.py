@@ -23,8 +23,7 @@ from fbench.replay.data.messages import Message, Pose, Truth
 from fbench.replay.data.metadata import REGIONS, SCENE_ID, Region, regions_text
 from fbench.replay.data.rig import LogInfo, Rig
 
-_NUM_KEPT = 4
-"""Both worlds of a seed, with normal and dense traffic."""
+_NUM_KEPT = 4  # Both worlds of a seed, with normal and dense traffic
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +61,14 @@ def build_city(plan: Layout, world: WorldName, is_dense: bool, seed: int) -> Cit
     return City(plan, EmbreeCaster(scenery(plan, seed), traffic.actors), traffic)
 
 
-_AHEAD = 2
-"""Periods under way beside the one that is awaited, so that no thread idles at its end."""
+_AHEAD = 2  # Periods under way beside the one that is awaited, so that no thread idles at its end
 
 
 @dataclass(frozen=True, eq=False)
 class Period:
     """All that belongs to one instant of the reference sensor."""
 
-    from_ns: int
-    """Nothing in it, or after it, was measured before: nothing arrives before."""
+    from_ns: int  # Nothing in it, or after it, was measured before: nothing arrives before
     measured: tuple[Measured, ...]
     poses: tuple[Pose, ...]
     truth: Truth
@@ -145,12 +142,10 @@ class CityRecording:
     """
 
     spec: CitySpec
-    name: str
-    """Of the log."""
+    name: str  # Of the log
     num_threads: int | None = None
     """Messages that are made at the same time; `None`: as many as there are processors for us."""
-    cities: Cities = field(default_factory=Cities)
-    """That of other drives too, where they share worlds."""
+    cities: Cities = field(default_factory=Cities)  # That of other drives too, where they share worlds
     _lines: list[str] = field(default_factory=list, init=False)
 
     @cached_property

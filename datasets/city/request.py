@@ -19,10 +19,8 @@ _TABLES: Mapping[str, type[BaseModel]] = {"cameras": CameraSpec, "lidars": Lidar
 
 
 def read_rig(path: Path) -> RigSpec:
-    """Return the rig that a TOML file describes: `[cameras.NAME]`, `[lidars.NAME]`, `[radars.NAME]`.
-
-    Raises:
-        ConfigError: where it can't be read, or naming the key that is wrong or unknown.
+    """Return the rig that a TOML file describes: `[cameras.NAME]`, `[lidars.NAME]`, `[radars.NAME]`. Raises ConfigError
+    where it can't be read, or naming the key that is wrong or unknown.
     """
     try:
         if path.is_dir():
@@ -40,10 +38,8 @@ def read_rig(path: Path) -> RigSpec:
 
 
 def with_value(rig: RigSpec, setting: str) -> RigSpec:
-    """Return a rig with one value changed: `SENSOR.FIELD=VALUE`, the value as in TOML.
-
-    Raises:
-        ConfigError: naming what isn't there or doesn't fit.
+    """Return a rig with one value changed: `SENSOR.FIELD=VALUE`, the value as in TOML. Raises ConfigError naming what
+    isn't there or doesn't fit.
     """
     name, field, text = split_setting(setting)
     tables = rig.model_dump()
@@ -56,11 +52,7 @@ def with_value(rig: RigSpec, setting: str) -> RigSpec:
 
 
 def split_setting(setting: str) -> tuple[str, str, str]:
-    """Split `NAME.FIELD=VALUE`.
-
-    Raises:
-        ConfigError: where it isn't one.
-    """
+    """Split `NAME.FIELD=VALUE`. Raises ConfigError where it isn't one."""
     path, equals, text = setting.partition("=")
     name, dot, field = path.strip().partition(".")
     if not (equals and dot and name and field and text.strip()):
@@ -69,11 +61,7 @@ def split_setting(setting: str) -> tuple[str, str, str]:
 
 
 def toml_value(setting: str, text: str) -> Any:
-    """Return a value as TOML writes it: `1.5`, `true`, `[1.0, 0.0, 2.0]`.
-
-    Raises:
-        ConfigError: where it isn't one.
-    """
+    """Return a value as TOML writes it: `1.5`, `true`, `[1.0, 0.0, 2.0]`. Raises ConfigError where it isn't one."""
     try:
         table = parse_toml(f"value = {text}".encode())
     except (TomlError, UnicodeEncodeError):
@@ -128,11 +116,7 @@ class CityRequest:
     """`SENSOR.FIELD=VALUE` and `weather.FIELD=VALUE`."""
 
     def spec(self) -> CitySpec:
-        """Return what to simulate.
-
-        Raises:
-            ConfigError: naming what isn't there or doesn't fit.
-        """
+        """Return what to simulate. Raises ConfigError naming what isn't there or doesn't fit."""
         under = condition(self.condition)
         rig = thesis_rig() if self.rig_file is None else read_rig(self.rig_file)
         for setting in self.settings:
@@ -232,14 +216,12 @@ def experiment_spec(scene: Scene, seed: int, seconds: float) -> CitySpec:
 
 
 _WORLDS: tuple[WorldName, ...] = ("urban", "highway")
-TRAINING_SEEDS = range(301, 371)
-"""None of the suite's. Each is another drive: those teach more than other weathers do."""
+TRAINING_SEEDS = range(301, 371)  # None of the suite's. Each is another drive: those teach more than other weathers do.
 _WEATHERS = (
     "clear", "fog", "night", "rain", "low-sun", "dusk", "dense-fog", "heavy-rain", "overcast", "night",
 )  # fmt: skip
 """One a drive, in turn; by night twice as many, as that is hardest."""
-_SECONDS, _RATE_HZ = 30.0, 0.2
-"""Few images of a long drive teach more than many of a short one."""
+_SECONDS, _RATE_HZ = 30.0, 0.2  # Few images of a long drive teach more than many of a short one
 _FRONT_M, _REAR_M = (2.0, 0.0, 1.0), (-2.0, 0.0, 1.2)
 _LEFT_M, _RIGHT_M = (0.5, 0.8, 1.4), (0.5, -0.8, 1.6)
 

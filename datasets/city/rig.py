@@ -18,16 +18,12 @@ NotNegative = Annotated[float, Field(ge=0, le=1000)]
 Late = Annotated[float, Field(ge=0, le=60_000)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Three = Annotated[tuple[Number, Number, Number], Field(strict=False)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
-"""Of a sensor."""
-POSE = "pose"
-"""Name of the stream of poses, which no sensor may have."""
-WEATHER = "weather"
-"""What `--set` calls the weather, and so no sensor."""
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]  # Of a sensor
+POSE = "pose"  # Name of the stream of poses, which no sensor may have
+WEATHER = "weather"  # What `--set` calls the weather, and so no sensor
 _OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: the camera's x right, y down, z forward in axes x forward, y left, z up."""
-MAX_RAYS = 5_000_000
-"""Of one message of a LiDAR or radar: more take more memory than a small computer has."""
+MAX_RAYS = 5_000_000  # Of one message of a LiDAR or radar: more take more memory than a small computer has
 MAX_PIXELS = 16_000_000
 
 
@@ -36,19 +32,14 @@ class SensorSpec(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    translation_m: Three
-    """In body coordinates; the origin lies on the ground in the middle of the vehicle."""
+    translation_m: Three  # In body coordinates; the origin lies on the ground in the middle of the vehicle
     yaw_pitch_roll_deg: Three = (0.0, 0.0, 0.0)
     """R = Rz(yaw) Ry(pitch) Rx(roll) of axes x forward, y left, z up: a positive pitch looks down."""
     rate_hz: Rate
-    phase_ms: Late = 0.0
-    """When the first message is measured."""
-    latency_ms: Late
-    """From stamp to arrival, at least."""
-    jitter_ms: Late = 0.0
-    """Arrival is later by up to so much, evenly distributed."""
-    loss: Share = 0.0
-    """How often a message never arrives."""
+    phase_ms: Late = 0.0  # When the first message is measured
+    latency_ms: Late  # From stamp to arrival, at least
+    jitter_ms: Late = 0.0  # Arrival is later by up to so much, evenly distributed
+    loss: Share = 0.0  # How often a message never arrives
 
     @model_validator(mode="after")
     def _starts_in_time(self) -> Self:
@@ -68,12 +59,10 @@ class CameraSpec(SensorSpec):
     latency_ms: Late = 15.0
     jitter_ms: Late = 2.0
     size_wh: Annotated[tuple[int, int], Field(strict=False)] = (800, 600)
-    fov_deg: Annotated[float, Field(gt=1, lt=170)] = 90.0
-    """Horizontal field of view."""
+    fov_deg: Annotated[float, Field(gt=1, lt=170)] = 90.0  # Horizontal field of view
     noise: Share = 0.006
     """Standard deviation of the sensor's noise at mid-gray in good light, as a share of white; more in little light."""
-    vignetting: Share = 0.15
-    """How much darker the corners are."""
+    vignetting: Share = 0.15  # How much darker the corners are
     jpeg_quality: Annotated[int, Field(ge=1, le=100)] = 92
 
     @model_validator(mode="after")
@@ -99,15 +88,12 @@ class LidarSpec(SensorSpec):
     latency_ms: Late = 10.0
     jitter_ms: Late = 2.0
     channels: Annotated[int, Field(ge=1, le=1024)] = 128
-    points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 1_000_000
-    """Shots, whether anything comes back or not."""
+    points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 1_000_000  # Shots, whether anything comes back or not
     range_m: Reach = 100.0
     upper_deg: Altitude = 30.0
     lower_deg: Altitude = -20.0
-    noise_m: NotNegative = 0.01
-    """Standard deviation of the range."""
-    dropout: Share = 0.0
-    """Share of returns that are lost for no reason."""
+    noise_m: NotNegative = 0.01  # Standard deviation of the range
+    dropout: Share = 0.0  # Share of returns that are lost for no reason
     motion: bool = False
     """Whether the vehicle and all others move while it turns; else everything stands still at the stamp."""
 
@@ -127,26 +113,20 @@ class RadarSpec(SensorSpec):
     jitter_ms: Late = 2.0
     horizontal_fov_deg: Annotated[float, Field(gt=0, le=180)] = 100.0
     vertical_fov_deg: Annotated[float, Field(gt=0, le=120)] = 50.0
-    points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 250_000
-    """Rays, whether an echo comes back or not."""
+    points_per_s: Annotated[int, Field(ge=1, le=20_000_000)] = 250_000  # Rays, whether an echo comes back or not
     range_m: Reach = 100.0
     range_resolution_m: NotNegative = 0.1
     azimuth_resolution_deg: NotNegative = 0.5
     altitude_resolution_deg: NotNegative = 0.5
-    speed_resolution_mps: NotNegative = 0.1
-    """Values are given at multiples of these; 0: as they are."""
+    speed_resolution_mps: NotNegative = 0.1  # Values are given at multiples of these; 0: as they are
     range_noise_m: NotNegative = 0.05
     azimuth_noise_deg: NotNegative = 0.2
     altitude_noise_deg: NotNegative = 0.2
     speed_noise_mps: NotNegative = 0.05
-    rcs_noise_db: NotNegative = 1.0
-    """Standard deviations."""
-    merge_cells: bool = False
-    """Whether echoes that can't be told apart become one."""
-    clutter: Annotated[float, Field(ge=0, le=100_000)] = 0.0
-    """False echoes a scan, on average."""
-    multipath: Share = 0.0
-    """Share of strong echoes of road users that come a second time, by a detour."""
+    rcs_noise_db: NotNegative = 1.0  # Standard deviations
+    merge_cells: bool = False  # Whether echoes that can't be told apart become one
+    clutter: Annotated[float, Field(ge=0, le=100_000)] = 0.0  # False echoes a scan, on average
+    multipath: Share = 0.0  # Share of strong echoes of road users that come a second time, by a detour
 
     @model_validator(mode="after")
     def _has_not_too_many_rays(self) -> Self:
@@ -167,8 +147,7 @@ class RigSpec(BaseModel):
     cameras: dict[Name, CameraSpec] = {}
     lidars: dict[Name, LidarSpec] = {}
     radars: dict[Name, RadarSpec] = {}
-    pose_rate_hz: Rate = 100.0
-    """Of the poses of the ego vehicle, which arrive 1 ms after their stamps."""
+    pose_rate_hz: Rate = 100.0  # Of the poses of the ego vehicle, which arrive 1 ms after their stamps
 
     @property
     def specs(self) -> dict[str, CameraSpec | LidarSpec | RadarSpec]:

@@ -20,8 +20,7 @@ class Condition:
 
     name: str
     weather: Weather
-    is_dense: bool = False
-    """Whether there is much traffic; it is another scene then."""
+    is_dense: bool = False  # Whether there is much traffic; it is another scene then
 
 
 _OVERCAST_LUX = 8_000.0
@@ -49,10 +48,7 @@ def condition(text: str) -> Condition:
     """Return the condition of a name, or the mixture of several joined by `+`, such as `traffic+fog`.
 
     A mixture has the shortest visibility, the most rain, the least light, the lowest sun, and dense traffic where any
-    of its parts has.
-
-    Raises:
-        ConfigError: for an unknown name, or one that comes twice.
+    of its parts has. Raises ConfigError for an unknown name, or one that comes twice.
     """
     names = [name.strip() for name in text.split("+")]
     for name in names:
@@ -77,27 +73,21 @@ def _mix(weathers: list[Weather]) -> Weather:
 
 WorldName: TypeAlias = Literal["urban", "highway"]
 WORLDS: Mapping[str, WorldName] = {name: name for name in get_args(WorldName)}
-VERSION = 2
-"""Of the simulation: rises whenever the same spec gives other messages."""
+VERSION = 2  # Of the simulation: rises whenever the same spec gives other messages
 MAX_SEED = 2**63 - 1
 MAX_SECONDS = 86_400.0
 
 
 @dataclass(frozen=True)
 class CitySpec:
-    """One log.
-
-    Raises:
-        ConfigError: where a number is out of range, or the rig has no sensor.
-    """
+    """One log. Raises ConfigError where a number is out of range, or the rig has no sensor."""
 
     world: WorldName = "urban"
     condition: Condition = field(default_factory=lambda: CONDITIONS["clear"])
     seconds: float = 10.0
     seed: int = 0
     rig: RigSpec = field(default_factory=thesis_rig)
-    truth_range_m: float = 120.0
-    """Road users within this distance of the ego vehicle are in the truth."""
+    truth_range_m: float = 120.0  # Road users within this distance of the ego vehicle are in the truth
 
     def __post_init__(self) -> None:
         if not 0.1 <= self.seconds <= MAX_SECONDS:
@@ -146,11 +136,7 @@ class CitySpec:
 
 
 def world_name(text: str) -> WorldName:
-    """Return the world of a name.
-
-    Raises:
-        ConfigError: where there is none, with the nearest one.
-    """
+    """Return the world of a name. Raises ConfigError where there is none, with the nearest one."""
     if text not in WORLDS:
         raise ConfigError(f"no simulated world '{text}'{did_you_mean(text, WORLDS)}")
     return WORLDS[text]

@@ -74,27 +74,18 @@ def is_pinhole(K: Float64) -> bool:
     return bool(K[0, 0] > 0 and K[1, 1] > 0 and K[2, 2] == 1 and not np.tril(K, -1).any())
 
 
-MAX_BYTES = 112 * 2**20
-"""No file of a dataset that becomes one message is larger."""
+MAX_BYTES = 112 * 2**20  # No file of a dataset that becomes one message is larger
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 
 
 def require_folder(path: Path) -> None:
-    """Refuse what isn't a folder.
-
-    Raises:
-        LogError: saying what it is.
-    """
+    """Refuse what isn't a folder. Raises LogError: saying what it is."""
     if not path.is_dir():
         raise LogError(f"{path}: {'not a folder' if path.exists() else 'no such folder'}")
 
 
 def require_file(path: Path) -> None:
-    """Refuse what isn't a file: pipes and devices never end, or never begin.
-
-    Raises:
-        LogError: saying so.
-    """
+    """Refuse what isn't a file: pipes and devices never end, or never begin. Raises LogError: saying so."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError) as error:
@@ -104,11 +95,8 @@ def require_file(path: Path) -> None:
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        LogError: where it can't be read.
-        LimitError: where it is larger than `limit` [byte].
+    """Return the content of a file. Raises LogError where it can't be read. Raises LimitError where it is larger than
+    `limit` [byte].
     """
     require_file(path)
     try:
@@ -120,11 +108,8 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
 
 
 def read_text(path: Path, limit: int = MAX_BYTES) -> str:
-    """Return the content of a text file.
-
-    Raises:
-        LogError: where it can't be read, or isn't UTF-8.
-        LimitError: where it is larger than `limit` [byte].
+    """Return the content of a text file. Raises LogError where it can't be read, or isn't UTF-8. Raises LimitError
+    where it is larger than `limit` [byte].
     """
     try:
         return read_bytes(path, limit).decode("utf-8-sig")
@@ -133,10 +118,8 @@ def read_text(path: Path, limit: int = MAX_BYTES) -> str:
 
 
 def read_floats(path: Path, num_columns: int) -> Float32:
-    """Return rows (N, `num_columns`) of a file of little-endian float32.
-
-    Raises:
-        LogError: where it can't be read, is empty, or ends within a row.
+    """Return rows (N, `num_columns`) of a file of little-endian float32. Raises LogError where it can't be read, is
+    empty, or ends within a row.
     """
     data = read_bytes(path)
     if not data:
@@ -154,11 +137,8 @@ def read_image(
     log_ns: int | None = None,
     frame_number: int | None = None,
 ) -> Image:
-    """Return an image as it is encoded; `log_ns` is its stamp unless given.
-
-    Raises:
-        LogError: where it isn't an image, is truncated, or isn't of the size `size_wh` that its camera is calibrated
-            for.
+    """Return an image as it is encoded; `log_ns` is its stamp unless given. Raises LogError where it isn't an image, is
+    truncated, or isn't of the size `size_wh` that its camera is calibrated for.
     """
     data = read_bytes(path)
     try:
@@ -198,10 +178,8 @@ _ALL = FrameRange()
 
 
 def entries(folder: Path) -> list[Path]:
-    """Return what is in a folder, sorted by name; nothing where there is no such folder.
-
-    Raises:
-        LogError: where it can't be read.
+    """Return what is in a folder, sorted by name; nothing where there is no such folder. Raises LogError where it can't
+    be read.
     """
     try:
         return sorted(folder.iterdir()) if folder.is_dir() else []
@@ -211,9 +189,7 @@ def entries(folder: Path) -> list[Path]:
 
 def find_numbered(folder: Path, suffixes: tuple[str, ...], digits: int, frames: FrameRange = _ALL) -> dict[int, Path]:
     """Return the files of a folder that are named by a number of so many digits, ascending; none where it isn't there.
-
-    Raises:
-        LogError: where the folder can't be read.
+    Raises LogError where the folder can't be read.
     """
     found = {int(p.stem): p for p in entries(folder) if p.suffix in suffixes and is_number(p.stem, digits)}
     return {number: found[number] for number in sorted(found) if number in frames}
@@ -228,10 +204,8 @@ T = TypeVar("T")
 
 
 def read_json(path: Path, model: type[T]) -> T:
-    """Return the content of a JSON file.
-
-    Raises:
-        LogError: naming file and field, where it can't be read or isn't as the model says.
+    """Return the content of a JSON file. Raises LogError naming file and field, where it can't be read or isn't as the
+    model says.
     """
     try:
         return TypeAdapter(model).validate_json(read_bytes(path))

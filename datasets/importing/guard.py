@@ -22,11 +22,7 @@ class GuardedImporter:
         self._importer, self._dataset = importer, dataset
 
     def names(self, source: Path) -> Sequence[str]:
-        """Names of the sequences, each once.
-
-        Raises:
-            RunError: where it fails, or gives something else.
-        """
+        """Names of the sequences, each once. Raises RunError where it fails, or gives something else."""
         what = f"dataset '{self._dataset}' can't name the sequences in {source}"
         with guarded(what):
             names = list(self._importer.names(source))
@@ -38,11 +34,7 @@ class GuardedImporter:
         return names
 
     def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
-        """Open the sequences.
-
-        Raises:
-            RunError: where it fails.
-        """
+        """Open the sequences. Raises RunError where it fails."""
         what = f"dataset '{self._dataset}' can't open a sequence in {source}"
         with guarded(what):
             recordings = iter(self._importer.recordings(source, wish))

@@ -32,10 +32,8 @@ from fbench.replay.logs.open import open_container
 def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     """Have the log `path` alone while the `with` block runs; `waits` is called where another import has it.
 
-    The system gives a claim back when its process ends, however it does.
-
-    Raises:
-        ConfigError: where nothing can be written beside the log.
+    The system gives a claim back when its process ends, however it does. Raises ConfigError where nothing can be
+    written beside the log.
     """
     lock = path.with_name(f".{path.name}.importing")
     try:
@@ -80,8 +78,7 @@ def _clear_partial(path: Path) -> None:
 
 
 T = TypeVar("T")
-NUM_AHEAD = 4
-"""Items; both sides take about as long, so that more wouldn't hide more."""
+NUM_AHEAD = 4  # Items; both sides take about as long, so that more wouldn't hide more
 
 
 class _End:
@@ -111,10 +108,8 @@ class LogItems:
         self._encoder = Encoder()
 
     def of(self, imported: Imported) -> Iterator[Item]:
-        """Return the items that hold one message, truth, result or rig.
-
-        Raises:
-            ValueError: where a result can't be stored.
+        """Return the items that hold one message, truth, result or rig. Raises ValueError where a result can't be
+        stored.
         """
         match imported:
             case RigChange():
@@ -146,8 +141,7 @@ def _parts(truth: Truth) -> Iterator[TruthPart]:
 
 Progress = Callable[[str, int, int], None]
 """Gets the name of a sequence, how many of its items are done, and about how many there are."""
-_SKIPS = "import.skip_bad"
-"""Metadata of logs that may lack what couldn't be used."""
+_SKIPS = "import.skip_bad"  # Metadata of logs that may lack what couldn't be used
 
 
 @dataclass(frozen=True)
@@ -159,10 +153,8 @@ class ImportedLog:
     state: Literal["written", "there", "failed"]
     """`there`: an equal import wrote it before; `failed`: it can't be imported, and bad input is skipped."""
     written: Converted | None = None
-    lines: Sequence[str] = ()
-    """What was found and what was odd, where it was written."""
-    num_skipped: int = 0
-    """Files, rows and frames that couldn't be used, where such are skipped."""
+    lines: Sequence[str] = ()  # What was found and what was odd, where it was written
+    num_skipped: int = 0  # Files, rows and frames that couldn't be used, where such are skipped
 
 
 def import_recordings(
@@ -175,11 +167,8 @@ def import_recordings(
     """Import the sequences of a wish one after the other, each into the target of its name.
 
     A log that an equal import wrote before is left as it is, so that one that was interrupted goes on. Imports that run
-    at the same time wait for each other where they write the same log.
-
-    Raises:
-        ConfigError: where a log can't or mustn't be written.
-        LogError: naming the file that can't be used; the logs before it are whole.
+    at the same time wait for each other where they write the same log. Raises ConfigError where a log can't or mustn't
+    be written. Raises LogError naming the file that can't be used; the logs before it are whole.
     """
     to_come = dict.fromkeys(wish.names)
     num_before = 0
@@ -198,11 +187,8 @@ def import_recordings(
 
 
 def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | None = None) -> ImportedLog:
-    """Import a sequence, the only one unless a wish names it, into the log `out`, which is replaced.
-
-    Raises:
-        ConfigError: where there are several, or the log can't be written.
-        LogError: naming the file that can't be used.
+    """Import a sequence, the only one unless a wish names it, into the log `out`, which is replaced. Raises ConfigError
+    where there are several, or the log can't be written. Raises LogError naming the file that can't be used.
     """
     wish = wish or ImportWish(tuple(importer.names(source)))
     if len(wish.names) != 1:
@@ -211,11 +197,8 @@ def import_one(importer: Importer, source: Path, out: Path, wish: ImportWish | N
 
 
 def write_recording(recording: Recording, target: Target, progress: Progress) -> ImportedLog:
-    """Write one sequence, or leave the log that an equal one wrote before.
-
-    Raises:
-        ConfigError: where the log can't or mustn't be written.
-        LogError: naming what can't be used of the sequence.
+    """Write one sequence, or leave the log that an equal one wrote before. Raises ConfigError where the log can't or
+    mustn't be written. Raises LogError naming what can't be used of the sequence.
     """
     with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
         return _write(recording, target, progress, skips=False)
@@ -251,11 +234,7 @@ def _write(recording: Recording, target: Target, progress: Progress, skips: bool
 
 
 def _is_there(path: Path, info: LogInfo) -> bool:
-    """Whether an equal import wrote a log.
-
-    Raises:
-        ConfigError: where another one did.
-    """
+    """Whether an equal import wrote a log. Raises ConfigError where another one did."""
     header = _header(path)
     if header is None:
         return False

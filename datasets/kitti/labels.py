@@ -17,15 +17,12 @@ from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
 from fbench.replay.formats.open import recognize
 from fbench.replay.formats.text import Line, digest_of, frame_number
 
-CAMERA = camera_name(2)
-"""Whose image labels and results belong to."""
+CAMERA = camera_name(2)  # Whose image labels and results belong to
 CLASSES = frozenset(
     ("Car", "Van", "Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", DONT_CARE)
 )
-_ALPHA = 3
-"""Column behind the class."""
-MAX_FRAMES = 200_000
-"""No sequence has more frames."""
+_ALPHA = 3  # Column behind the class
+MAX_FRAMES = 200_000  # No sequence has more frames
 
 Parse = Callable[[Line], LabeledObject]
 
@@ -34,27 +31,17 @@ Parse = Callable[[Line], LabeledObject]
 class SequenceRows:
     """Rows of one sequence."""
 
-    frames: Mapping[int, Sequence[LabeledObject]]
-    """In the order of the file; frames without rows are absent."""
-    num_frames: int
-    """One more than the last frame of any row."""
+    frames: Mapping[int, Sequence[LabeledObject]]  # In the order of the file; frames without rows are absent
+    num_frames: int  # One more than the last frame of any row
 
 
 def tracking_label(line: Line) -> LabeledObject:
-    """Return the object of a row of `label_02`, its alpha as attribute.
-
-    Raises:
-        LogError: naming the column.
-    """
+    """Return the object of a row of `label_02`, its alpha as attribute. Raises LogError naming the column."""
     return _keep_alpha(parse_tracking_row(line, CAMERA), line.fields[2:])
 
 
 def object_label(line: Line) -> LabeledObject:
-    """Return the object of a row of `label_2`, its alpha as attribute.
-
-    Raises:
-        LogError: naming the column.
-    """
+    """Return the object of a row of `label_2`, its alpha as attribute. Raises LogError naming the column."""
     return _keep_alpha(parse_object_row(line, line.fields, CAMERA, None), line.fields)
 
 
@@ -64,10 +51,8 @@ def _keep_alpha(row: LabeledObject, fields: Sequence[str]) -> LabeledObject:
 
 
 def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, comma: bool = False) -> SequenceRows:
-    """Read the file of one sequence; rows of frames that aren't asked for are counted only.
-
-    Raises:
-        LogError: naming the row that can't be used, unless such are skipped.
+    """Read the file of one sequence; rows of frames that aren't asked for are counted only. Raises LogError naming the
+    row that can't be used, unless such are skipped.
     """
     found: dict[int, list[LabeledObject]] = {}
     ids: set[tuple[int, int]] = set()
@@ -86,11 +71,7 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
 
 
 def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[LabeledObject]:
-    """Read the file of one frame.
-
-    Raises:
-        LogError: naming the row that can't be used, unless such are skipped.
-    """
+    """Read the file of one frame. Raises LogError naming the row that can't be used, unless such are skipped."""
     objects: list[LabeledObject] = []
     for line in bounded_lines(path):
         try:
@@ -137,13 +118,10 @@ class Results:
     """Results of another system for one log."""
 
     files: Sequence[Path]
-    rows: Callable[[int], Sequence[LabeledObject] | None]
-    """Objects of a frame; `None` where it has no results."""
-    has_3d: bool
-    """Whether there are 3D boxes at all."""
+    rows: Callable[[int], Sequence[LabeledObject] | None]  # Objects of a frame; `None` where it has no results
+    has_3d: bool  # Whether there are 3D boxes at all
     has_2d: bool
-    num_frames: int = 0
-    """Of a sequence: one more than the last frame of any row."""
+    num_frames: int = 0  # Of a sequence: one more than the last frame of any row
 
     @property
     def facts(self) -> Sequence[str]:
@@ -159,10 +137,8 @@ class Results:
 
 
 def results_folder(folder: Path) -> Path:
-    """Return where the files of results are: the folder, or its `data/`, where TrackEval has them.
-
-    Raises:
-        ConfigError: where there are none.
+    """Return where the files of results are: the folder, or its `data/`, where TrackEval has them. Raises ConfigError
+    where there are none.
     """
     if not folder.is_dir():
         raise ConfigError(f"--detections {folder}: {'not a folder' if folder.exists() else 'no such folder'}")
@@ -173,10 +149,8 @@ def results_folder(folder: Path) -> Path:
 
 
 def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadInput) -> Results | None:
-    """Read the results of a sequence; `None` where there is no file of its name.
-
-    Raises:
-        LogError: naming file and row, where they can't be used.
+    """Read the results of a sequence; `None` where there is no file of its name. Raises LogError naming file and row,
+    where they can't be used.
     """
     path = folder / f"{sequence}.txt"
     if not path.is_file():
@@ -195,10 +169,8 @@ def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadIn
 
 
 def frame_results(paths: Mapping[int, Path], bad: BadInput) -> Results | None:
-    """Open the results of single frames by their files; `None` where there are none.
-
-    Raises:
-        LogError: naming file and row, where they can't be used.
+    """Open the results of single frames by their files; `None` where there are none. Raises LogError naming file and
+    row, where they can't be used.
     """
     if not paths:
         return None

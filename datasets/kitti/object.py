@@ -44,8 +44,7 @@ class ObjectFrames:
     """All frames of a folder. They aren't a sequence: each has its own calibration."""
 
     benchmark = "object"
-    period_ns = PERIOD_NS
-    """So far apart that each frame is a segment of its own."""
+    period_ns = PERIOD_NS  # So far apart that each frame is a segment of its own
 
     def __init__(self, name: str, folder: Path, wish: ImportWish, detections: Path | None) -> None:
         self.name, self.folder, self._wish, self._detections = name, folder, wish, detections

@@ -34,17 +34,13 @@ class Fix:
     alt_m: float
     roll_rad: float
     pitch_rad: float
-    yaw_rad: float
-    """0 is east, counter-clockwise."""
-    texts: tuple[str, str, str]
-    """Latitude, longitude and altitude as they were written."""
+    yaw_rad: float  # 0 is east, counter-clockwise
+    texts: tuple[str, str, str]  # Latitude, longitude and altitude as they were written
 
 
 def fix_of(row: str, where: str) -> Fix:
-    """Return what a row tells; `where` names it in errors.
-
-    Raises:
-        LogError: where it hasn't 30 finite numbers, or isn't on Earth.
+    """Return what a row tells; `where` names it in errors. Raises LogError where it hasn't 30 finite numbers, or isn't
+    on Earth.
     """
     texts = row.split()
     if len(texts) != NUM_VALUES:
@@ -64,11 +60,7 @@ def _column(index: int) -> str:
 
 
 def read_fix(path: Path) -> Fix:
-    """Return the row of a file of the raw data, which has one.
-
-    Raises:
-        LogError: naming the file.
-    """
+    """Return the row of a file of the raw data, which has one. Raises LogError naming the file."""
     rows = [line for line in read_text(path).splitlines() if line.strip()]
     if len(rows) != 1:
         raise LogError(f"{path}: {len(rows)} rows, expected one")

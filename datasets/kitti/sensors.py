@@ -41,12 +41,9 @@ there, are the same boxes in the log, whatever the calibration of the other sens
 class Calibration:
     """What KITTI's calibration files say; coordinates of camera 0 are the rectified ones."""
 
-    projections: Mapping[int, Float64]
-    """P (3, 4) of the rectified cameras by number, from rectified camera 0 to pixels."""
-    camera0_T_velo: Float64 | None = None
-    """(4, 4), rectification included."""
-    velo_T_imu: Float64 | None = None
-    """(4, 4)."""
+    projections: Mapping[int, Float64]  # P (3, 4) of the rectified cameras by number, from rectified camera 0 to pixels
+    camera0_T_velo: Float64 | None = None  # (4, 4), rectification included
+    velo_T_imu: Float64 | None = None  # (4, 4)
 
     @property
     def body_T_imu(self) -> Float64 | None:
@@ -64,11 +61,8 @@ def camera_name(number: int) -> str:
 def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], has_lidar: bool) -> Rig:
     """Return the sensors: the rectified cameras whose sizes [px] are given, and the LiDAR where there is one.
 
-    P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4).
-
-    Raises:
-        KeyError: for a camera without P.
-        ValueError: where `has_lidar` and the calibration doesn't tell where it is.
+    P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4). Raises KeyError for a camera
+    without P. Raises ValueError where `has_lidar` and the calibration doesn't tell where it is.
     """
     mounts, cameras = {}, {}
     for number, size_wh in sorted(sizes_wh.items()):
@@ -165,11 +159,8 @@ def numbered_folders(folder: Path, digits: int) -> list[str]:
 
 
 def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
-    """Return the lines of a text that tells of all frames, split at blanks or commas; it is never large.
-
-    Raises:
-        LogError: where it can't be read, or isn't UTF-8.
-        LimitError: where it is too large.
+    """Return the lines of a text that tells of all frames, split at blanks or commas; it is never large. Raises
+    LogError where it can't be read, or isn't UTF-8. Raises LimitError where it is too large.
     """
     if path.exists():
         require_file(path)

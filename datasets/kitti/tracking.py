@@ -103,8 +103,7 @@ class TrackingFrames:
     """One sequence."""
 
     benchmark = "tracking"
-    period_ns = PERIOD_NS
-    """KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps."""
+    period_ns = PERIOD_NS  # KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps
 
     def __init__(self, name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> None:
         self.name, self.folder, self._sequence, self._wish = name, folder, sequence, wish

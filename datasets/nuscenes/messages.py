@@ -27,20 +27,16 @@ _LISTED = 10
 class Findings:
     """Counts of one scene."""
 
-    keyframes: Counter[str] = field(default_factory=Counter)
-    """By sensor."""
+    keyframes: Counter[str] = field(default_factory=Counter)  # By sensor
     sweeps: Counter[str] = field(default_factory=Counter)
-    gaps: dict[str, list[int]] = field(default_factory=dict)
-    """Samples that lack a keyframe, by sensor."""
+    gaps: dict[str, list[int]] = field(default_factory=dict)  # Samples that lack a keyframe, by sensor
     poses: int = 0
     echoes: int = 0
-    dropped: int = 0
-    """Echoes that the filter dropped."""
+    dropped: int = 0  # Echoes that the filter dropped
     categories: Counter[str] = field(default_factory=Counter)
     tracks: set[int] = field(default_factory=set)
     with_velocity: int = 0
-    labelled: int = 0
-    """Samples with truth."""
+    labelled: int = 0  # Samples with truth
 
     def add_boxes(self, boxes: Boxes3D) -> None:
         """Count truth."""
@@ -82,11 +78,9 @@ def _sensor_lines(found: Findings, excerpt: Excerpt, rig: Rig) -> Iterator[str]:
 
 
 REFERENCE = "LIDAR_TOP"
-EGO = "ego"
-"""Name of the stream of poses."""
+EGO = "ego"  # Name of the stream of poses
 Rows = Sequence[tuple[DataRow, PoseRow | None]]
-Keyframes = Mapping[tuple[int, str], tuple[DataRow, PoseRow | None]]
-"""By sample and sensor."""
+Keyframes = Mapping[tuple[int, str], tuple[DataRow, PoseRow | None]]  # By sample and sensor
 _US = 1000
 
 
@@ -98,10 +92,8 @@ class Content:
     rig: Rig
     chain: Sequence[Instant]
     samples: range
-    rows: Rows
-    """What sensors measured, in the order of stamps."""
-    truth: SceneTruth | None
-    """`None` where the set isn't labeled."""
+    rows: Rows  # What sensors measured, in the order of stamps
+    truth: SceneTruth | None  # `None` where the set isn't labeled
     radar_filter: bool
 
 
@@ -115,8 +107,7 @@ class _Event(NamedTuple):
     row: DataRow | PoseRow
 
 
-_POSE, _MEASURED, _TRUTH = range(3)
-"""Ranks."""
+_POSE, _MEASURED, _TRUTH = range(3)  # Ranks
 
 
 def items(content: Content, found: Findings, bad: BadInput) -> Iterator[Message | Truth]:

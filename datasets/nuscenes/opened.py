@@ -28,12 +28,9 @@ from fbench.replay.logs.containers.limits import crc32
 class Excerpt:
     """Which samples of a scene are wanted, and what was measured between them."""
 
-    chain: Sequence[Instant]
-    """All samples of the scene."""
-    frames: FrameRange
-    """By number within the scene."""
-    sweeps: bool
-    """Whether what lies between the samples is wanted."""
+    chain: Sequence[Instant]  # All samples of the scene
+    frames: FrameRange  # By number within the scene
+    sweeps: bool  # Whether what lies between the samples is wanted
 
     @cached_property
     def samples(self) -> range:
@@ -59,8 +56,7 @@ class Excerpt:
         return range(begin_us, self.chain[stop].stamp_us if stop < len(self.chain) else MAX_US + 1)
 
 
-Place = tuple[int, int]
-"""Number of a scene, and of a sample within it."""
+Place = tuple[int, int]  # Number of a scene, and of a sample within it
 _SLOTS = 1 << 24
 
 
@@ -85,11 +81,7 @@ class Filling:
         """Of the whole set; that of the test split has none."""
 
     def fill(self, database: Database) -> None:
-        """Read the tables.
-
-        Raises:
-            LogError: where one can't be used.
-        """
+        """Read the tables. Raises LogError where one can't be used."""
         path = self._tables.folder.table
         database.fill("data", self._data(), path("sample_data"))
         database.fill("pose", self._poses(), path("ego_pose"))
@@ -158,11 +150,7 @@ class NuScenesSet:
     """The tables of one import, shared by its scenes."""
 
     def __init__(self, folder: Folder, sweeps: bool, wish: ImportWish) -> None:
-        """Begin.
-
-        Raises:
-            LogError: where `scene`, `sample` or `log` is wrong.
-        """
+        """Begin. Raises LogError where `scene`, `sample` or `log` is wrong."""
         self.folder, self._sweeps, self._wish = folder, sweeps, wish
         self._scenes = read_scenes(folder)
         self.samples: Samples = read_samples(folder)
@@ -176,21 +164,13 @@ class NuScenesSet:
             self._database.close()
 
     def scene(self, name: str) -> Scene:
-        """Return a scene.
-
-        Raises:
-            ConfigError: where there is none of this name.
-        """
+        """Return a scene. Raises ConfigError where there is none of this name."""
         if name not in self._scenes:
             raise ConfigError(f"{self.folder.table('scene')}: no scene '{name}'{did_you_mean(name, self._scenes)}")
         return self._scenes[name]
 
     def drive(self, scene: Scene) -> Log:
-        """Return the drive that a scene is of.
-
-        Raises:
-            LogError: where it isn't known.
-        """
+        """Return the drive that a scene is of. Raises LogError where it isn't known."""
         found = self.samples.logs.get(scene.log_token)
         if found is None:
             raise LogError(
@@ -203,11 +183,7 @@ class NuScenesSet:
         return list(self._scenes).index(scene.name)
 
     def excerpt(self, scene: Scene) -> Excerpt:
-        """Return what is wanted of a scene.
-
-        Raises:
-            LogError: where its samples don't form a chain.
-        """
+        """Return what is wanted of a scene. Raises LogError where its samples don't form a chain."""
         return Excerpt(self.samples.chain(scene), self._wish.frames, self._sweeps)
 
     @cached_property
@@ -217,10 +193,8 @@ class NuScenesSet:
 
     @property
     def database(self) -> Database:
-        """The large tables, as far as the chosen scenes need them.
-
-        Raises:
-            LogError: where one is wrong; the same each time, since nobody wants to read on for that.
+        """The large tables, as far as the chosen scenes need them. Raises LogError where one is wrong; the same each
+        time, since nobody wants to read on for that.
         """
         if self._error is not None:
             raise self._error

@@ -16,18 +16,15 @@ from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.rig import Kind
 
 _CHUNK = 2**20
-MAX_ROW = 4 * 2**20
-"""No row is longer, in characters."""
+MAX_ROW = 4 * 2**20  # No row is longer, in characters
 _SPACE = re.compile(r"[ \t\n\r]*")
 _DECODER = json.JSONDecoder()
 
 
 def json_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the objects of an array; holds a few of them at a time.
-
-    Raises:
-        LogError: where the file can't be read, isn't such an array, or is truncated; naming the row, counted from 0.
-        LimitError: where a row is longer than `MAX_ROW`.
+    """Yield the objects of an array; holds a few of them at a time. Raises LogError where the file can't be read, isn't
+    such an array, or is truncated; naming the row, counted from 0. Raises LimitError where a row is longer than
+    `MAX_ROW`.
     """
     require_file(path)
     try:
@@ -116,14 +113,11 @@ def _unit(wxyz: tuple[float, float, float, float]) -> tuple[float, float, float,
 
 Token = Annotated[str, Field(pattern=r"^[!-~]{1,64}$")]
 """Printable ASCII without spaces, so that tokens can stand in a list."""
-Link = Annotated[str, Field(pattern=r"^[!-~]{0,64}$")]
-"""A token; empty where there is none."""
-Words = Annotated[str, Field(max_length=4000)]
-"""Any text; the limit makes pydantic refuse what isn't Unicode, too."""
+Link = Annotated[str, Field(pattern=r"^[!-~]{0,64}$")]  # A token; empty where there is none
+Words = Annotated[str, Field(max_length=4000)]  # Any text; the limit makes pydantic refuse what isn't Unicode, too
 Microseconds = Annotated[int, Field(ge=0, le=MAX_US)]
 Three = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Quaternion = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_unit)]
-"""w, x, y, z."""
+Quaternion = Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat], AfterValidator(_unit)]  # w, x, y, z
 Length = Annotated[FiniteFloat, Field(gt=0)]
 Count = Annotated[int, Field(ge=0, lt=2**31)]
 Pixels = Annotated[Count | None, BeforeValidator(lambda value: value or None)]
@@ -241,11 +235,7 @@ R = TypeVar("R", bound=Row)
 
 
 def parse_row(model: type[R], row: Mapping[str, Any], path: Path) -> R:
-    """Check a row.
-
-    Raises:
-        LogError: naming its token and the first field that is wrong.
-    """
+    """Check a row. Raises LogError naming its token and the first field that is wrong."""
     try:
         return model.model_validate(row)
     except ValidationError as error:
@@ -255,19 +245,13 @@ def parse_row(model: type[R], row: Mapping[str, Any], path: Path) -> R:
 
 
 def parse_rows(model: type[R], path: Path) -> Iterator[R]:
-    """Yield all rows of a table.
-
-    Raises:
-        LogError: for the first one that is wrong.
-    """
+    """Yield all rows of a table. Raises LogError for the first one that is wrong."""
     return (parse_row(model, row, path) for row in json_rows(path))
 
 
 def read_by_token(model: type[R], path: Path) -> dict[str, R]:
-    """Return all rows of a small table.
-
-    Raises:
-        LogError: for the first one that is wrong, or where two have the same token.
+    """Return all rows of a small table. Raises LogError for the first one that is wrong, or where two have the same
+    token.
     """
     rows: dict[str, R] = {}
     for row in parse_rows(model, path):

@@ -30,24 +30,19 @@ _MAX_ECHOES = 1_000_000
 class Echoes:
     """One scan."""
 
-    xyz: Float32
-    """(N, 3) [m] in the radar's coordinate frame."""
+    xyz: Float32  # (N, 3) [m] in the radar's coordinate frame
     radial_velocity_mps: Float32
     """(N,) positive when receding, as measured: the part of (vx, vy) along the line of sight."""
-    rcs_dbsm: Float32
-    """(N,)."""
-    num_dropped: int
-    """Echoes that the filter dropped."""
+    rcs_dbsm: Float32  # (N,)
+    num_dropped: int  # Echoes that the filter dropped
 
 
 def read_echoes(path: Path, filtered: bool) -> Echoes:
     """Read one scan; echoes that aren't finite are left out, as in files of scans without any.
 
     The radial velocity is (x vx + y vy) / |(x, y, z)|; the radar measures no vertical velocity. `vx_comp` and
-    `vy_comp`, from which the ego motion is removed, aren't used.
-
-    Raises:
-        LogError: where the file is truncated or isn't such a PCD.
+    `vy_comp`, from which the ego motion is removed, aren't used. Raises LogError where the file is truncated or isn't
+    such a PCD.
     """
     table = _read_table(path)
     needed = [*_MEASURED, *(_FLAGS if filtered else ())]
@@ -120,11 +115,8 @@ def _describe(error: Exception) -> str:
 
 
 def rig_of(rows: Sequence[DataRow], tables: Tables, scene: str) -> Rig:
-    """Return the sensors that measured something; body coordinates are those of the ego vehicle.
-
-    Raises:
-        LogError: where a sensor's calibration or the size of its images changes within the scene, or a camera has no
-            proper intrinsics.
+    """Return the sensors that measured something; body coordinates are those of the ego vehicle. Raises LogError where
+    a sensor's calibration or the size of its images changes within the scene, or a camera has no proper intrinsics.
     """
     firsts: dict[str, DataRow] = {}
     for row in rows:

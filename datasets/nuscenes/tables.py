@@ -108,10 +108,8 @@ class Database:
         self._sqlite.close()
 
     def fill(self, table: str, rows: Iterable[tuple[Any, ...]], path: Path) -> None:
-        """Add all rows of a table, which come from a file; their tokens must differ where it is `pose`.
-
-        Raises:
-            LogError: where two poses have the same token, or the disk is full.
+        """Add all rows of a table, which come from a file; their tokens must differ where it is `pose`. Raises LogError
+        where two poses have the same token, or the disk is full.
         """
         try:
             rest = iter(rows)
@@ -159,21 +157,15 @@ TABLES = (
 class Folder:
     """One version of the set."""
 
-    root: Path
-    """Names of files in the tables are relative to it."""
-    version: str
-    """Name of the folder with the tables."""
+    root: Path  # Names of files in the tables are relative to it
+    version: str  # Name of the folder with the tables
 
     def table(self, name: str) -> Path:
         """Path of a table."""
         return self.root / self.version / f"{name}.json"
 
     def file(self, name: str) -> Path:
-        """Path of a file that a table names.
-
-        Raises:
-            LogError: where that is outside of the set.
-        """
+        """Path of a file that a table names. Raises LogError where that is outside of the set."""
         pure = PurePosixPath(name)
         if not name or pure.is_absolute() or ".." in pure.parts or "\0" in name:
             raise LogError(f"{self.table('sample_data')}: filename '{name[:200]}' isn't a name within {self.root}")
@@ -181,11 +173,9 @@ class Folder:
 
 
 def open_folder(source: Path, version: str) -> Folder:
-    """Find the tables in `source`, which is the set's folder or the one with the tables.
-
-    Raises:
-        LogError: where it is neither, or a table is missing.
-        ConfigError: where there are several versions and none is chosen, or the chosen one isn't there.
+    """Find the tables in `source`, which is the set's folder or the one with the tables. Raises LogError where it is
+    neither, or a table is missing. Raises ConfigError where there are several versions and none is chosen, or the
+    chosen one isn't there.
     """
     require_folder(source)
     if (source / "scene.json").is_file():
@@ -216,14 +206,10 @@ class Tables:
     folder: Folder
     sensors: Mapping[str, Sensor]
     calibrations: Mapping[str, CalibratedSensor]
-    categories: Mapping[str, str]
-    """Names of categories by token."""
-    instances: Mapping[str, str]
-    """Tokens of categories by those of instances."""
-    attributes: Mapping[str, str]
-    """Names by token."""
-    visibilities: Mapping[str, str]
-    """Levels by token."""
+    categories: Mapping[str, str]  # Names of categories by token
+    instances: Mapping[str, str]  # Tokens of categories by those of instances
+    attributes: Mapping[str, str]  # Names by token
+    visibilities: Mapping[str, str]  # Levels by token
 
     def calibration(self, token: str) -> CalibratedSensor:
         """Return where a sensor sits."""
@@ -253,11 +239,7 @@ class Tables:
 
 
 def read_tables(folder: Folder) -> Tables:
-    """Read them.
-
-    Raises:
-        LogError: where one is wrong.
-    """
+    """Read them. Raises LogError where one is wrong."""
     return Tables(
         folder,
         read_by_token(Sensor, folder.table("sensor")),
@@ -284,10 +266,8 @@ class _Link(NamedTuple):
 
 
 def read_scenes(folder: Folder) -> Mapping[str, Scene]:
-    """Return the scenes by name, sorted.
-
-    Raises:
-        LogError: where the table is wrong, is empty, or two scenes have one name.
+    """Return the scenes by name, sorted. Raises LogError where the table is wrong, is empty, or two scenes have one
+    name.
     """
     path = folder.table("scene")
     scenes: dict[str, Scene] = {}
@@ -305,17 +285,13 @@ class Samples:
     """All samples of all scenes, and the drives that scenes come from."""
 
     path: Path
-    links: Mapping[str, _Link]
-    """By token."""
-    nums: Mapping[str, int]
-    """How many samples name a scene, by its token."""
+    links: Mapping[str, _Link]  # By token
+    nums: Mapping[str, int]  # How many samples name a scene, by its token
     logs: Mapping[str, Log]
 
     def chain(self, scene: Scene) -> tuple[Instant, ...]:
-        """Return the samples of a scene in the order of time.
-
-        Raises:
-            LogError: where the chain leaves the scene, loops, runs back in time, or isn't as the scene says.
+        """Return the samples of a scene in the order of time. Raises LogError where the chain leaves the scene, loops,
+        runs back in time, or isn't as the scene says.
         """
         found: list[Instant] = []
         token, prev = scene.first_sample_token, ""
@@ -343,11 +319,7 @@ class Samples:
 
 
 def read_samples(folder: Folder) -> Samples:
-    """Read `sample` and `log`.
-
-    Raises:
-        LogError: where a table is wrong.
-    """
+    """Read `sample` and `log`. Raises LogError where a table is wrong."""
     path = folder.table("sample")
     links: dict[str, _Link] = {}
     for row in parse_rows(Sample, path):

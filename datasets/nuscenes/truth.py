@@ -58,8 +58,7 @@ _NAN = (np.nan, np.nan, np.nan)
 class _Facts(NamedTuple):
     """What other rows say about a box."""
 
-    velocity_mps: tuple[float, float, float]
-    """In the world."""
+    velocity_mps: tuple[float, float, float]  # In the world
     category: str
     attributes: str
     visibility: float

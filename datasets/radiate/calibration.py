@@ -69,11 +69,7 @@ class Calibration(BaseModel):
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a file.
-
-    Raises:
-        LogError: naming file and key.
-    """
+    """Read a file. Raises LogError naming file and key."""
     try:
         calibration = Calibration.model_validate(read_yaml(path))
     except YamlFileError as error:

@@ -20,10 +20,8 @@ def read_stamps(path: Path, bad: BadInput) -> dict[int, int]:
     """Return stamps [ns] by frame number, in the order of the file.
 
     The recorder wrote the nanoseconds as a number, without leading zeros: `.5` is 5 ns (SDK, `__timestamp_format`).
-
-    Raises:
-        LogError: naming the file and a line that isn't like `Frame: 000001 Time: 1574859771.744660272`, or gives a
-            frame another time.
+    Raises LogError naming the file and a line that isn't like `Frame: 000001 Time: 1574859771.744660272`, or gives a
+    frame another time.
     """
     stamps: dict[int, int] = {}
     for i, line in enumerate(read_text(path).split("\n"), 1):
@@ -58,10 +56,8 @@ class Due:
     """One file with its time."""
 
     stamp_ns: int
-    rank: int
-    """Place of its sensor in `FOLDERS`, which orders files of one instant."""
-    number: int
-    """Of the frame, as the file's name says."""
+    rank: int  # Place of its sensor in `FOLDERS`, which orders files of one instant
+    number: int  # Of the frame, as the file's name says
     sensor: str
 
 
@@ -71,10 +67,8 @@ class Stream:
 
     stamps: Mapping[int, int]
     """[ns] by frame number, of frames that have both a file and a time; in the order of the table."""
-    no_file: Sequence[int]
-    """Frames that have a time alone."""
-    no_stamp: Sequence[int]
-    """Frames that have a file alone."""
+    no_file: Sequence[int]  # Frames that have a time alone
+    no_stamp: Sequence[int]  # Frames that have a file alone
 
 
 @dataclass(frozen=True)
@@ -82,8 +76,7 @@ class SequenceFiles:
     """The files of one sequence."""
 
     root: Path
-    streams: Mapping[str, Stream]
-    """Of sensors that have a folder or a table of stamps."""
+    streams: Mapping[str, Stream]  # Of sensors that have a folder or a table of stamps
     cartesian: Mapping[int, int]
     """Stamps [ns] of the Cartesian radar images, on which labels were drawn; empty where their table is absent."""
 
@@ -103,11 +96,7 @@ def file_path(root: Path, sensor: str, number: int) -> Path:
 
 
 def sequences(source: Path) -> list[Path]:
-    """Folders of sequences: `source`, or all in it that are one, by name.
-
-    Raises:
-        LogError: where there is none.
-    """
+    """Folders of sequences: `source`, or all in it that are one, by name. Raises LogError where there is none."""
     require_folder(source)
     if _is_sequence(source):
         return [source]
@@ -122,10 +111,8 @@ def _is_sequence(path: Path) -> bool:
 
 
 def calibration_path(root: Path, chosen: Path | None) -> Path:
-    """Return the calibration that was chosen, or else the one in the sequence or in the folder of sequences.
-
-    Raises:
-        LogError: where there is none.
+    """Return the calibration that was chosen, or else the one in the sequence or in the folder of sequences. Raises
+    LogError where there is none.
     """
     if chosen is not None:
         return chosen
@@ -139,10 +126,8 @@ def calibration_path(root: Path, chosen: Path | None) -> Path:
 
 
 def scan(root: Path, bad: BadInput) -> SequenceFiles:
-    """Find the files of a sequence and read their stamps.
-
-    Raises:
-        LogError: where there is no polar radar image, or a sensor has files and no table of stamps.
+    """Find the files of a sequence and read their stamps. Raises LogError where there is no polar radar image, or a
+    sensor has files and no table of stamps.
     """
     for name in (POLAR, f"{POLAR}.txt"):
         if not (root / name).exists():
@@ -184,10 +169,8 @@ class Span:
 
 def span_of(radar: Stream, frames: FrameRange, root: Path) -> Span:
     """Return the span that belongs to the chosen radar frames: half a period before the first to half a period after
-    the last, where the period is the median distance of all radar stamps; everything where all are chosen.
-
-    Raises:
-        LogError: where there is none of them.
+    the last, where the period is the median distance of all radar stamps; everything where all are chosen. Raises
+    LogError where there is none of them.
     """
     if frames.is_whole:
         return Span(None, None)

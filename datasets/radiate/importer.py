@@ -45,15 +45,12 @@ from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.formats.text import parse_number
 
 COLUMNS = ("x", "y", "z", "intensity", "ring")
-_BLOCK = 2**18
-"""Bytes that one thread parses; small enough for several threads to have some of a sweep."""
+_BLOCK = 2**18  # Bytes that one thread parses; small enough for several threads to have some of a sweep
 
 
 def read_sweep(path: Path, stamp_ns: int) -> PointCloud:
-    """Read rows `x,y,z,intensity,ring` without a header; x right, y forward, z up [m].
-
-    Raises:
-        LogError: where a row hasn't five numbers, one isn't finite, or a ring isn't 0 to 65535.
+    """Read rows `x,y,z,intensity,ring` without a header; x right, y forward, z up [m]. Raises LogError where a row
+    hasn't five numbers, one isn't finite, or a ring isn't 0 to 65535.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -80,8 +77,7 @@ def read_sweep(path: Path, stamp_ns: int) -> PointCloud:
 _COUNTS = (3, 3, 3, 3, 4, *[3] * 13)
 _PLACE, _QUATERNION, _VELOCITY = 0, 4, 16
 _EARTH_M = 6_378_137.0
-_FLATTENING = 1 / 298.257223563
-"""WGS 84 (NIMA TR8350.2, table 3.1)."""
+_FLATTENING = 1 / 298.257223563  # WGS 84 (NIMA TR8350.2, table 3.1)
 _UNIT = 1e-2
 
 
@@ -97,11 +93,7 @@ class Fix:
 
 
 def read_fix(path: Path) -> Fix:
-    """Read a file.
-
-    Raises:
-        LogError: naming file and line that is missing or wrong.
-    """
+    """Read a file. Raises LogError naming file and line that is missing or wrong."""
     lines = read_text(path, 100_000).splitlines()
     if len(lines) < len(_COUNTS):
         raise LogError(f"{path}: {len(lines)} lines, expected {len(_COUNTS)}, is it truncated?")
@@ -314,10 +306,8 @@ class RadiateRecording:
 
 
 def _meta(path: Path) -> dict[str, str]:
-    """What a sequence says about itself; nothing where it doesn't.
-
-    Raises:
-        LogError: where the file isn't an object of JSON.
+    """What a sequence says about itself; nothing where it doesn't. Raises LogError where the file isn't an object of
+    JSON.
     """
     if not path.exists():
         return {}

@@ -25,16 +25,14 @@ from fbench.replay.data.boxes import VEHICLES, Boxes3D
 from fbench.replay.data.messages import Message, RadarScan
 from fbench.replay.geometry.transforms import wrap_angle
 
-CENTER_PX = 576
-"""Where the radar is in a Cartesian image, which has 1152 x 1152 px of one range step each; ahead is up."""
+CENTER_PX = 576  # Where the radar is in a Cartesian image, which has 1152 x 1152 px of one range step each; ahead is up
 
 LABELS: Mapping[str, str] = {
     "car": "car", "van": "van", "truck": "truck", "bus": "bus", "motorbike": "motorcycle", "bicycle": "bicycle",
     "pedestrian": "pedestrian", "group_of_pedestrians": "pedestrian", "vehicle": "car",
 }  # fmt: skip
 """Classes of the set; any other becomes `other`. The SDK draws `vehicle` as it draws `car`."""
-GROUP = "group_of_pedestrians"
-"""One box around several people: neither a hit nor a miss."""
+GROUP = "group_of_pedestrians"  # One box around several people: neither a hit nor a miss
 HEIGHTS_M: Mapping[str, float] = {
     "car": 1.5, "van": 2.0, "truck": 2.5, "bus": 3.0, "motorbike": 1.5, "bicycle": 1.5, "pedestrian": 1.8, GROUP: 1.8,
     "vehicle": 1.5,
@@ -85,11 +83,7 @@ class Annotations:
 
 
 def read_annotations(path: Path, bad: BadInput) -> Annotations:
-    """Read `annotations.json`.
-
-    Raises:
-        LogError: naming object and field that are wrong, or ids that aren't unique.
-    """
+    """Read `annotations.json`. Raises LogError naming object and field that are wrong, or ids that aren't unique."""
     by_id: dict[int, Object] = {}
     for i, o in enumerate(read_json(path, list[Object])):
         if o.id in by_id:
@@ -129,24 +123,20 @@ def inside_bev(boxes: Boxes3D, xyz: Array) -> Bool:
 
 
 _LISTED = 5
-_LATE_S = 0.5
-"""Sensors that start or end so much later or earlier than the radar are told of."""
+_LATE_S = 0.5  # Sensors that start or end so much later or earlier than the radar are told of
 
 
 @dataclass
 class Findings:
     """Counts what was imported."""
 
-    messages: Counter[str] = field(default_factory=Counter)
-    """By sensor."""
+    messages: Counter[str] = field(default_factory=Counter)  # By sensor
     radar_points: int = 0
     classes: Counter[str] = field(default_factory=Counter)
     tracks: set[int] = field(default_factory=set)
-    hits: list[int] = field(default_factory=list)
-    """Radar points on each labeled vehicle whose scan is there."""
+    hits: list[int] = field(default_factory=list)  # Radar points on each labeled vehicle whose scan is there
     unlabelled: int = 0
-    wide: int = 0
-    """Boxes that are wider than long."""
+    wide: int = 0  # Boxes that are wider than long
 
     def add(self, message: Message) -> None:
         """Count a message."""

@@ -124,10 +124,8 @@ class RadiateParams:
 
 DEFAULTS = RadiateParams()
 SENSOR = "navtech"
-SIZE_WH = (400, 576)
-"""Azimuths and range cells of a polar image [px]."""
-RANGE_STEP_M = 0.173611
-"""`range_res` of the SDK's configuration: 100 m / 576."""
+SIZE_WH = (400, 576)  # Azimuths and range cells of a polar image [px]
+RANGE_STEP_M = 0.173611  # `range_res` of the SDK's configuration: 100 m / 576
 
 
 def read_polar(path: Path) -> Array:
@@ -135,9 +133,7 @@ def read_polar(path: Path) -> Array:
 
     That row r is at r range steps and column c at c + 1/2 azimuth steps was found by laying polar images over the
     Cartesian ones of the same frames: the best fit is within 0.45 of a range step and a tenth of an azimuth step.
-
-    Raises:
-        LogError: where it isn't a whole grayscale image of 400 x 576 px.
+    Raises LogError where it isn't a whole grayscale image of 400 x 576 px.
     """
     import cv2
 

@@ -93,12 +93,9 @@ def _filled(value: Any, numbers: Iterator[float]) -> Any:
 
 
 S = TypeVar("S", bound=Statistics)
-LEAST_UNITS = 5
-"""Of fewer, resamples are too few different ones to say anything."""
-MOST_UNDEFINED = 0.05
-"""Share of resamples in which a number may be undefined; they are left out."""
-_AT_ONCE = 3
-"""Units whose sums are kept by how often each was drawn."""
+LEAST_UNITS = 5  # Of fewer, resamples are too few different ones to say anything
+MOST_UNDEFINED = 0.05  # Share of resamples in which a number may be undefined; they are left out
+_AT_ONCE = 3  # Units whose sums are kept by how often each was drawn
 
 
 @dataclass(frozen=True)
@@ -107,8 +104,7 @@ class Bootstrap:
 
     seed: int = 0
     num: int = 1000
-    share: float = 0.95
-    """Of resamples between the ends of an interval."""
+    share: float = 0.95  # Of resamples between the ends of an interval
 
     def __post_init__(self) -> None:
         if self.num < 1 or not 0 < self.share < 1:

@@ -19,26 +19,17 @@ class Problem:
     are `similarity[block_start[s]:block_start[s + 1]]`, row-major, one row a truth box of the step.
     """
 
-    truth_start: Int64
-    """(S + 1,) offsets: step s has truth rows `truth_start[s]:truth_start[s + 1]`."""
-    estimate_start: Int64
-    """(S + 1,)"""
-    block_start: Int64
-    """(S + 1,) offsets into `similarity`."""
-    similarity: Float64
-    """(B,) higher is nearer; distances are negated."""
-    stream: Int64
-    """(S,) tracks go on within a stream only."""
+    truth_start: Int64  # (S + 1,) offsets: step s has truth rows `truth_start[s]:truth_start[s + 1]`
+    estimate_start: Int64  # (S + 1,)
+    block_start: Int64  # (S + 1,) offsets into `similarity`
+    similarity: Float64  # (B,) higher is nearer; distances are negated
+    stream: Int64  # (S,) tracks go on within a stream only
     truth_id: Int64
     """(N,) 0 to num_truth_ids - 1 over all streams (an id in two streams counts as two), -1 where there is none."""
-    estimate_id: Int64
-    """(M,) as `truth_id`."""
-    score: Float64
-    """(M,)"""
-    truth_row: Int64
-    """(N,) which rows of the sequence's truth they are, for reports."""
-    estimate_row: Int64
-    """(M,)"""
+    estimate_id: Int64  # (M,) as `truth_id`
+    score: Float64  # (M,)
+    truth_row: Int64  # (N,) which rows of the sequence's truth they are, for reports
+    estimate_row: Int64  # (M,)
 
     def __post_init__(self) -> None:
         offsets, truth, estimates = ("i8", ("S1",)), ("i8", ("N",)), ("i8", ("M",))
@@ -82,9 +73,7 @@ class Problem:
 
 def is_valid(objects: Objects, likeness: Likeness) -> Bool:
     """Tell of which objects (N,) score and geometry are finite, and no size is negative (fault PRD001 of results).
-
-    Raises:
-        MetricError: where the objects lack what the likeness compares.
+    Raises MetricError where the objects lack what the likeness compares.
     """
     good: Bool = np.isfinite(objects.score)
     if not len(objects):

@@ -9,8 +9,7 @@ import numpy as np
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, freeze_fields
 
-Space = Literal["2d", "3d", "both"]
-"""Where boxes are compared: in images, or in the ground plane and in space."""
+Space = Literal["2d", "3d", "both"]  # Where boxes are compared: in images, or in the ground plane and in space
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,47 +21,29 @@ class Objects:
 
     step: Int64
     """(N,) ascending index of the step (one frame, or one camera's image of a frame) that each box belongs to."""
-    label: Text
-    """(N,) class in the words of the profile's source, lower case; empty where the class isn't known."""
-    track_id: Int64
-    """(N,) negative where there is none."""
-    score: Float64
-    """(N,) 0 where there is none."""
-    xyxy_px: Float64 | None = None
-    """(N, 4) left, top, right, bottom [px]; NaN where there is none."""
+    label: Text  # (N,) class in the words of the profile's source, lower case; empty where the class isn't known
+    track_id: Int64  # (N,) negative where there is none
+    score: Float64  # (N,) 0 where there is none
+    xyxy_px: Float64 | None = None  # (N, 4) left, top, right, bottom [px]; NaN where there is none
     center_m: Float64 | None = None
     """(N, 3) middle of the solid [m], z up, in body or world coordinates, the same for both sides."""
-    size_lwh_m: Float64 | None = None
-    """(N, 3) length along heading, width, height [m]."""
-    yaw_rad: Float64 | None = None
-    """(N,) heading about z."""
-    velocity_mps: Float64 | None = None
-    """(N, 3), NaN where unknown."""
-    distance_m: Float64 | None = None
-    """(N,) from the body's origin, NaN where unknown."""
-    range_rate_mps: Float64 | None = None
-    """(N,) change of distance, positive when receding; NaN where unknown."""
+    size_lwh_m: Float64 | None = None  # (N, 3) length along heading, width, height [m]
+    yaw_rad: Float64 | None = None  # (N,) heading about z
+    velocity_mps: Float64 | None = None  # (N, 3), NaN where unknown
+    distance_m: Float64 | None = None  # (N,) from the body's origin, NaN where unknown
+    range_rate_mps: Float64 | None = None  # (N,) change of distance, positive when receding; NaN where unknown
     alpha_rad: Float64 | None = None
     """(N,) angle at which the camera sees it, as KITTI's files have it; NaN where unknown."""
-    occlusion: Float64 | None = None
-    """(N,) in the source's own levels; NaN where unknown."""
-    truncation: Float64 | None = None
-    """(N,) in the source's own measure; NaN where unknown."""
-    visibility: Float64 | None = None
-    """(N,) visible share, 0 to 1; NaN where unknown."""
-    num_points: Int64 | None = None
-    """(N,) LiDAR and radar points in the box; negative where unknown."""
+    occlusion: Float64 | None = None  # (N,) in the source's own levels; NaN where unknown
+    truncation: Float64 | None = None  # (N,) in the source's own measure; NaN where unknown
+    visibility: Float64 | None = None  # (N,) visible share, 0 to 1; NaN where unknown
+    num_points: Int64 | None = None  # (N,) LiDAR and radar points in the box; negative where unknown
     attribute: Text | None = None
-    sources: Array | None = None
-    """(N,) uint8, bits of `Source`."""
-    ignore: Bool | None = None
-    """(N,) neither a hit nor a miss."""
-    inside: Bool | None = None
-    """(N,) in the region of interest; `None`: everywhere is."""
-    seen: Bool | None = None
-    """(N,) some sensor of the log sees it, or may; `None`: nobody tells."""
-    predicted: Bool | None = None
-    """(N,) made by a tracker alone, nothing measured it; `None`: none is."""
+    sources: Array | None = None  # (N,) uint8, bits of `Source`
+    ignore: Bool | None = None  # (N,) neither a hit nor a miss
+    inside: Bool | None = None  # (N,) in the region of interest; `None`: everywhere is
+    seen: Bool | None = None  # (N,) some sensor of the log sees it, or may; `None`: nobody tells
+    predicted: Bool | None = None  # (N,) made by a tracker alone, nothing measured it; `None`: none is
 
     def __post_init__(self) -> None:
         one, three, text = ("f8", ("N",)), ("f8", ("N", 3)), ("U", ("N",))
@@ -93,15 +74,12 @@ class Objects:
 class Steps:
     """S instants that are scored one by one: frames, or images of single cameras, in the order of time."""
 
-    frame: Int64
-    """(S,) index of the frame in the log or sequence, for reports."""
-    stamp_ns: Int64
-    """(S,) 0 where the source counts frames only."""
+    frame: Int64  # (S,) index of the frame in the log or sequence, for reports
+    stamp_ns: Int64  # (S,) 0 where the source counts frames only
     stream: Int64
     """(S,) number of the stream, one after another in time: tracks go on within it, not into another. A segment of
     the log, and in images each camera of it, is a stream."""
-    camera: tuple[str, ...] = ()
-    """Name of the camera of each step; empty where steps are whole frames."""
+    camera: tuple[str, ...] = ()  # Name of the camera of each step; empty where steps are whole frames
 
     def __post_init__(self) -> None:
         one = ("i8", ("S",))
@@ -133,16 +111,12 @@ class Sequence:
     Only labelled frames are there: those without truth are left out, and counted in `num_unlabelled`.
     """
 
-    name: str
-    """As its source calls it: unique within an evaluation."""
+    name: str  # As its source calls it: unique within an evaluation
     steps: Steps
-    truth: Objects
-    """All of it: also what a profile excuses or leaves out."""
+    truth: Objects  # All of it: also what a profile excuses or leaves out
     estimates: Objects
-    num_unlabelled: int = 0
-    """Frames with results, or of the run, that have no truth."""
-    num_invalid_truth: int = 0
-    """Truth boxes that aren't finite or have no size; they aren't in `truth`."""
+    num_unlabelled: int = 0  # Frames with results, or of the run, that have no truth
+    num_invalid_truth: int = 0  # Truth boxes that aren't finite or have no size; they aren't in `truth`
     tags: Mapping[str, str] = field(default_factory=dict)
     """Scenario, condition and other words that results can be split by."""
     ego_m: Array | None = None

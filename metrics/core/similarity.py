@@ -20,14 +20,10 @@ class Blocks:
     Those of step s are `values[start[s]:start[s + 1]]`, row-major.
     """
 
-    row_start: Int64
-    """(S + 1,) step s has rows `row_start[s]:row_start[s + 1]`."""
-    column_start: Int64
-    """(S + 1,)"""
-    start: Int64
-    """(S + 1,)"""
-    values: Float64
-    """(B,)"""
+    row_start: Int64  # (S + 1,) step s has rows `row_start[s]:row_start[s + 1]`
+    column_start: Int64  # (S + 1,)
+    start: Int64  # (S + 1,)
+    values: Float64  # (B,)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -13,8 +13,7 @@ from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import VEHICLES, Source
 
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
-VISIBILITIES = (0.0, 0.4, 0.6, 0.8, 1.0)
-"""The steps that nuScenes labels."""
+VISIBILITIES = (0.0, 0.4, 0.6, 0.8, 1.0)  # The steps that nuScenes labels
 VISIBILITY_SLICES = tuple(
     f"visibility {100 * low:.0f}-{100 * high:.0f} %" for low, high in itertools.pairwise(VISIBILITIES)
 )
@@ -30,12 +29,9 @@ class Part:
     """
 
     name: str
-    truth: Bool
-    """(N,)"""
-    estimates: Bool
-    """(M,)"""
-    given: Bool | None = None
-    """(M,) false for estimates that aren't there at all; `None`: all are."""
+    truth: Bool  # (N,)
+    estimates: Bool  # (M,)
+    given: Bool | None = None  # (M,) false for estimates that aren't there at all; `None`: all are
 
 
 def by_seen(sequence: Sequence) -> Iterator[Part]:
@@ -92,8 +88,7 @@ class Group:
 
     name: str
     labels: tuple[str, ...]
-    agnostic: bool
-    """Whether boxes without a label belong to it."""
+    agnostic: bool  # Whether boxes without a label belong to it
 
     def holds(self, objects: Objects) -> Bool:
         """Tell which objects (N,) are of this class."""
@@ -137,10 +132,8 @@ class Heading:
     class_: str
     slice: str
     matching: str
-    reason: str | None
-    """Why nothing can be scored."""
-    num_frames: int
-    """That were scored."""
+    reason: str | None  # Why nothing can be scored
+    num_frames: int  # That were scored
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,8 @@ import numpy as np
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-LIMBS = 70
-"""Digits to the base 2^32 that hold every float64."""
-LOWEST = 1126
-"""The last digit counts units of 2^-1126."""
+LIMBS = 70  # Digits to the base 2^32 that hold every float64
+LOWEST = 1126  # The last digit counts units of 2^-1126
 
 
 @kernel
@@ -37,8 +35,7 @@ def exact_digits(values: Float64, row: Int64, digits: Int64) -> None:
 
 
 _LANES = 8
-_MOST = 128
-"""Values that are added in lanes; of more, halves are added."""
+_MOST = 128  # Values that are added in lanes; of more, halves are added
 
 
 @kernel

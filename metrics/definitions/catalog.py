@@ -153,11 +153,7 @@ COUNTS = frozenset(definition.name for definition in DEFINITIONS.values() if def
 
 
 def definition_of(name: str) -> MetricDefinition:
-    """Return the definition of a metric.
-
-    Raises:
-        ConfigError: for an unknown name, with the nearest one.
-    """
+    """Return the definition of a metric. Raises ConfigError for an unknown name, with the nearest one."""
     if name not in DEFINITIONS:
         raise ConfigError(f"unknown metric '{name}'{did_you_mean(name, DEFINITIONS)}")
     return DEFINITIONS[name]

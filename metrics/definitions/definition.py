@@ -30,14 +30,11 @@ class MetricDefinition:
     formula: str
     range: str
     better: Better
-    undefined: str
-    """When it is null; empty: never, or where all of a profile's rows are."""
+    undefined: str  # When it is null; empty: never, or where all of a profile's rows are
     source: Source
-    unit: str = "1"
-    """`1` for shares and counts."""
+    unit: str = "1"  # `1` for shares and counts
     is_count: bool = False
-    by_profile: Mapping[str, str] = field(default_factory=dict)
-    """What is different in a profile."""
+    by_profile: Mapping[str, str] = field(default_factory=dict)  # What is different in a profile
 
 
 BERNARDIN = Source(

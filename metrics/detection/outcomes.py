@@ -20,18 +20,14 @@ class Alike:
     """T truth boxes of a sequence and the M estimates of one class, and how alike they are."""
 
     sequence: Sequence
-    must: Bool
-    """(T,) truth boxes to be found; the others may excuse estimates."""
-    estimate_row: Int64
-    """(M,) rows of the sequence's estimates."""
-    similarity: Blocks
-    """(T, M), higher is nearer; -inf for invalid estimates."""
+    must: Bool  # (T,) truth boxes to be found; the others may excuse estimates
+    estimate_row: Int64  # (M,) rows of the sequence's estimates
+    similarity: Blocks  # (T, M), higher is nearer; -inf for invalid estimates
     excuse: Blocks
     """(T, M), as `similarity`, or the share of the estimate that is in the truth box; -inf where the box couldn't
     excuse the estimate if it needn't be found."""
     match: Match
-    invalid: Bool
-    """(M,) estimates that aren't finite, or have negative sizes."""
+    invalid: Bool  # (M,) estimates that aren't finite, or have negative sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,21 +37,14 @@ class Counted:
     """
 
     sequence: Sequence
-    truth_row: Int64
-    """(N,) rows of the sequence's truth."""
-    rest_row: Int64
-    """(K,) its other rows."""
-    estimate_row: Int64
-    """(M,) rows of the sequence's estimates."""
-    similarity: Blocks
-    """(N, M), higher is nearer; -inf for invalid estimates."""
-    excuse: Blocks
-    """(K, M), as `similarity`; -inf where the box doesn't excuse the estimate."""
+    truth_row: Int64  # (N,) rows of the sequence's truth
+    rest_row: Int64  # (K,) its other rows
+    estimate_row: Int64  # (M,) rows of the sequence's estimates
+    similarity: Blocks  # (N, M), higher is nearer; -inf for invalid estimates
+    excuse: Blocks  # (K, M), as `similarity`; -inf where the box doesn't excuse the estimate
     match: Match
-    inside: Bool
-    """(M,) false for estimates outside the region: they can be hits but no false alarms."""
-    invalid: Bool
-    """(M,) estimates that aren't finite, or have negative sizes."""
+    inside: Bool  # (M,) false for estimates outside the region: they can be hits but no false alarms
+    invalid: Bool  # (M,) estimates that aren't finite, or have negative sizes
 
     @cached_property
     def truth(self) -> Objects:
@@ -82,11 +71,8 @@ def alike(sequence: Sequence, group: Group, match: Match) -> Alike:
     """Compare all truth with the estimates of one class.
 
     In space a truth box that needn't be found excuses one estimate that matches it. In images it excuses all estimates
-    that lie in it with at least the match's share, as KITTI does for its regions: they are larger than what is in
-    them, and hold any number of objects.
-
-    Raises:
-        MetricError: where boxes lack what the match compares.
+    that lie in it with at least the match's share, as KITTI does for its regions: they are larger than what is in them,
+    and hold any number of objects. Raises MetricError where boxes lack what the match compares.
     """
     truth, estimate_row = sequence.truth, np.flatnonzero(group.holds(sequence.estimates))
     estimates = sequence.estimates[estimate_row]
@@ -130,14 +116,10 @@ class BoxCounts:
     tp: int = 0
     fp: int = 0
     fn: int = 0
-    ignored: int = 0
-    """Estimates that are neither: outside the region, or on truth that needn't be found."""
-    invalid: int = 0
-    """Estimates that aren't finite; they are in `fp` too."""
-    invalid_truth: int = 0
-    """Truth boxes that aren't finite; they are left out."""
-    predicted: int = 0
-    """Estimates that counted though nothing measured them: predictions of a tracker."""
+    ignored: int = 0  # Estimates that are neither: outside the region, or on truth that needn't be found
+    invalid: int = 0  # Estimates that aren't finite; they are in `fp` too
+    invalid_truth: int = 0  # Truth boxes that aren't finite; they are left out
+    predicted: int = 0  # Estimates that counted though nothing measured them: predictions of a tracker
 
     def __add__(self, other: "BoxCounts") -> "BoxCounts":
         return BoxCounts(
@@ -168,12 +150,9 @@ class Outcome(IntEnum):
 
     HIT = 0
     FALSE_ALARM = 1
-    INVALID = 2
-    """A false alarm because it isn't finite, or has a negative size."""
-    OUTSIDE = 3
-    """Neither: outside the region."""
-    EXCUSED = 4
-    """Neither: on truth that needn't be found."""
+    INVALID = 2  # A false alarm because it isn't finite, or has a negative size
+    OUTSIDE = 3  # Neither: outside the region
+    EXCUSED = 4  # Neither: on truth that needn't be found
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +160,8 @@ class Judgement:
     """Partners and outcomes of the boxes of one class of one sequence."""
 
     counted: Counted
-    truth_of_estimate: Int64
-    """(M,) which of the N truth boxes was found; -1: none."""
-    outcome: Array
-    """(M,) int8 `Outcome`."""
+    truth_of_estimate: Int64  # (M,) which of the N truth boxes was found; -1: none
+    outcome: Array  # (M,) int8 `Outcome`
 
     @property
     def counts(self) -> BoxCounts:

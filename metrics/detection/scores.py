@@ -76,12 +76,9 @@ _RECALLS = np.linspace(0, 1, 101)
 class Ranking:
     """Counts at each score that occurs, highest first; can be added in any order."""
 
-    scores: Float64
-    """(U,) all different."""
-    tp: Int64
-    """(U,) hits of this score."""
-    fp: Int64
-    """(U,) false alarms of this score."""
+    scores: Float64  # (U,) all different
+    tp: Int64  # (U,) hits of this score
+    fp: Int64  # (U,) false alarms of this score
     num_truth: int
 
     @classmethod
@@ -139,13 +136,10 @@ def _no_ranking() -> Ranking:
 class DetectionCounts:
     """Sufficient statistics of one class."""
 
-    boxes: BoxCounts = field(default_factory=BoxCounts)
-    """At the score threshold that the results have."""
+    boxes: BoxCounts = field(default_factory=BoxCounts)  # At the score threshold that the results have
     ranking: Ranking = field(default_factory=_no_ranking)
-    distance: Deviation = field(default_factory=Deviation)
-    """[m]"""
-    range_rate: Deviation = field(default_factory=Deviation)
-    """[m/s]"""
+    distance: Deviation = field(default_factory=Deviation)  # [m]
+    range_rate: Deviation = field(default_factory=Deviation)  # [m/s]
 
     def __add__(self, other: "DetectionCounts") -> "DetectionCounts":
         return DetectionCounts(
@@ -155,11 +149,7 @@ class DetectionCounts:
 
 
 def detection_counts(sequence: Sequence, group: Group, match: Match) -> DetectionCounts:
-    """Match and count one class of one sequence.
-
-    Raises:
-        MetricError: where boxes lack what the match compares.
-    """
+    """Match and count one class of one sequence. Raises MetricError where boxes lack what the match compares."""
     held = counted(alike(sequence, group, match))
     found = judge_detections(held)
     ranked = judge_ranked(held)

@@ -40,11 +40,8 @@ def logs_in(path: Path) -> list[Path]:
 def open_logs(path: Path, logs: list[Path]) -> Source:
     """Open logs; nothing is read but what tells names, and whether there is truth. Those without any are left out.
 
-    Steps are frames by the numbers of their source, or stamps where it has none.
-
-    Raises:
-        LogError: where one can't be read, or two have one name.
-        MetricError: where none has truth (GT001).
+    Steps are frames by the numbers of their source, or stamps where it has none. Raises LogError where one can't be
+    read, or two have one name. Raises MetricError where none has truth (GT001).
     """
     found: dict[str, Path] = {}
     tokens: dict[str, list[str]] = {}

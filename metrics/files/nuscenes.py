@@ -68,11 +68,7 @@ class Submission:
         return found
 
     def read(self, scene: str) -> Side:
-        """Return the boxes of one scene, in the world.
-
-        Raises:
-            LogError: naming sample and box of what can't be read.
-        """
+        """Return the boxes of one scene, in the world. Raises LogError naming sample and box of what can't be read."""
         tokens = sorted(self._tokens[scene], key=lambda token: (self.samples[token].key, token))
         keys = np.array([self.samples[token].key for token in tokens], np.int64)
         if len(keys) and (np.diff(keys) == 0).any():

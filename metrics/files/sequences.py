@@ -136,16 +136,12 @@ def _has_content(file: Path) -> bool:
         raise LogError(f"{file}: can't be read ({error.strerror})") from error
 
 
-_KITTI = 4
-"""Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)."""
+_KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
 
 
 def read_seqmap(path: Path) -> dict[str, int | None]:
-    """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's.
-
-    Raises:
-        ConfigError: where there is no such file.
-        LogError: where a row is neither, or a sequence is listed twice.
+    """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's. Raises
+    ConfigError where there is no such file. Raises LogError where a row is neither, or a sequence is listed twice.
     """
     if not path.is_file():
         raise ConfigError(f"--seqmap {path}: no such file")
@@ -173,12 +169,9 @@ _NAMED = 5
 class Choice:
     """What of the files is scored."""
 
-    sequences: tuple[str, ...] = ()
-    """Empty: all of the truth."""
-    seqmap: Path | None = None
-    """A list of sequences with their lengths; others aren't scored."""
-    missing: Missing = "error"
-    """What a sequence without results is."""
+    sequences: tuple[str, ...] = ()  # Empty: all of the truth
+    seqmap: Path | None = None  # A list of sequences with their lengths; others aren't scored
+    missing: Missing = "error"  # What a sequence without results is
 
 
 @dataclass(frozen=True)
@@ -186,12 +179,9 @@ class Pair:
     """One sequence in both."""
 
     name: str
-    truth: str
-    """As the truth calls it."""
-    estimates: str | None
-    """As the results call it; `None`: there are none."""
-    num_frames: int | None
-    """As the seqmap says."""
+    truth: str  # As the truth calls it
+    estimates: str | None  # As the results call it; `None`: there are none
+    num_frames: int | None  # As the seqmap says
 
 
 @dataclass(frozen=True)
@@ -204,10 +194,8 @@ class Pairing:
 
 def pair_sequences(truth: Source, estimates: Source, choice: Choice) -> Pairing:
     """Match sequences by their names; two files that are one sequence each belong together whatever their names are.
-
-    Raises:
-        ConfigError: where an unknown sequence is asked for.
-        MetricError: where no sequence has truth (GT001), or one has no results and that is no miss.
+    Raises ConfigError where an unknown sequence is asked for. Raises MetricError where no sequence has truth (GT001),
+    or one has no results and that is no miss.
     """
     lengths = {} if choice.seqmap is None else read_seqmap(choice.seqmap)
     if truth.is_single and estimates.is_single and not lengths:
@@ -254,8 +242,7 @@ class FilePair:
     truth: Source
     estimates: Source
     pairing: Pairing
-    faults: FaultLog = field(default_factory=FaultLog)
-    """Counts boxes that aren't finite, as sequences are read."""
+    faults: FaultLog = field(default_factory=FaultLog)  # Counts boxes that aren't finite, as sequences are read
     warnings: InputWarnings = field(default_factory=InputWarnings)
     """Counts what is odd about the results, as sequences are read."""
 

@@ -18,11 +18,9 @@ from fbench.replay.truth.labelling import TOLERANCE_NS
 class InputWarning:
     """One kind of oddity in one sequence."""
 
-    what: str
-    """Of one: `box without a velocity`."""
+    what: str  # Of one: `box without a velocity`
     num: int
-    where: str
-    """The first of them; empty where that says nothing."""
+    where: str  # The first of them; empty where that says nothing
 
 
 @dataclass
@@ -52,28 +50,20 @@ NO_CAMERA: Text = np.array([], np.str_)
 class Side:
     """N boxes with what says when and where they were."""
 
-    objects: Objects
-    """Their `step` is the key: number of the frame from 0, or stamp [ns]."""
+    objects: Objects  # Their `step` is the key: number of the frame from 0, or stamp [ns]
     keys: Int64 | None = None
     """Ascending keys of all frames that the source knows, also empty ones; `None`: from 0 to the highest."""
-    has_stamps: bool = False
-    """Whether keys are stamps."""
-    num_frames: int | None = None
-    """Where the source says it."""
+    has_stamps: bool = False  # Whether keys are stamps
+    num_frames: int | None = None  # Where the source says it
     camera: Text = field(default_factory=NO_CAMERA.copy)
     """(N,) whose image each rectangle is in; empty (0,): nobody says."""
-    space: str = ""
-    """Coordinate frame of solids; empty: nobody says."""
-    first_pixel: int = 0
-    """Position of the middle of the first pixel: MOTChallenge counts from 1."""
-    ego_m: Float64 | None = None
-    """(keys, 3) where the body is, NaN where nobody says."""
-    are_ordered: bool = True
-    """Whether keys follow time; tokens without a table of samples don't."""
+    space: str = ""  # Coordinate frame of solids; empty: nobody says
+    first_pixel: int = 0  # Position of the middle of the first pixel: MOTChallenge counts from 1
+    ego_m: Float64 | None = None  # (keys, 3) where the body is, NaN where nobody says
+    are_ordered: bool = True  # Whether keys follow time; tokens without a table of samples don't
     lists_frames: bool = False
     """Whether frames without boxes have an entry too, as in submissions and folders of images."""
-    warnings: tuple[InputWarning, ...] = ()
-    """What is odd about these boxes, as results."""
+    warnings: tuple[InputWarning, ...] = ()  # What is odd about these boxes, as results
 
 
 @dataclass(frozen=True)

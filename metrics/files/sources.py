@@ -22,20 +22,14 @@ from fbench.replay.formats.text import frame_number
 class Source:
     """Where the boxes of one side are."""
 
-    path: Path
-    """As the user named it."""
-    form: str
-    """One of `sequences.FORMS`."""
-    names: tuple[str, ...]
-    """Of its sequences, in their order."""
-    is_single: bool
-    """Whether it can't have but one sequence, whose name then says nothing."""
+    path: Path  # As the user named it
+    form: str  # One of `sequences.FORMS`
+    names: tuple[str, ...]  # Of its sequences, in their order
+    is_single: bool  # Whether it can't have but one sequence, whose name then says nothing
     read: Callable[[str], Side]
     """Returns the boxes of one sequence; raises `LogError` naming file, row and column of what can't be read."""
-    submission: Callable[[], Submission | None] = lambda: None
-    """What knows the samples of nuScenes, where it has such."""
-    faults: FaultLog = field(default_factory=FaultLog)
-    """Gets what is wrong with logs."""
+    submission: Callable[[], Submission | None] = lambda: None  # What knows the samples of nuScenes, where it has such
+    faults: FaultLog = field(default_factory=FaultLog)  # Gets what is wrong with logs
 
 
 def open_texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool, is_single: bool) -> Source:
@@ -57,9 +51,7 @@ def open_texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool,
 
 def open_images(path: Path, files: Mapping[str, Path]) -> Source:
     """Open the files of KITTI's object benchmark: one sequence of images that have nothing to do with each other.
-
-    Raises:
-        LogError: where one isn't named by a number.
+    Raises LogError where one isn't named by a number.
     """
     numbers = {frame_number(name, str(file)): file for name, file in files.items()}
     keys = np.array(sorted(numbers), np.int64)
@@ -71,10 +63,8 @@ def open_images(path: Path, files: Mapping[str, Path]) -> Source:
 
 
 def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
-    """Open tables: a file a sequence, or a file whose column `sequence` tells them apart.
-
-    Raises:
-        LogError: where one can't be read, or two have one sequence.
+    """Open tables: a file a sequence, or a file whose column `sequence` tells them apart. Raises LogError where one
+    can't be read, or two have one sequence.
     """
     found: dict[str, tuple[Table, str]] = {}
     for stem, file in files.items():

@@ -21,10 +21,8 @@ from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 SEQUENCE = "sequence"
 _DEFAULT_CAMERA = "image"
 _LEVELS = ("visibility", "occlusion", "truncation")
-_MAX_ROWS = 20_000_000
-"""Rows of one sequence that are taken into memory."""
-_MAX_KEPT = 500_000
-"""Rows of a table of several sequences up to which it is read once and kept."""
+_MAX_ROWS = 20_000_000  # Rows of one sequence that are taken into memory
+_MAX_KEPT = 500_000  # Rows of a table of several sequences up to which it is read once and kept
 
 
 @dataclass(frozen=True)
@@ -33,15 +31,12 @@ class Table:
 
     file: TableFile
     key: Key
-    sequences: tuple[str, ...]
-    """In the order in which they begin; empty: the file is one."""
+    sequences: tuple[str, ...]  # In the order in which they begin; empty: the file is one
     cameras: tuple[str, ...]
 
     def read(self, sequence: str = "") -> Side:
-        """Return the boxes of one sequence; those of all where the file has no column for it.
-
-        Raises:
-            LogError: naming file, row and column of what can't be read.
+        """Return the boxes of one sequence; those of all where the file has no column for it. Raises LogError naming
+        file, row and column of what can't be read.
         """
         parts = [self._part(values) for values in self._rows(sequence)]
         if not parts:
@@ -138,11 +133,8 @@ class Table:
 
 
 def open_table(path: Path) -> Table:
-    """Open a table and find its sequences and cameras.
-
-    Raises:
-        ConfigError: where it is a table of a run folder.
-        LogError: where it isn't a table of boxes.
+    """Open a table and find its sequences and cameras. Raises ConfigError where it is a table of a run folder. Raises
+    LogError where it isn't a table of boxes.
     """
     file = open_table_file(path)
     if is_run_table(file):

@@ -14,11 +14,7 @@ AnyProfile = Profile[Any]
 
 
 def profile_of(name: str) -> AnyProfile:
-    """Return a profile.
-
-    Raises:
-        ConfigError: for an unknown name, with the nearest one.
-    """
+    """Return a profile. Raises ConfigError for an unknown name, with the nearest one."""
     if name not in PROFILES:
         raise ConfigError(f"unknown profile '{name}'{did_you_mean(name, PROFILES)}")
     return PROFILES[name]()
@@ -113,10 +109,8 @@ class Facts:
     """What a profile judges."""
 
     judges_tracks: bool
-    space: Space
-    """Where its boxes must be; `both`: wherever the results have them."""
-    family: Family | None = None
-    """By whose names classes go; `None`: by those of fbench."""
+    space: Space  # Where its boxes must be; `both`: wherever the results have them
+    family: Family | None = None  # By whose names classes go; `None`: by those of fbench
 
 
 _FACTS: Mapping[str, Facts] = {

@@ -68,8 +68,7 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
 def only(rows: Iterable[Score], classes: tuple[str, ...]) -> list[Score]:
     """Return the rows of some classes; all of them where none is named.
 
-    Raises:
-        ConfigError: where no row is of a class.
+    Raises ConfigError where no row is of a class.
     """
     found = list(rows)
     known = list(dict.fromkeys(row.class_ for row in found))
@@ -172,8 +171,7 @@ class Evaluation(Generic[S]):
     """Statistics of each sequence, in the order in which they came."""
 
     profile: Profile[S]
-    statistics: dict[str, S]
-    """By the sequence's name."""
+    statistics: dict[str, S]  # By the sequence's name
 
     @property
     def total(self) -> S:
@@ -198,10 +196,8 @@ class Evaluation(Generic[S]):
 
 
 def evaluate(profile: Profile[S], sequences: Iterable[Sequence]) -> Evaluation[S]:
-    """Measure sequences one by one; only one is held at a time.
-
-    Raises:
-        MetricError: where there is no sequence, two have one name, or one can't be scored.
+    """Measure sequences one by one; only one is held at a time. Raises MetricError where there is no sequence, two have
+    one name, or one can't be scored.
     """
     statistics: dict[str, S] = {}
     for sequence in sequences:

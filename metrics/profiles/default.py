@@ -62,10 +62,8 @@ class DefaultProfile:
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> DefaultStatistics:
-        """Return the statistics of one sequence.
-
-        Raises:
-            MetricError: where boxes lack what the match compares, or an id is twice in one frame of a class (GT003).
+        """Return the statistics of one sequence. Raises MetricError where boxes lack what the match compares, or an id
+        is twice in one frame of a class (GT003).
         """
         known = replace(
             sequence, truth=in_order(_named(sequence.truth)), estimates=in_order(_named(sequence.estimates))

@@ -29,8 +29,7 @@ MOTMETRICS_RULES = ClearRules(
 )  # fmt: skip
 """`mot.py` and `metrics.py` there: a truth track stays with the id of its last match, after any gap, while the two are
 near enough; all others are assigned so that most pairs, and of these the nearest, come about."""
-Value = tuple[str, float | Fraction | None, str, str]
-"""Metric, value, why it is undefined, unit."""
+Value = tuple[str, float | Fraction | None, str, str]  # Metric, value, why it is undefined, unit
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,7 @@ class MotmetricsProfile:
     summary: str = "CLEAR and IDF1 of all boxes as one class, as py-motmetrics 1.4.0 counts"
     preparation: Preparation = EVERYTHING
     match: Match = HALF
-    rules: ClearRules = MOTMETRICS_RULES
-    """The floor comes from `match`."""
+    rules: ClearRules = MOTMETRICS_RULES  # The floor comes from `match`
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -58,10 +56,8 @@ class MotmetricsProfile:
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> TrackingCounts:
-        """Return the statistics of one sequence.
-
-        Raises:
-            MetricError: where an id is missing, or twice in a frame (GT003).
+        """Return the statistics of one sequence. Raises MetricError where an id is missing, or twice in a frame
+        (GT003).
         """
         found = problems(sequence, self.preparation, self.match)
         names = (rule.name for rule in self.preparation.classes)

@@ -20,8 +20,7 @@ class Match:
     """When two boxes are the same object."""
 
     likeness: Likeness
-    threshold: float
-    """Least intersection over union, or largest distance [m]."""
+    threshold: float  # Least intersection over union, or largest distance [m]
 
     def __post_init__(self) -> None:
         if self.is_distance and not 0 < self.threshold < math.inf:
@@ -46,8 +45,7 @@ class Match:
     def parse(cls, text: str) -> "Match":
         """Read what follows `--match`, such as `iou3d:0.25` or `bev:2`.
 
-        Raises:
-            ConfigError: where it isn't of this form.
+        Raises ConfigError where it isn't of this form.
         """
         name, _, number = text.partition(":")
         likeness = next((known for known in LIKENESSES if known == name), None)
@@ -96,16 +94,13 @@ class Profile(Protocol[S]):
     def with_match(self, match: Match) -> Self:
         """Return the profile with another rule of what matches.
 
-        Raises:
-            ConfigError: where the benchmark can't do that.
+        Raises ConfigError where the benchmark can't do that.
         """
         ...
 
     def measure(self, sequence: Sequence) -> S:
-        """Return the statistics of one sequence; keeps nothing.
-
-        Raises:
-            MetricError: where truth or estimates can't be scored: an id twice in a frame (GT003), no boxes of the kind.
+        """Return the statistics of one sequence; keeps nothing. Raises MetricError where truth or estimates can't be
+        scored: an id twice in a frame (GT003), no boxes of the kind.
         """
         ...
 

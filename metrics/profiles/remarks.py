@@ -14,8 +14,7 @@ from fbench.replay.data.classes import is_known
 from fbench.replay.data.scores import Score
 
 _OWN = "default"
-_RANKED = ("nuscenes-detection", "coco")
-"""Their tools rank equal scores as the file has them, which changes AP."""
+_RANKED = ("nuscenes-detection", "coco")  # Their tools rank equal scores as the file has them, which changes AP
 _NAMED = 5
 
 
@@ -24,8 +23,7 @@ class Side:
     """Boxes of one side, of classes that count."""
 
     num: int = 0
-    num_ids: int = 0
-    """That have one."""
+    num_ids: int = 0  # That have one
 
     def __add__(self, other: "Side") -> "Side":
         return Side(self.num + other.num, self.num_ids + other.num_ids)
@@ -35,12 +33,10 @@ class Side:
 class Tally:
     """What was met in sequences."""
 
-    truth: Side = Side()
-    """Without what is to be ignored."""
+    truth: Side = Side()  # Without what is to be ignored
     results: Side = Side()
     truth_labels: frozenset[str] = frozenset()
-    labels: Counter[str] = field(default_factory=Counter)
-    """Of all results."""
+    labels: Counter[str] = field(default_factory=Counter)  # Of all results
     scores: Mapping[str, tuple[Float64, ...]] = field(default_factory=dict)
     """Of results that count, by label: where ties can decide."""
 
@@ -58,8 +54,7 @@ class Remarks:
     """Looks at sequences while they are scored."""
 
     profile: AnyProfile
-    what: str
-    """The results' name."""
+    what: str  # The results' name
     truth: str = "truth"
     tally: Tally = field(default_factory=Tally)
 
@@ -70,10 +65,8 @@ class Remarks:
             yield sequence
 
     def require_tracks(self) -> None:
-        """Refuse boxes without ids where tracks are judged, which tools would count as nothing at all.
-
-        Raises:
-            MetricError: where no truth box, or no result, has an id.
+        """Refuse boxes without ids where tracks are judged, which tools would count as nothing at all. Raises
+        MetricError where no truth box, or no result, has an id.
         """
         if not facts_of(self.profile).judges_tracks or self.profile.name == _OWN:
             return
@@ -171,12 +164,10 @@ def _listed(labels: Mapping[str, int]) -> str:
 class Headlines:
     """Metrics of a profile that people look for."""
 
-    metrics: tuple[str, ...]
-    """In the order in which they are printed."""
+    metrics: tuple[str, ...]  # In the order in which they are printed
     all_matchings: bool = False
     """Whether one metric has rows for several ways of matching, of which each counts; else the first is shown."""
-    has_levels: bool = False
-    """Whether rows are about levels of difficulty, `all, easy`, and none about all of them."""
+    has_levels: bool = False  # Whether rows are about levels of difficulty, `all, easy`, and none about all of them
 
 
 _TRACKEVAL = Headlines(
@@ -220,8 +211,7 @@ class Line:
 
     metric: str
     matching: str
-    scores: Mapping[str, Score]
-    """By column: the class, and what of it."""
+    scores: Mapping[str, Score]  # By column: the class, and what of it
 
 
 def headlines_of(profile: str) -> Headlines:

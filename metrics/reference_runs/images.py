@@ -20,8 +20,7 @@ from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
 
-_KITTI_CAMERA = "image_02"
-"""Whose image KITTI's labels are in."""
+_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,7 @@ class View:
     cameras: tuple[str, ...]
     """In images each is a stream of its own; in space at most one: rules about heights and regions are about one
     image."""
-    is_recorded: bool
-    """Whether truth has rectangles of its own."""
+    is_recorded: bool  # Whether truth has rectangles of its own
 
     @property
     def run(self) -> Run:
@@ -43,10 +41,8 @@ class View:
 
 
 def view_of(run: Run, boxes: Boxes, space: Space) -> View:
-    """Return how results are scored against the truth of their run.
-
-    Raises:
-        MetricError: where there is no such truth (GT001), no camera, or one into which nothing can be projected.
+    """Return how results are scored against the truth of their run. Raises MetricError where there is no such truth
+    (GT001), no camera, or one into which nothing can be projected.
     """
     spaces = {kind for frame in run.frames for kind in frame.truth_spaces.split()}
     is_recorded = "2d" in spaces
@@ -95,10 +91,7 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
 
     Rectangles are those that were recorded, else those around projected 3D boxes. In space what a single camera doesn't
     see is left out on both sides, as its benchmark's files do; where there are several cameras, nothing has a
-    rectangle.
-
-    Raises:
-        MetricError: where the run has no such truth (GT001), or no image.
+    rectangle. Raises MetricError where the run has no such truth (GT001), or no image.
     """
     view = view_of(run, table.boxes, space)
     truth = _objects(view, family, lambda camera: _truth(view, camera))

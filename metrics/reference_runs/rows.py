@@ -18,8 +18,7 @@ from fbench.replay.formats.sequence import ImageRows
 
 Family = Literal["kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
 """Benchmarks with one set of classes, called as the formats of `fbench log export`."""
-RACK = "static_object.bicycle_rack"
-"""nuScenes' truth tells where bicycles stand that don't count."""
+RACK = "static_object.bicycle_rack"  # nuScenes' truth tells where bicycles stand that don't count
 _REGIONS = {"kitti-tracking": "dontcare", "mot": "distractor"}
 """What truth that is to be ignored is called, where a flag doesn't do."""
 
@@ -140,8 +139,7 @@ def _classes(boxes: Boxes2D | Boxes3D) -> Text:
     return np.full(len(boxes), "") if names is None else names
 
 
-_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
-"""Attribute of 2D truth from KITTI's labels."""
+_ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")  # Attribute of 2D truth from KITTI's labels
 _UNKNOWN_ALPHA = -10.0
 
 
@@ -149,10 +147,8 @@ _UNKNOWN_ALPHA = -10.0
 class Rows:
     """N objects of several frames."""
 
-    frame: Int64
-    """(N,) ascending."""
-    found: ImageRows
-    """A rectangle is NaN where there is none."""
+    frame: Int64  # (N,) ascending
+    found: ImageRows  # A rectangle is NaN where there is none
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -22,10 +22,8 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
     of them, else in body coordinates, which do where frames are looked at one by one.
 
     What a submission couldn't hold is left out of results: classes that aren't scored, and of more than 500 boxes those
-    with the lowest scores. Velocities that a pipeline doesn't tell count as 0, as there.
-
-    Raises:
-        MetricError: where the run has no 3D truth (GT001), or no poses and `needs_world`.
+    with the lowest scores. Velocities that a pipeline doesn't tell count as 0, as there. Raises MetricError where the
+    run has no 3D truth (GT001), or no poses and `needs_world`.
     """
     labelled = _keyframes(run)
     if not labelled.frames:

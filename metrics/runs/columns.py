@@ -113,13 +113,10 @@ class View:
     """One run in the ground plane or in its images."""
 
     match: Match
-    matching: str
-    """How boxes match and which of them count."""
+    matching: str  # How boxes match and which of them count
     sequence: Sequence
-    num_frames: int
-    """Of the run."""
-    reason: str | None
-    """Why there is nothing to score."""
+    num_frames: int  # Of the run
+    reason: str | None  # Why there is nothing to score
 
     @property
     def num_scored(self) -> int:

@@ -27,8 +27,7 @@ _ORDER = (
     "range_rate_error",
 )  # fmt: skip
 
-_FIRST = ("f1", "mota")
-"""A metric's first row of these is in the pipeline's own space."""
+_FIRST = ("f1", "mota")  # A metric's first row of these is in the pipeline's own space
 
 
 def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> list[Score]:
@@ -36,10 +35,7 @@ def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> lis
 
     All vehicles as one class come first, in the pipeline's own space, then in the image; then single labels; then
     slices; then what isn't about a class. Inside these, detection before tracking; rows of other metrics keep their
-    order.
-
-    Raises:
-        MetricError: where truth or results can't be scored.
+    order. Raises MetricError where truth or results can't be scored.
     """
     shared = SharedRun(run.folder)
     rows = [row for metric in metrics for row in metric.scores(shared, options)]
@@ -108,8 +104,7 @@ _ALWAYS = ("log", "scenario", "condition")
 _LONGEST_WORD = 40
 RATES = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "distance_error", "range_rate_error")
 """What depends on single steps, or nearly: MOTA also on what came one step before."""
-OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_survival")
-"""What depends on whole tracks."""
+OF_TRACKS = ("idf1", "idp", "idr", "hota", "deta", "assa", "loca", "occlusion_survival")  # What depends on whole tracks
 
 
 @dataclass(frozen=True)
@@ -118,10 +113,8 @@ class RunTable:
 
     detection: tuple[Entry[DetectionCounts], ...]
     tracking: tuple[Entry[TrackingCounts], ...]
-    matching: str
-    """In the pipeline's own space."""
-    num_scored: int
-    """Frames that have truth."""
+    matching: str  # In the pipeline's own space
+    num_scored: int  # Frames that have truth
     num_frames: int
 
     def __add__(self, other: "RunTable") -> "RunTable":
@@ -154,11 +147,9 @@ class RunTable:
 class RunStatistics:
     """What must be known of a run to score it with others."""
 
-    key: tuple[str, str, str]
-    """Name and id of the log, and the digest of what came out."""
+    key: tuple[str, str, str]  # Name and id of the log, and the digest of what came out
     pipeline: str
-    tags: Mapping[str, str]
-    """`log`, and the words of its metadata: scenario, condition ..."""
+    tags: Mapping[str, str]  # `log`, and the words of its metadata: scenario, condition ...
     table: RunTable
 
     @property

@@ -40,8 +40,7 @@ SHOWN_FROM = 0.4
 """Visible share from which on a camera shows a box where truth in images doesn't tell: nuScenes' lowest bin, which ends
 there, also holds what shows nothing.
 """
-_UNSEEN, _UNTOLD, _SEEN = 0, 1, 2
-"""What a kind of sensor tells of a box; of several kinds the highest counts."""
+_UNSEEN, _UNTOLD, _SEEN = 0, 1, 2  # What a kind of sensor tells of a box; of several kinds the highest counts
 
 
 def seen_by_some(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOptions) -> Bool | None:
@@ -74,11 +73,7 @@ def seen_by_some(labelled: Labelled, frame: Int64, truth: Boxes3D, options: Scor
 
 
 def require_told(labelled: Labelled, seen: Bool | None, options: ScoreOptions) -> None:
-    """Refuse to score only what is seen where nobody tells.
-
-    Raises:
-        ConfigError: naming the log.
-    """
+    """Refuse to score only what is seen where nobody tells. Raises ConfigError naming the log."""
     if options.seen and seen is None:
         raise ConfigError(
             f"log '{labelled.run.manifest.log.name}': its truth doesn't tell of each kind of sensor what that sees "
@@ -138,10 +133,8 @@ def regions_of(run: Run) -> tuple[Region, ...]:
 
 
 def chosen_regions(run: Run, kinds: Sequence[str]) -> tuple[Region, ...]:
-    """Return the regions of these kinds.
-
-    Raises:
-        ConfigError: where the log has no such kind, or no poses, so that nobody knows where boxes are in the world.
+    """Return the regions of these kinds. Raises ConfigError where the log has no such kind, or no poses, so that nobody
+    knows where boxes are in the world.
     """
     regions = regions_of(run)
     known = list(dict.fromkeys(region.kind for region in regions))
@@ -165,10 +158,8 @@ def ground_points(run: Run, frame: Int64, center_m: Float64) -> Float64:
 
 
 def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -> Bool:
-    """Tell which points (N, 3), as in `ground_points`, lie in a region of these kinds.
-
-    Raises:
-        ConfigError: as `chosen_regions`.
+    """Tell which points (N, 3), as in `ground_points`, lie in a region of these kinds. Raises ConfigError as
+    `chosen_regions`.
     """
     regions = chosen_regions(run, kinds)
     return np.asarray(inside(regions, ground_points(run, frame, center_m)), bool)

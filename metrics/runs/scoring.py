@@ -18,22 +18,17 @@ from fbench.replay.runs.folder import Run
 
 LEAST_S = 1.0
 MOST = 20
-_SLACK = 0.01
-"""A stretch may be so much shorter: stamps jitter."""
+_SLACK = 0.01  # A stretch may be so much shorter: stamps jitter
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """Which piece of a run each of its frames with truth belongs to."""
 
-    frame: Int64
-    """(F,) ascending index of the frames."""
-    piece: Int64
-    """(F,) from 0 on."""
-    unit: str
-    """`segments`, or `stretches of 2.5 s`."""
-    cuts_tracks: bool
-    """Whether tracks go on from one piece to the next."""
+    frame: Int64  # (F,) ascending index of the frames
+    piece: Int64  # (F,) from 0 on
+    unit: str  # `segments`, or `stretches of 2.5 s`
+    cuts_tracks: bool  # Whether tracks go on from one piece to the next
 
     def views(self, view: View) -> Iterator[View]:
         """Yield the pieces of a view; tracks end where a piece does."""
@@ -80,10 +75,8 @@ def intervals_of_run(
 
     Segments are resampled; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
     cuts tracks too, so only what depends on single steps gets an interval then: precision, recall, F1, MOTA and MOTP,
-    but not IDF1 or HOTA. (A switch just at a cut is not seen in resamples; MOTA itself counts it.)
-
-    Raises:
-        MetricError: where an id occurs twice in one frame.
+    but not IDF1 or HOTA. (A switch just at a cut is not seen in resamples; MOTA itself counts it.) Raises MetricError
+    where an id occurs twice in one frame.
     """
     shared = SharedRun(run.folder)
     cut = pieces(shared, LEAST_UNITS)

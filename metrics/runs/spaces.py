@@ -22,11 +22,8 @@ from fbench.replay.runs.tables import BoxTable
 
 
 def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
-    """Return the detections or tracks of a run beside its 3D truth.
-
-    Raises:
-        MetricError: where the results are in images.
-        ConfigError: where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
+    """Return the detections or tracks of a run beside its 3D truth. Raises MetricError where the results are in images.
+    Raises ConfigError where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
     """
     labelled = Labelled.of(run, "3d")
     truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labelled, options))
@@ -58,10 +55,8 @@ def within(centers: Float64, range_m: float) -> Bool:
 
 
 def in_view(rig: Rig, camera: str, centers: Float64) -> Bool:
-    """Tell which points (N, 3) in body coordinates project into the image of a camera.
-
-    Raises:
-        LogError: where the camera's distortion isn't modelled.
+    """Tell which points (N, 3) in body coordinates project into the image of a camera. Raises LogError where the
+    camera's distortion isn't modelled.
     """
     return in_image(rig.cameras[camera], project_body(rig, camera, centers)[0])
 
@@ -136,12 +131,9 @@ class _Space:
     rig: Rig
     options: ScoreOptions
     cameras: tuple[str, ...]
-    derived: bool
-    """Whether truth is 3D truth, projected."""
-    ranged: bool
-    """Whether the distance of truth is known; where it isn't, boxes of any distance count."""
-    projects: bool
-    """Whether truth or estimates are 3D and must be projected."""
+    derived: bool  # Whether truth is 3D truth, projected
+    ranged: bool  # Whether the distance of truth is known; where it isn't, boxes of any distance count
+    projects: bool  # Whether truth or estimates are 3D and must be projected
 
     @classmethod
     def of(cls, run: Run, table: BoxTable, options: ScoreOptions) -> "_Space":

@@ -30,20 +30,15 @@ class Tracking:
     """
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
-        """Return rows for all vehicles as one class in each space, then for each label, then of what is seen.
-
-        Raises:
-            MetricError: where an id occurs twice in one frame.
+        """Return rows for all vehicles as one class in each space, then for each label, then of what is seen. Raises
+        MetricError where an id occurs twice in one frame.
         """
         return [row for entry in tracking_entries(run, options) for row in rows_of(entry)]
 
 
 def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None) -> tuple[Entry[TrackingCounts], ...]:
     """Measure the tracks of a run: all vehicles in each space, then labels and what is seen in its own space, or in
-    that of `match`, see `views`.
-
-    Raises:
-        MetricError: where an id occurs twice in one frame.
+    that of `match`, see `views`. Raises MetricError where an id occurs twice in one frame.
     """
     spaces = views(run, run.tracks, options, match)
     # The folder may still have a name that nobody knows.

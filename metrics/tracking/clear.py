@@ -16,10 +16,8 @@ from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
 class ClearRules:
     """What differs between those who count CLEAR; the defaults are TrackEval 1.3.0's."""
 
-    floor: float = 0.5
-    """Similarity from which on boxes can match; distances are negated."""
-    margin: float = float(np.finfo(float).eps)
-    """How far below the floor they still can."""
+    floor: float = 0.5  # Similarity from which on boxes can match; distances are negated
+    margin: float = float(np.finfo(float).eps)  # How far below the floor they still can
     offset: float = 0.0
     """Added to similarities before the best sum is looked for: how much any pair is worth. Distances need one."""
     memory: Literal["previous step", "last match"] = "previous step"
@@ -27,18 +25,14 @@ class ClearRules:
     track's last match, whatever the gap."""
     settle_first: bool = False
     """Remembered pairs are made before all others; else they count 1000 more in one common assignment."""
-    most_pairs: bool = False
-    """As many pairs as possible, and of those the best sum; else the best sum."""
+    most_pairs: bool = False  # As many pairs as possible, and of those the best sum; else the best sum
     own_frames: bool = False
     """Fragmentations are misses of a truth box between matches; else also frames in which the truth track isn't
     there, but not those without any estimate."""
     tracked_share: float = 0.8
-    tracked_inclusive: bool = False
-    """Mostly tracked: matched in the `tracked_share` of its boxes or more; else in more."""
-    lost_share: float = 0.2
-    """Mostly lost: matched in less than this share of its boxes."""
-    counts_one_sided: bool = False
-    """Steps are counted also of sequences without any truth or without any estimate."""
+    tracked_inclusive: bool = False  # Mostly tracked: matched in the `tracked_share` of its boxes or more; else in more
+    lost_share: float = 0.2  # Mostly lost: matched in less than this share of its boxes
+    counts_one_sided: bool = False  # Steps are counted also of sequences without any truth or without any estimate
 
 
 TRACKEVAL_RULES = ClearRules()
@@ -48,12 +42,9 @@ TRACKEVAL_RULES = ClearRules()
 class ClearPairs:
     """Partners of all N truth boxes and M estimates of a problem, as rows of the problem; -1 where there is none."""
 
-    estimate_of: Int64
-    """(N,)"""
-    truth_of: Int64
-    """(M,)"""
-    event: Int64
-    """(N,) bits of `fbench.metrics.tracking.clear_events`; 0 for misses."""
+    estimate_of: Int64  # (N,)
+    truth_of: Int64  # (M,)
+    event: Int64  # (N,) bits of `fbench.metrics.tracking.clear_events`; 0 for misses
 
     def __post_init__(self) -> None:
         freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))
@@ -85,8 +76,7 @@ class ClearCounts:
     transfers: int = 0
     ascends: int = 0
     migrations: int = 0
-    similarity: Fraction = Fraction(0)
-    """Sum over matches; distances are negated."""
+    similarity: Fraction = Fraction(0)  # Sum over matches; distances are negated
 
     def __add__(self, other: "ClearCounts") -> "ClearCounts":
         return ClearCounts(*(a + b for a, b in zip(self._all, other._all, strict=True)))  # type: ignore[arg-type]

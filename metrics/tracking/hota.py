@@ -11,11 +11,9 @@ from fbench.metrics.core.problem import Problem
 from fbench.metrics.tracking.identity import NearPairs, near_pairs
 from fbench.replay.data.arrays import Float64, Int64
 
-ALPHAS = np.arange(0.05, 0.99, 0.05)
-"""(19,) 0.05 to 0.95."""
+ALPHAS = np.arange(0.05, 0.99, 0.05)  # (19,) 0.05 to 0.95
 ALPHAS.flags.writeable = False
-_TINY = float(np.finfo(float).eps)
-"""How far below a threshold, and how near to 0, TrackEval 1.3.0 goes."""
+_TINY = float(np.finfo(float).eps)  # How far below a threshold, and how near to 0, TrackEval 1.3.0 goes
 _NONE = (0,) * len(ALPHAS)
 _ZERO = (Fraction(0),) * len(ALPHAS)
 
@@ -27,14 +25,10 @@ class HotaCounts:
     tp: tuple[int, ...] = _NONE
     fn: tuple[int, ...] = _NONE
     fp: tuple[int, ...] = _NONE
-    similarity: tuple[Fraction, ...] = _ZERO
-    """Sum over matches."""
-    ass_a: tuple[Fraction, ...] = _ZERO
-    """Sum over matches of TPA / (TPA + FNA + FPA)."""
-    ass_re: tuple[Fraction, ...] = _ZERO
-    """Sum over matches of TPA / (TPA + FNA)."""
-    ass_pr: tuple[Fraction, ...] = _ZERO
-    """Sum over matches of TPA / (TPA + FPA)."""
+    similarity: tuple[Fraction, ...] = _ZERO  # Sum over matches
+    ass_a: tuple[Fraction, ...] = _ZERO  # Sum over matches of TPA / (TPA + FNA + FPA)
+    ass_re: tuple[Fraction, ...] = _ZERO  # Sum over matches of TPA / (TPA + FNA)
+    ass_pr: tuple[Fraction, ...] = _ZERO  # Sum over matches of TPA / (TPA + FPA)
 
     def __add__(self, other: "HotaCounts") -> "HotaCounts":
         return HotaCounts(

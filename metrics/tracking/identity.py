@@ -13,16 +13,12 @@ from fbench.replay.data.arrays import Bool, Int64
 class NearPairs:
     """K pairs of a truth row and an estimate row of the same step, in the order of the problem's similarities."""
 
-    place: Int64
-    """(K,) in the problem's similarities."""
-    truth: Int64
-    """(K,)"""
-    estimate: Int64
-    """(K,)"""
+    place: Int64  # (K,) in the problem's similarities
+    truth: Int64  # (K,)
+    estimate: Int64  # (K,)
     track_pair: Int64
     """(P,) pairs of tracks that are near anywhere, as truth id times (number of estimate ids) plus estimate id."""
-    track_pair_of: Int64
-    """(K,) which of these each pair belongs to."""
+    track_pair_of: Int64  # (K,) which of these each pair belongs to
 
 
 def near_pairs(problem: Problem, is_near: Bool) -> NearPairs:

@@ -7,11 +7,9 @@ from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH,
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-CONTINUITY = 1000.0
-"""What a remembered pair counts more than others, where it isn't settled first (TrackEval 1.3.0)."""
+CONTINUITY = 1000.0  # What a remembered pair counts more than others, where it isn't settled first (TrackEval 1.3.0)
 
-MEMORY = 3
-"""Numbers that `follow` remembers of each track."""
+MEMORY = 3  # Numbers that `follow` remembers of each track
 _PARTNER, _STEP, _HELD = 0, 1, 2
 """Of each truth track: id and step of its last match, and whether it was matched where it last counted."""
 _OWNER, _MATCHED, _COLUMN = 0, 1, 2

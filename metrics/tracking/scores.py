@@ -29,11 +29,9 @@ class TrackingCounts:
     identity: IdentityCounts = field(default_factory=IdentityCounts)
     hota: HotaCounts = field(default_factory=HotaCounts)
     survival: SurvivalCounts = field(default_factory=SurvivalCounts)
-    num_truth_ids: int = 0
-    """Truth boxes with an id."""
+    num_truth_ids: int = 0  # Truth boxes with an id
     num_estimates: int = 0
-    num_estimate_ids: int = 0
-    """Estimates with an id."""
+    num_estimate_ids: int = 0  # Estimates with an id
 
     def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
         return TrackingCounts(
@@ -56,24 +54,18 @@ class Followed:
     """Which truth each track was on, step by step, in one class of one sequence."""
 
     counted: Counted
-    judgement: Judgement
-    """Of each step alone: what is left out."""
-    used: Bool
-    """(M,) estimates that aren't left out."""
-    problem: Problem
-    """Of the used estimates."""
-    pairs: ClearPairs
-    """Partners, as rows of the problem."""
+    judgement: Judgement  # Of each step alone: what is left out
+    used: Bool  # (M,) estimates that aren't left out
+    problem: Problem  # Of the used estimates
+    pairs: ClearPairs  # Partners, as rows of the problem
 
 
 def followed(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> Followed:
     """Match one class of one sequence, or of a part of it.
 
     What doesn't count (outside the region, or on truth that needn't be found) is found out first, step by step, and
-    left out, so that all metrics see the same boxes. A box without id is a track of its own.
-
-    Raises:
-        MetricError: where boxes lack what the match compares.
+    left out, so that all metrics see the same boxes. A box without id is a track of its own. Raises MetricError where
+    boxes lack what the match compares.
     """
     held = counted(alike(sequence, group, match), part)
     found = _followed(held, judge_tracks(held))
@@ -100,10 +92,8 @@ def _without(judgement: Judgement, left: Bool) -> Judgement:
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
-    """Match and count one class of one sequence, or of a part of it, see `followed`.
-
-    Raises:
-        MetricError: where boxes lack what the match compares.
+    """Match and count one class of one sequence, or of a part of it, see `followed`. Raises MetricError where boxes
+    lack what the match compares.
     """
     found = followed(sequence, group, match, part)
     held, used, problem, pairs = found.counted, found.used, found.problem, found.pairs
@@ -121,8 +111,7 @@ def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part |
 def require_unique_ids(sequence: Sequence, where: str = "") -> None:
     """Refuse a sequence in which an id occurs twice at one step.
 
-    Raises:
-        MetricError: naming frame and id (fault GT003).
+    Raises MetricError naming frame and id (fault GT003).
     """
     for what, objects in (("truth", sequence.truth), ("tracks", sequence.estimates)):
         named = objects.track_id >= 0

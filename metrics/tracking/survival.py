@@ -11,8 +11,7 @@ from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.scores import Score, ratio
 
 LENGTHS_S = (0.0, 0.5, 1.0, 2.0, np.inf)
-HIDDEN_BELOW = 0.2
-"""Truth boxes with a smaller visible share count as hidden."""
+HIDDEN_BELOW = 0.2  # Truth boxes with a smaller visible share count as hidden
 
 
 @dataclass(frozen=True)
@@ -21,8 +20,7 @@ class SurvivalCounts:
 
     occlusions: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
     survived: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
-    untimed: int = 0
-    """Occlusions of which nobody tells the length: frames have no stamps."""
+    untimed: int = 0  # Occlusions of which nobody tells the length: frames have no stamps
     untimed_survived: int = 0
 
     def __add__(self, other: "SurvivalCounts") -> "SurvivalCounts":

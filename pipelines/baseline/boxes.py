@@ -20,20 +20,14 @@ from fbench.replay.geometry.camera import in_image, project_body, project_boxes
 class Extents:
     """N boxes."""
 
-    low: Float64
-    """(N, 3) in body coordinates [m], or (N, 2) in an image [px]."""
-    high: Float64
-    """The opposite corners."""
-    distance_m: Float64
-    """(N,) from the body's origin [m]; NaN where nothing measured it."""
+    low: Float64  # (N, 3) in body coordinates [m], or (N, 2) in an image [px]
+    high: Float64  # The opposite corners
+    distance_m: Float64  # (N,) from the body's origin [m]; NaN where nothing measured it
     range_rate_mps: Float64
     """(N,) radial velocity as measured [m/s], positive when receding; NaN where nothing measured it."""
-    label: Text
-    """(N,) of a camera; empty where unknown."""
-    score: Float64
-    """(N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score."""
-    sources: Array
-    """(N,) uint8, bits of `Source`."""
+    label: Text  # (N,) of a camera; empty where unknown
+    score: Float64  # (N,) 0 to 1: a camera's, and 1 for clusters, of which the thesis knows no score
+    sources: Array  # (N,) uint8, bits of `Source`
 
     def __len__(self) -> int:
         return len(self.low)
@@ -77,12 +71,10 @@ def iou(a: Extents, b: Extents) -> Float64:
 class PlainCloud:
     """Points of one sensor, or of several."""
 
-    xyz: Float64
-    """(N, 3) [m] in body coordinates."""
+    xyz: Float64  # (N, 3) [m] in body coordinates
     range_rate_mps: Float64
     """(N,) radial velocity as measured [m/s], positive when receding; NaN where the sensor gives none."""
-    source: Array
-    """(N,) uint8, bits of `Source`."""
+    source: Array  # (N,) uint8, bits of `Source`
 
     def __getitem__(self, rows: Array) -> "PlainCloud":
         """Select rows by mask or index array."""
@@ -171,8 +163,7 @@ def _mean_rate(range_rate_mps: Float64) -> float:
     return float(known.mean()) if len(known) else np.nan
 
 
-UNKNOWN = "car"
-"""Label of what no camera names: vehicles count as one class for sensors without classes."""
+UNKNOWN = "car"  # Label of what no camera names: vehicles count as one class for sensors without classes
 
 
 def camera_extents(found: CameraDetections) -> Extents:

@@ -25,21 +25,16 @@ KINDS: tuple[Kind, ...] = ("lidar", "radar")
 class PlainObservations:
     """Observations of the sensors of one frame."""
 
-    cameras: Mapping[str, CameraDetections]
-    """By camera name; a camera that failed isn't in it."""
+    cameras: Mapping[str, CameraDetections]  # By camera name; a camera that failed isn't in it
     clouds: Mapping[PlainSensor, PlainCloud]
     """By kind of sensor, in the order LiDAR, radar, stereo; empty where it didn't deliver."""
     faults: tuple[Fault, ...]
-    missing: Mapping[str, str]
-    """Cameras whose depth is noise."""
+    missing: Mapping[str, str]  # Cameras whose depth is noise
 
 
 class PlainSensors:
-    """The sensors that the parameters name.
-
-    Raises:
-        ConfigError: where the file with the camera's weights is missing.
-        ModelError: where these weights can't be used.
+    """The sensors that the parameters name. Raises ConfigError where the file with the camera's weights is missing.
+    Raises ModelError where these weights can't be used.
     """
 
     def __init__(self, params: PlainParams) -> None:
@@ -48,11 +43,8 @@ class PlainSensors:
         """Whether boxes have labels."""
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take the sensors of the rig.
-
-        Raises:
-            ConfigError: where a setting by sensor isn't one of a camera.
-            LogError: where stereo is used and the rig has no pair.
+        """Take the sensors of the rig. Raises ConfigError where a setting by sensor isn't one of a camera. Raises
+        LogError where stereo is used and the rig has no pair.
         """
         params, settings = self._params, SensorSettings(self._params, rig)
         for kind in KINDS:  # whose points have common parameters

@@ -114,18 +114,14 @@ class PlainFusionParams:
         require_ranges("fusion", self, {"min_iou": (1e-6, 1.0), "label_share": (0.0, 1.0)})
 
 
-RADAR = PlainClusterParams(eps_m=1.5, min_points=4)
-"""Large radius and few points for radar, as the thesis says."""
+RADAR = PlainClusterParams(eps_m=1.5, min_points=4)  # Large radius and few points for radar, as the thesis says
 RADAR_IMAGE = PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
-MORE_POINTS = PlainSizeParams(least_points=8)
-"""Of clusters of radar, and of a merged cloud."""
+MORE_POINTS = PlainSizeParams(least_points=8)  # Of clusters of radar, and of a merged cloud
 
 
 def require_uses(uses: tuple[PlainSensor, ...], detect_every: int) -> None:
-    """Refuse parameters of a pipeline without sensors, or with a sensor named twice.
-
-    Raises:
-        ConfigError: naming the parameter.
+    """Refuse parameters of a pipeline without sensors, or with a sensor named twice. Raises ConfigError naming the
+    parameter.
     """
     require_between("detect_every", detect_every, 1)
     if not uses or len(set(uses)) < len(uses):

@@ -72,11 +72,9 @@ class Plain2D(TrackingPipeline[Boxes2D]):
         self._params, self._sensors = params, PlainSensors(params)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all cameras of the rig, and the other sensors that are used.
-
-        Raises:
-            ConfigError: where cameras are all that is used, and none has weights.
-            LogError: where it lacks a camera, or other sensors that are used, or a camera can't be projected into.
+        """Take all cameras of the rig, and the other sensors that are used. Raises ConfigError where cameras are all
+        that is used, and none has weights. Raises LogError where it lacks a camera, or other sensors that are used, or
+        a camera can't be projected into.
         """
         params, with_points = self._params, self._params.uses != ("camera",)
         require("plain2d", ("camera",), rig, log_info)

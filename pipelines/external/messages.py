@@ -15,15 +15,13 @@ from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import LogInfo, Rig
 
-VERSION = 1
-"""Of the protocol."""
+VERSION = 1  # Of the protocol
 _KINDS = {
     "camera": schema.SENSOR_KIND_CAMERA,
     "lidar": schema.SENSOR_KIND_LIDAR,
     "radar": schema.SENSOR_KIND_RADAR,
 }
-Pieces = list[bytes | memoryview]
-"""Parts of one serialised message, in order."""
+Pieces = list[bytes | memoryview]  # Parts of one serialised message, in order
 
 
 def hello(rig: Rig, info: LogInfo) -> schema.Hello:
@@ -152,8 +150,7 @@ def _varint(value: int) -> bytes:
 
 
 _MAX_STAGES = 64
-_MAX_BOXES = 10_000
-"""Of a frame; each costs time when it is scored."""
+_MAX_BOXES = 10_000  # Of a frame; each costs time when it is scored
 _MAX_MISSING = 256
 _MAX_CHARS = 200
 _MAX_STAGE_NS = 2**62
@@ -165,10 +162,8 @@ class ProtocolError(DataError):
 
 
 def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
-    """Decode the answer to request number `sequence`.
-
-    Raises:
-        ProtocolError: where it can't be decoded, or answers another request.
+    """Decode the answer to request number `sequence`. Raises ProtocolError where it can't be decoded, or answers
+    another request.
     """
     try:
         response = schema.Response.FromString(bytes(data))
@@ -182,10 +177,8 @@ def parse_response(data: bytes | bytearray, sequence: int) -> schema.Response:
 
 
 def to_output(output: schema.Output) -> Output:
-    """Return what a program found in a frame.
-
-    Raises:
-        DataError: where boxes are incomplete or not finite, saying which field.
+    """Return what a program found in a frame. Raises DataError where boxes are incomplete or not finite, saying which
+    field.
     """
     _require_short("missing", [*output.missing, *output.missing.values()], 2 * _MAX_MISSING)
     _require_short("stages", [stage.name for stage in output.stages], _MAX_STAGES)

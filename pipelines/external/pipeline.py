@@ -24,8 +24,7 @@ from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 
 _LENGTH = struct.Struct("<I")
-_MAX_REQUEST_BYTES = 2**31 - 1
-"""What protobuf can read."""
+_MAX_REQUEST_BYTES = 2**31 - 1  # What protobuf can read
 _MAX_ERROR_CHARS = 500
 
 
@@ -140,9 +139,7 @@ class Exec:
     """Runs a program in lockstep over its stdin and stdout, as docs/exec.md describes.
 
     A frame on which the program crashes, hangs or gives garbage fails, and before the next frame it is started again.
-
-    Raises:
-        ConfigError: where there is no such program.
+    Raises ConfigError where there is no such program.
     """
 
     argument: ClassVar[str] = "command"
@@ -156,11 +153,8 @@ class Exec:
         self._identity: dict[str, object] = {}
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Start the program, or tell it of another rig.
-
-        Raises:
-            LogError: where the program says that it can't work with this log.
-            RunError: where it ends, hangs or speaks another version.
+        """Start the program, or tell it of another rig. Raises LogError where the program says that it can't work with
+        this log. Raises RunError where it ends, hangs or speaks another version.
         """
         self._hello = hello(rig, log_info)
         try:
@@ -186,13 +180,9 @@ class Exec:
             raise
 
     def step(self, frame: Frame) -> Output:
-        """Have the program process a frame, after starting it again if it was lost.
-
-        Raises:
-            ProgramError: where it crashes or hangs.
-            ProtocolError: where it doesn't keep to the protocol.
-            RefusedError: where it says that it can't do this frame.
-            DataError: where boxes are incomplete or not finite.
+        """Have the program process a frame, after starting it again if it was lost. Raises ProgramError where it
+        crashes or hangs. Raises ProtocolError where it doesn't keep to the protocol. Raises RefusedError where it says
+        that it can't do this frame. Raises DataError where boxes are incomplete or not finite.
         """
         with self._watched():
             dialogue = self._dialogue or self._begin_again()

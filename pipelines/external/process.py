@@ -24,10 +24,8 @@ _OWN_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 class Command:
     """A program and its arguments."""
 
-    program: str
-    """Absolute path."""
-    words: Sequence[str]
-    """As they were written, the program first."""
+    program: str  # Absolute path
+    words: Sequence[str]  # As they were written, the program first
 
     @property
     def name(self) -> str:
@@ -41,10 +39,8 @@ class Command:
 
 
 def parse_command(text: str) -> Command:
-    """Split a command line as a shell does, without running one, and find the program in PATH or as a path.
-
-    Raises:
-        ConfigError: where there is no such program, or it can't be executed.
+    """Split a command line as a shell does, without running one, and find the program in PATH or as a path. Raises
+    ConfigError where there is no such program, or it can't be executed.
     """
     try:
         words = shlex.split(text)
@@ -116,10 +112,8 @@ class KeptText:
 _PIPE_BYTES = 1 << 20
 _READ_BYTES = 1 << 16
 _READS_AT_ONCE = 16
-_MAX_PIECES = 512
-"""Buffers a write, below the system's limit."""
-_LAST_WORDS_S = 0.5
-"""How long a program that closed a pipe has to exit, so that the reason can be told."""
+_MAX_PIECES = 512  # Buffers a write, below the system's limit
+_LAST_WORDS_S = 0.5  # How long a program that closed a pipe has to exit, so that the reason can be told
 
 
 class ProgramError(FbenchError):
@@ -177,10 +171,8 @@ class Process:
         self._ended = False
 
     def send(self, pieces: list[bytes | memoryview], deadline: Deadline) -> None:
-        """Write all pieces to the program's stdin.
-
-        Raises:
-            ProgramError: where it ends, closes its stdin, or hasn't read them by the deadline.
+        """Write all pieces to the program's stdin. Raises ProgramError where it ends, closes its stdin, or hasn't read
+        them by the deadline.
         """
         total = sum(map(len, pieces))
         left = total
@@ -210,10 +202,8 @@ class Process:
             raise ProgramError(self._last_words("closed its stdin")) from error
 
     def receive(self, num: int, deadline: Deadline) -> bytes:
-        """Take `num` bytes of what the program writes to stdout.
-
-        Raises:
-            ProgramError: where it ends, closes its stdout, or hasn't written them by the deadline.
+        """Take `num` bytes of what the program writes to stdout. Raises ProgramError where it ends, closes its stdout,
+        or hasn't written them by the deadline.
         """
         while len(self._received) < num:
             self._wait(deadline, f"wrote only {len(self._received)} of {num} bytes of an answer"

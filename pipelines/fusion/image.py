@@ -23,20 +23,16 @@ _CONTAINED = 0.7
 """What lies inside another box counts as similar by this share of itself: of what is hidden only a part is measured."""
 _MISTAKEN = 0.35
 """Depths that a camera guesses agree at least so far with others: the class that gives the size may be wrong."""
-_PART, _AGREE = 0.6, 0.2
-"""What lies by this share in an object's box, and agrees so far in depth, is a part of it."""
-_SAME = 0.5
-"""Of two objects with a larger IoU the farther one would be hidden."""
+_PART, _AGREE = 0.6, 0.2  # What lies by this share in an object's box, and agrees so far in depth, is a part of it
+_SAME = 0.5  # Of two objects with a larger IoU the farther one would be hidden
 _BEHIND_M, _BEFORE_M = 4.0, 2.0
 """Rays that end so far [m] behind the near side of an object went through it; so far before it, they count as on it."""
 _LEAST_RAYS = 4
-_HALF_LENGTH_M = 2.0
-"""From the near side of an object to its middle [m], where only that is known."""
+_HALF_LENGTH_M = 2.0  # From the near side of an object to its middle [m], where only that is known
 _GATE = 2.5
 _LEAST = 3
 _FULL = 10.0
-_AROUND_M = 2.5
-"""Points that differ by less [m] from the depth of an object belong to it."""
+_AROUND_M = 2.5  # Points that differ by less [m] from the depth of an object belong to it
 
 
 @dataclass(frozen=True)
@@ -92,24 +88,19 @@ class ImageView:
     rig: Rig
     camera: str
     seen: Sightings
-    works: bool
-    """Whether the camera itself worked."""
+    works: bool  # Whether the camera itself worked
     points: Mapping[Source, Points] = field(default_factory=dict)
     """Points of LiDAR and radar over the ground, where fusion is early."""
-    rays: Mapping[Source, Rays] = field(default_factory=dict)
-    """All their points."""
+    rays: Mapping[Source, Rays] = field(default_factory=dict)  # All their points
 
 
 @dataclass(frozen=True)
 class PointEvidence:
     """Statement of the points of one kind of sensor about a box."""
 
-    depth_m: float
-    """Depth of the object they are on [m]."""
-    strength: float
-    """How much there is of it, 0 to 1."""
-    rate_mps: float
-    """Change of its distance [m/s], positive when receding; NaN where unknown."""
+    depth_m: float  # Depth of the object they are on [m]
+    strength: float  # How much there is of it, 0 to 1
+    rate_mps: float  # Change of its distance [m/s], positive when receding; NaN where unknown
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,33 +80,21 @@ class CameraObservation:
     """One object in one image: a ray and a guess of how far along it the object is."""
 
     camera: str
-    xyxy_px: Float64
-    """(4,) left, top, right, bottom [px]."""
+    xyxy_px: Float64  # (4,) left, top, right, bottom [px]
     label: str
-    score: float
-    """How likely it is there by this camera alone, see `as_probability`."""
-    is_sure: bool
-    """Whether the camera alone would report it; else others must confirm it."""
-    eye_m: Float64
-    """(3,) position of the camera in body coordinates [m]."""
-    bearing_rad: float
-    """Direction of the box's middle on the ground, in body axes [rad]."""
-    half_rad: float
-    """Half of the angle that the box is wide [rad]."""
-    near_m: float
-    """Guessed distance of the near side from the camera, on the ground [m]."""
-    std: float
-    """Relative standard deviation of that guess."""
-    depth_m: float
-    """From the near side to the object's middle [m], by how wide it looks."""
+    score: float  # How likely it is there by this camera alone, see `as_probability`
+    is_sure: bool  # Whether the camera alone would report it; else others must confirm it
+    eye_m: Float64  # (3,) position of the camera in body coordinates [m]
+    bearing_rad: float  # Direction of the box's middle on the ground, in body axes [rad]
+    half_rad: float  # Half of the angle that the box is wide [rad]
+    near_m: float  # Guessed distance of the near side from the camera, on the ground [m]
+    std: float  # Relative standard deviation of that guess
+    depth_m: float  # From the near side to the object's middle [m], by how wide it looks
     aspect_rad: float
     """Angle between its heading and the line of sight, 0 to pi/2 [rad]; which of the two sides isn't known."""
-    size_lwh_m: Float64
-    """(3,) typical size, the height as it looks at the guessed distance [m]."""
-    beside_m: float
-    """How far left of the ray the middle is [m], where the image cuts the object off."""
-    cut: bool
-    """Whether the left or right border of the image cuts it off."""
+    size_lwh_m: Float64  # (3,) typical size, the height as it looks at the guessed distance [m]
+    beside_m: float  # How far left of the ray the middle is [m], where the image cuts the object off
+    cut: bool  # Whether the left or right border of the image cuts it off
 
 
 def observe_camera(
@@ -258,14 +246,10 @@ def outline_overlaps(rig: Rig, camera: str, boxes: Boxes3D, xyxy_px: Float64) ->
 class Clusters:
     """K clusters of one sensor kind, in the order of their places, and N points."""
 
-    boxes: Boxes3D
-    """(K) one for each."""
-    xyz: Float64
-    """(N, 3) [m] points of the clusters in body coordinates, sorted by cluster."""
-    first: Int64
-    """(K + 1,) rows of `xyz` where clusters begin."""
-    loose: Float64
-    """(M, 3) [m] points of no cluster."""
+    boxes: Boxes3D  # (K) one for each
+    xyz: Float64  # (N, 3) [m] points of the clusters in body coordinates, sorted by cluster
+    first: Int64  # (K + 1,) rows of `xyz` where clusters begin
+    loose: Float64  # (M, 3) [m] points of no cluster
 
     @property
     def num_points(self) -> Float64:
@@ -303,12 +287,9 @@ def sort_clusters(xyz: Float64, number: Int64, boxes: Boxes3D) -> Clusters:
 class Overlap:
     """Parts of K clusters in S boxes of one camera."""
 
-    num_inside: Float64
-    """(S, K) points."""
-    near_m: Float64
-    """(S, K) distance of the near side of what is inside, from the camera, on the ground [m]."""
-    bearing_rad: Float64
-    """(S, K) direction of its middle, against that of the box's middle [rad], positive to the left."""
+    num_inside: Float64  # (S, K) points
+    near_m: Float64  # (S, K) distance of the near side of what is inside, from the camera, on the ground [m]
+    bearing_rad: Float64  # (S, K) direction of its middle, against that of the box's middle [rad], positive to the left
 
 
 def edges_for_points(xyxy_px: Float64) -> Float64:

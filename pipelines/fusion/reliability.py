@@ -10,8 +10,7 @@ from fbench.pipelines.params import require_ranges
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
 
-SENSOR_LIMIT = 1 - 0.98
-"""No sensor alone can be surer of an object than 1 less this, nor of none than this."""
+SENSOR_LIMIT = 1 - 0.98  # No sensor alone can be surer of an object than 1 less this, nor of none than this
 
 
 @overload
@@ -112,10 +111,8 @@ class SensorReliability:
         return np.minimum(distance_m / self._params.band_m, _BANDS - 1).astype(np.int64)
 
 
-_BEFORE, _SEEN_BEFORE = 20.0, 18.0
-"""Before anything was seen, cameras are taken to have seen 9 of 10 objects."""
-_KEPT = 0.97
-"""Share of what was seen that still counts one frame later."""
+_BEFORE, _SEEN_BEFORE = 20.0, 18.0  # Before anything was seen, cameras are taken to have seen 9 of 10 objects
+_KEPT = 0.97  # Share of what was seen that still counts one frame later
 _BOTH = int(Source.L) | int(Source.R)
 
 

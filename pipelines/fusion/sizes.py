@@ -9,12 +9,9 @@ class ObjectSize(NamedTuple):
 
     length_m: float
     width_m: float
-    height_m: float
-    """As cameras see it in 3D fusion, where detectors also call vans trucks and buses."""
-    height_spread: float
-    """Relative spread of heights."""
-    image_height_m: float
-    """Height from which the distance of a camera's box is guessed in images."""
+    height_m: float  # As cameras see it in 3D fusion, where detectors also call vans trucks and buses
+    height_spread: float  # Relative spread of heights
+    image_height_m: float  # Height from which the distance of a camera's box is guessed in images
     lidar_lwh_m: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     """Length, width and height to which partly seen LiDAR clusters are completed, by default; NaN: it knows none."""
     longest_m: float = math.inf
@@ -30,8 +27,7 @@ class ObjectSize(NamedTuple):
 LONG_CAR_M, LONG_M, HIGH_VAN_M = 5.6, 7.0, 1.95
 """Objects that no camera labels are called trucks where they are longer than `LONG_M`, else cars; late fusion in 3D
 calls those vans that are longer than `LONG_CAR_M` and higher than `HIGH_VAN_M`."""
-LOW_TRUCK_M = 2.5
-"""A truck or bus that turns out lower than this [m] is a van."""
+LOW_TRUCK_M = 2.5  # A truck or bus that turns out lower than this [m] is a van
 
 SIZES = {
     #                        length width height spread  image  LiDAR            limits

@@ -14,22 +14,17 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.images import Pixels, decode
 
-_KEPT = 0.35
-"""Boxes of which less than this share is in the view are ignored."""
-_NEAR_OBJECT = 0.8
-"""Share of crops that are laid around an object."""
+_KEPT = 0.35  # Boxes of which less than this share is in the view are ignored
+_NEAR_OBJECT = 0.8  # Share of crops that are laid around an object
 
 
 @dataclass(frozen=True, eq=False)
 class View:
     """An input of the network and what is in it."""
 
-    pixels: Pixels
-    """(H, W, 3) RGB."""
-    xyxy: Float64
-    """(N, 4) [px]."""
-    class_id: Int64
-    """(N,); -1 is ignored."""
+    pixels: Pixels  # (H, W, 3) RGB
+    xyxy: Float64  # (N, 4) [px]
+    class_id: Int64  # (N,); -1 is ignored
 
 
 def crop(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float, draw: np.random.Generator) -> View:

@@ -12,13 +12,11 @@ from torch.nn import functional
 
 from fbench.pipelines.models.samples import CLASSES, INPUT_WH
 
-STRIDES = (8, 16, 32)
-"""Pixels of the input between neighbouring cells, level by level."""
+STRIDES = (8, 16, 32)  # Pixels of the input between neighbouring cells, level by level
 _STEM, _WIDTHS, _NECK = 24, (56, 96, 160), 64
 _PRIOR = 0.01
 """Score that every cell starts with, so that the many empty ones don't drown the others (Lin et al., ICCV 2017)."""
-_LARGEST = 4.0
-"""Of the logarithm of a side's distance in strides: 55 of 32 px are more than any input has."""
+_LARGEST = 4.0  # Of the logarithm of a side's distance in strides: 55 of 32 px are more than any input has
 Levels: TypeAlias = Sequence[Tensor]
 
 

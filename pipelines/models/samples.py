@@ -15,8 +15,7 @@ from fbench.replay.logs.open import open_log
 
 CLASSES = ("car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
 """Labels that the detector tells apart, in the order of its outputs."""
-INPUT_WH = (640, 480)
-"""Width and height of the finished detector's input [px]."""
+INPUT_WH = (640, 480)  # Width and height of the finished detector's input [px]
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,10 @@ class TrainingSettings:
 class Sample:
     """One image and the N boxes in it."""
 
-    name: str
-    """Log with its id, sensor and stamp."""
+    name: str  # Log with its id, sensor and stamp
     image: Image
-    xyxy: Float64
-    """(N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]."""
-    class_id: Int64
-    """(N,) index in `CLASSES`; -1 of what is neither to be found nor a mistake."""
+    xyxy: Float64  # (N, 4) left, top, right, bottom around whole bodies [px from the upper left corner]
+    class_id: Int64  # (N,) index in `CLASSES`; -1 of what is neither to be found nor a mistake
 
     @property
     def is_ignored(self) -> Bool:
@@ -67,10 +63,8 @@ class Sample:
 def samples(logs: Sequence[Path]) -> list[Sample]:
     """Read all images of logs that have 2D truth at their stamps; JPEG stays encoded.
 
-    Cameras in which a log has no truth at all are left out: nobody labelled them.
-
-    Raises:
-        LogError: where there are none, or nothing in them is to be found.
+    Cameras in which a log has no truth at all are left out: nobody labelled them. Raises LogError where there are none,
+    or nothing in them is to be found.
     """
     found = [sample for path in logs for sample in _of_log(path)]
     if not found:

@@ -19,8 +19,7 @@ from fbench.pipelines.models.samples import CLASSES, Sample, TrainingSettings
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
-_RADIUS = 1.5
-"""Strides from the middle of an object within which cells shall find it."""
+_RADIUS = 1.5  # Strides from the middle of an object within which cells shall find it
 _SIZES_PX = {8: (0.0, 80.0), 16: (48.0, 208.0), 32: (128.0, 1e5)}
 """Longer sides of the objects that each stride finds; where two overlap, both do."""
 
@@ -29,26 +28,19 @@ _SIZES_PX = {8: (0.0, 80.0), 16: (48.0, 208.0), 32: (128.0, 1e5)}
 class Truths:
     """Boxes of a batch [px], padded to the most of an image."""
 
-    xyxy: Tensor
-    """(B, G, 4)."""
-    class_id: Tensor
-    """(B, G); -1 is padding."""
-    ignored_xyxy: Tensor
-    """(B, I, 4) what is neither to be found nor a mistake; padded with empty boxes."""
+    xyxy: Tensor  # (B, G, 4)
+    class_id: Tensor  # (B, G); -1 is padding
+    ignored_xyxy: Tensor  # (B, I, 4) what is neither to be found nor a mistake; padded with empty boxes
 
 
 @dataclass(frozen=True)
 class Targets:
     """What a batch should give."""
 
-    xyxy: Tensor
-    """(B, N, 4), of cells with an object."""
-    class_id: Tensor
-    """(B, N), of cells with an object."""
-    is_object: Tensor
-    """(B, N)."""
-    counts: Tensor
-    """(B, N) whether the cell's scores are judged at all."""
+    xyxy: Tensor  # (B, N, 4), of cells with an object
+    class_id: Tensor  # (B, N), of cells with an object
+    is_object: Tensor  # (B, N)
+    counts: Tensor  # (B, N) whether the cell's scores are judged at all
 
 
 def assign(points: Tensor, strides: Tensor, truths: Truths) -> Targets:
@@ -92,8 +84,7 @@ def _within(xyxy: Tensor, points: Tensor) -> Tensor:
 
 
 _BOX_WEIGHT = 2.0
-_MISS, _ALARM = 2.0, 0.75
-"""How much scores of cells with an object, and of others, weigh."""
+_MISS, _ALARM = 2.0, 0.75  # How much scores of cells with an object, and of others, weigh
 
 
 def loss(logits: Tensor, boxes: Tensor, targets: Targets) -> Tensor:
@@ -136,17 +127,12 @@ def giou(a: Tensor, b: Tensor) -> Tensor:
 
 
 _STATE = {"made_from", "step", "network", "averaged", "optimizer"}
-Report = Callable[[int, float], None]
-"""Called with the number of steps done and the latest loss."""
+Report = Callable[[int, float], None]  # Called with the number of steps done and the latest loss
 
 
 @dataclass(eq=False)
 class Training:
-    """A network under way.
-
-    Raises:
-        ConfigError: where a checkpoint is of other settings or samples.
-    """
+    """A network under way. Raises ConfigError where a checkpoint is of other settings or samples."""
 
     samples: Sequence[Sample]
     settings: TrainingSettings

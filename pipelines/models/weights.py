@@ -46,22 +46,15 @@ _RAW = ("https://raw.githubusercontent.com",)
 class Entry:
     """One file that can be fetched."""
 
-    name: str
-    """As given to `fbench weights get`, and in place of a path."""
+    name: str  # As given to `fbench weights get`, and in place of a path
     model: str
-    by: str
-    """Who trained it, and who exported it where that is another."""
-    licence: str
-    """SPDX identifier, of the repository that publishes the file."""
-    ap: float
-    """COCO AP (IoU 0.5 to 0.95) in percent, as the authors state it on `page`."""
-    input_wh: tuple[int, int]
-    """Width and height of the input [px]."""
-    page: str
-    """Address of what the authors say about it."""
+    by: str  # Who trained it, and who exported it where that is another
+    licence: str  # SPDX identifier, of the repository that publishes the file
+    ap: float  # COCO AP (IoU 0.5 to 0.95) in percent, as the authors state it on `page`
+    input_wh: tuple[int, int]  # Width and height of the input [px]
+    page: str  # Address of what the authors say about it
     url: str
-    origins: tuple[str, ...]
-    """`SCHEME://HOST[:PORT]` of all addresses that it may be fetched from, by redirection too."""
+    origins: tuple[str, ...]  # `SCHEME://HOST[:PORT]` of all addresses that it may be fetched from, by redirection too
     num_bytes: int
     sha256: str
 
@@ -100,11 +93,7 @@ CATALOGUE = (
 
 
 def entry_named(name: str, catalogue: Sequence[Entry] = CATALOGUE) -> Entry:
-    """Return the entry of a name.
-
-    Raises:
-        ConfigError: for an unknown name, with the nearest one.
-    """
+    """Return the entry of a name. Raises ConfigError for an unknown name, with the nearest one."""
     for entry in catalogue:
         if entry.name == name:
             return entry
@@ -116,10 +105,8 @@ BLOCK_BYTES = 1 << 20
 
 
 def weights_folder() -> Path:
-    """Return where weights are kept: `weights` in fbench's cache.
-
-    Raises:
-        ConfigError: where the user has no home folder, and `FBENCH_CACHE` names no other.
+    """Return where weights are kept: `weights` in fbench's cache. Raises ConfigError where the user has no home folder,
+    and `FBENCH_CACHE` names no other.
     """
     try:
         return fbench_cache() / "weights"
@@ -128,11 +115,7 @@ def weights_folder() -> Path:
 
 
 def state(entry: Entry, path: Path) -> State:
-    """Tell whether a file is there, and whether it is the published one.
-
-    Raises:
-        ModelError: where it can't be read.
-    """
+    """Tell whether a file is there, and whether it is the published one. Raises ModelError where it can't be read."""
     try:
         if not path.is_file():
             return "absent"
@@ -145,11 +128,7 @@ def state(entry: Entry, path: Path) -> State:
 
 
 def file_blocks(path: Path) -> Iterator[bytes]:
-    """Yield the content of a file.
-
-    Raises:
-        ConfigError: where it can't be read.
-    """
+    """Yield the content of a file. Raises ConfigError where it can't be read."""
     try:
         with path.open("rb") as file:
             while block := file.read(BLOCK_BYTES):
@@ -160,9 +139,7 @@ def file_blocks(path: Path) -> Iterator[bytes]:
 
 def store(entry: Entry, blocks: Iterable[bytes], source: str, target: Path) -> None:
     """Write what comes from `source` to `target`, if it is the published file; what was there before is replaced.
-
-    Raises:
-        ModelError: where it isn't, or can't be written; nothing is left behind.
+    Raises ModelError where it isn't, or can't be written; nothing is left behind.
     """
     partial = target.with_name(f".{target.name}.partial-{os.getpid()}")
     try:
@@ -208,11 +185,8 @@ _PARAMETER = ".weights"
 def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights:
     """Return the file of a name of the catalogue; paths, `auto` and `None` stay as they are.
 
-    A name is what has neither folder nor suffix, unless a file is called so.
-
-    Raises:
-        ConfigError: for an unknown name, and where the file wasn't fetched.
-        ModelError: where the file isn't the published one.
+    A name is what has neither folder nor suffix, unless a file is called so. Raises ConfigError for an unknown name,
+    and where the file wasn't fetched. Raises ModelError where the file isn't the published one.
     """
     if not isinstance(weights, Path) or weights.suffix or weights.parent != Path() or is_file(weights):
         return weights

@@ -61,11 +61,9 @@ class Branches:
     def run(self, clock: StageClock, *branches: Callable[[StageClock], Any]) -> tuple[Any, ...]:
         """Run all branches, and return their results in the order given; name first what takes longest.
 
-        All of them run, also when one fails; none is left running. `clock` gets the times of all stages in the order
-        of branches; their sum may be more than the time that passed.
-
-        Raises:
-            Exception: that of the first branch, in the order given, that failed.
+        All of them run, also when one fails; none is left running. `clock` gets the times of all stages in the order of
+        branches; their sum may be more than the time that passed. Raises Exception that of the first branch, in the
+        order given, that failed.
         """
         runs = [_Run(branch) for branch in branches]
         self._work(deque(runs))
@@ -137,11 +135,7 @@ class SideBySide:
         return self._cameras.missing
 
     def start(self, rig: Rig, log_info: LogInfo, settings: SensorSettings) -> None:
-        """Take all cameras of the rig.
-
-        Raises:
-            LogError: where one that is used can't be projected into.
-        """
+        """Take all cameras of the rig. Raises LogError where one that is used can't be projected into."""
         self._cameras.start(rig, log_info, settings)
         self._cameras.require_projections()
 

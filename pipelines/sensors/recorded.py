@@ -19,12 +19,10 @@ from fbench.replay.geometry.iou import moved
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.truth.labelling import joined
 
-HELD = 256
-"""So many results are held; also so far a log is read on after a clock jumped back."""
+HELD = 256  # So many results are held; also so far a log is read on after a clock jumped back
 _LOOK_AHEAD_NS = 500_000_000
 """Results are read so far beyond what a frame can take, since they needn't be in the order of their stamps."""
-_LOOK_AHEAD = 8
-"""The same in frames, where results say of which frame they are."""
+_LOOK_AHEAD = 8  # The same in frames, where results say of which frame they are
 _PERIODS = 9
 
 
@@ -34,8 +32,7 @@ class _Held:
 
     truth: Truth
     stamp_ns: int
-    is_done: bool = False
-    """Whether a frame took it, or it was counted as one that none took."""
+    is_done: bool = False  # Whether a frame took it, or it was counted as one that none took
 
 
 class Alongside:
@@ -204,10 +201,8 @@ class Which:
 
     topic: str = ""
     """Topic with the results; empty: the file that was named beside the log, else the only topic with results."""
-    tolerance_ms: float = 50.0
-    """A result belongs to the nearest frame whose stamp differs by no more than this."""
-    offset_ms: float = 0.0
-    """What the results' stamps are ahead of those of their frames."""
+    tolerance_ms: float = 50.0  # A result belongs to the nearest frame whose stamp differs by no more than this
+    offset_ms: float = 0.0  # What the results' stamps are ahead of those of their frames
 
     def __post_init__(self) -> None:
         require_between("tolerance_ms", self.tolerance_ms, 0.0)
@@ -218,12 +213,9 @@ class Which:
 class Found:
     """What was recorded for one frame."""
 
-    boxes: Boxes | None
-    """In body coordinates, or in images of the rig's cameras; `None` where there is no result."""
-    world_T_body: Float64 | None
-    """Pose (4, 4) of the body, `None` where unknown."""
-    missing: Mapping[str, str] = field(default_factory=dict)
-    """What isn't there, and why."""
+    boxes: Boxes | None  # In body coordinates, or in images of the rig's cameras; `None` where there is no result
+    world_T_body: Float64 | None  # Pose (4, 4) of the body, `None` where unknown
+    missing: Mapping[str, str] = field(default_factory=dict)  # What isn't there, and why
     faults: tuple[Fault, ...] = ()
     latency_ns: int | None = None
     """From the frame's instant to the recording of its result, `None` where it wasn't recorded by a stack at work."""
@@ -250,10 +242,8 @@ class RecordedBoxes:
         self._log, self._alongside = log, None
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D.
-
-        Raises:
-            LogError: where there are no results, or nothing can move them to the body.
+        """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D. Raises LogError where
+        there are no results, or nothing can move them to the body.
         """
         self._rig = rig
         if self._log is None:

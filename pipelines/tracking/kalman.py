@@ -21,8 +21,7 @@ PLACE, RATE, PLACE_VAR, COVARIANCE, RATE_VAR = range(5)
 class States:
     """Means and covariances of T tracks."""
 
-    values: Float64
-    """(5, T, m), see `PLACE` and those after it."""
+    values: Float64  # (5, T, m), see `PLACE` and those after it
 
     def __len__(self) -> int:
         return int(self.values.shape[1])

@@ -14,17 +14,14 @@ from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 
-NOTHING: Mapping[str, str] = MappingProxyType({})
-"""No sensor is missing."""
+NOTHING: Mapping[str, str] = MappingProxyType({})  # No sensor is missing
 
 
 class DetectionInterval:
     """Says in which frames of a segment is detected: the first, and every so many-th after it.
 
     It counts frames, whatever sensors they hold, so that which ones are due is a property of the log's frames alone.
-
-    Raises:
-        ConfigError: where `every` is less than 1.
+    Raises ConfigError where `every` is less than 1.
     """
 
     def __init__(self, every: int) -> None:
@@ -80,18 +77,14 @@ class TrackingPipeline(ABC, Generic[B]):
         detect_every: See `DetectionInterval`.
     """
 
-    missing: Mapping[str, str] = NOTHING
-    """Sensors that can't be used in any frame, with the reason."""
+    missing: Mapping[str, str] = NOTHING  # Sensors that can't be used in any frame, with the reason
 
     def __init__(self, tracker: Tracker[B], detect_every: int) -> None:
         self._tracker, self._interval = tracker, DetectionInterval(detect_every)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take the sensors of the rig.
-
-        Raises:
-            ConfigError: where what the parameters ask for isn't there.
-            LogError: where the rig lacks sensors that the pipeline needs, or a camera that can be projected into.
+        """Take the sensors of the rig. Raises ConfigError where what the parameters ask for isn't there. Raises
+        LogError where the rig lacks sensors that the pipeline needs, or a camera that can be projected into.
         """
         self._rig = rig
 

@@ -13,8 +13,7 @@ from fbench.replay.data.boxes import Boxes2D
 
 __all__ = ["Tracker2D", "Tracker2DParams"]
 
-MIN_SHAPE = 1e-3
-"""Least area [px^2] and aspect ratio that a prediction can shrink to."""
+MIN_SHAPE = 1e-3  # Least area [px^2] and aspect ratio that a prediction can shrink to
 
 
 class Tracker2D(Tracker[Boxes2D]):

@@ -14,12 +14,10 @@ from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import LABELS, MAX_MAGNITUDE, VEHICLES, Boxes2D, Boxes3D
 
-Columns: TypeAlias = dict[str, Array]
-"""Arrays (T, ...) by name, all with equally many rows."""
+Columns: TypeAlias = dict[str, Array]  # Arrays (T, ...) by name, all with equally many rows
 B = TypeVar("B", bound=Boxes2D | Boxes3D)
 
-_FAINT = 1e-3
-"""What a vote with a negative score counts: scores that are no probabilities name a label all the same."""
+_FAINT = 1e-3  # What a vote with a negative score counts: scores that are no probabilities name a label all the same
 _LABEL = {label: i for i, label in enumerate(LABELS) if label != "other"}
 _LABELS = np.array(LABELS)
 _KINDS = {"other": 0, **{label: 1 + i for label, i in _LABEL.items()}, **dict.fromkeys(VEHICLES, 1 + len(LABELS))}
@@ -50,19 +48,13 @@ def replace_rows(columns: Columns, at: Array, new: Columns) -> Columns:
 class Tracks:
     """T tracks in the order of their ids."""
 
-    track_id: Int64
-    """(T,)."""
-    hits: Int64
-    """(T,) how often it was measured."""
-    missed: Int64
-    """(T,) steps with detection since it was measured last."""
-    updated_ns: Int64
-    """(T,) stamp of the last measurement."""
-    votes: Float64
-    """(T, labels) sum of the scores with which each label was detected."""
+    track_id: Int64  # (T,)
+    hits: Int64  # (T,) how often it was measured
+    missed: Int64  # (T,) steps with detection since it was measured last
+    updated_ns: Int64  # (T,) stamp of the last measurement
+    votes: Float64  # (T, labels) sum of the scores with which each label was detected
     states: States
-    last: Columns
-    """(T,) the detection that measured each track last; carries what isn't filtered."""
+    last: Columns  # (T,) the detection that measured each track last; carries what isn't filtered
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -110,8 +102,7 @@ class Tracker(ABC, Generic[B]):
     first, and those that aren't finite are left out.
     """
 
-    place: str
-    """Name of the column that says where a detection is."""
+    place: str  # Name of the column that says where a detection is
 
     def __init__(self, common: TrackerParams, any_order: bool) -> None:
         self._common, self._any_order = common, any_order
@@ -128,10 +119,7 @@ class Tracker(ABC, Generic[B]):
         """Take the detections at `stamp_ns`; returns the tracks, also those only predicted, in the same coordinates.
 
         Fields of the result are the same in every step; `label` is there where the detections have it. The pose counts
-        in space alone.
-
-        Raises:
-            DataError: where `stamp_ns` isn't later than at the last step since the reset.
+        in space alone. Raises DataError where `stamp_ns` isn't later than at the last step since the reset.
         """
         pose = self._take_pose(stamp_ns, world_T_body)
         detections = self._columns(boxes)
@@ -149,10 +137,8 @@ class Tracker(ABC, Generic[B]):
         return self._report(self._tracks, pose)
 
     def predict(self, stamp_ns: int, world_T_body: Float64 | None = None) -> B:
-        """Return where the tracks are at an instant without detection, so that none missed anything.
-
-        Raises:
-            DataError: see `step`.
+        """Return where the tracks are at an instant without detection, so that none missed anything. Raises DataError:
+        see `step`.
         """
         pose = self._take_pose(stamp_ns, world_T_body)
         if self._tracks is None:

@@ -45,11 +45,8 @@ class Camera2D(TrackingPipeline[Boxes2D]):
         self._params, self._cameras = params, CameraStage(params.camera)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all cameras of the rig; those without weights count as missing.
-
-        Raises:
-            ConfigError: where none has weights: on simulated logs the built-in ones are there.
-            LogError: where the rig has no camera.
+        """Take all cameras of the rig; those without weights count as missing. Raises ConfigError where none has
+        weights: on simulated logs the built-in ones are there. Raises LogError where the rig has no camera.
         """
         if not rig.sensors("camera"):
             raise LogError(f"log '{log_info.name}': camera2d needs a camera, and the rig has none", "CFG001")

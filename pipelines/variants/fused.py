@@ -105,11 +105,8 @@ class FusedImages(FusionPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig.
-
-        Raises:
-            LogError: where it has no LiDAR or radar, or no camera that can be projected into, or one that is to be used
-                can't.
+        """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or no camera that can be
+        projected into, or one that is to be used can't.
         """
         require(self.name, ("lidar", "radar"), rig, log_info)
         params, settings = self._params, SensorSettings(self._params, rig)
@@ -202,12 +199,8 @@ class Early3D(FusionPipeline[Boxes3D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig.
-
-        Raises:
-            ConfigError: where a camera that is named isn't there.
-            LogError: where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected
-                into.
+        """Take all sensors of the rig. Raises ConfigError where a camera that is named isn't there. Raises LogError
+        where it has no LiDAR, radar or pair of cameras, or a camera that is to be used can't be projected into.
         """
         params, settings = self._params, SensorSettings(self._params, rig)
         stereo = stereo_stage(rig, log_info.name, params.stereo_pair, params.stereo)
@@ -262,10 +255,8 @@ class Late3D(FusionPipeline[Boxes3D]):
         self._params, self._fusion = params, LateFusion(params.fusion)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all sensors of the rig.
-
-        Raises:
-            LogError: where it has no LiDAR or radar, or a camera that is to be used can't be projected into.
+        """Take all sensors of the rig. Raises LogError where it has no LiDAR or radar, or a camera that is to be used
+        can't be projected into.
         """
         require("late3d", ("lidar", "radar"), rig, log_info)
         settings = SensorSettings(self._params, rig)

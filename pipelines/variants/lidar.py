@@ -68,10 +68,8 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all LiDARs of the rig, and the cameras that can be projected into.
-
-        Raises:
-            LogError: where it has no LiDAR, or no such camera.
+        """Take all LiDARs of the rig, and the cameras that can be projected into. Raises LogError where it has no
+        LiDAR, or no such camera.
         """
         require("lidar2d", ("lidar",), rig, log_info)
         cameras = projectable("lidar2d", rig, log_info)
@@ -96,11 +94,7 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all LiDARs of the rig.
-
-        Raises:
-            LogError: where it has none.
-        """
+        """Take all LiDARs of the rig. Raises LogError where it has none."""
         require("lidar3d", ("lidar",), rig, log_info)
         self._rig = rig
         self._lidar = LidarStage(rig, log_info, self._params.lidar, SensorSettings(self._params, rig))

@@ -69,10 +69,8 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all radars of the rig, and the cameras that can be projected into.
-
-        Raises:
-            LogError: where it has no radar, or no such camera.
+        """Take all radars of the rig, and the cameras that can be projected into. Raises LogError where it has no
+        radar, or no such camera.
         """
         require("radar2d", ("radar",), rig, log_info)
         cameras, params = projectable("radar2d", rig, log_info), self._params
@@ -92,11 +90,7 @@ class Radar3D(TrackingPipeline[Boxes3D]):
         self._params = params
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Take all radars of the rig.
-
-        Raises:
-            LogError: where it has none.
-        """
+        """Take all radars of the rig. Raises LogError where it has none."""
         require("radar3d", ("radar",), rig, log_info)
         self._rig = rig
         self._radar = RadarStage(rig, log_info, self._params.radar, SensorSettings(self._params, rig))

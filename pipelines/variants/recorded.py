@@ -14,8 +14,7 @@ from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 
-STAGE = "recorded"
-"""Stands for all that the other system did."""
+STAGE = "recorded"  # Stands for all that the other system did
 
 
 @dataclass(frozen=True)
@@ -36,10 +35,8 @@ class Recorded:
         self._recorded.use_log(log)
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D.
-
-        Raises:
-            LogError: where there are no results, or nothing can move them to the body.
+        """Find out whether boxes are in 3D or in images; a result that holds both counts in 3D. Raises LogError where
+        there are no results, or nothing can move them to the body.
         """
         self._recorded.start(rig, log_info)
 

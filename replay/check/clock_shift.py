@@ -8,18 +8,13 @@ import numpy as np
 
 from fbench.replay.data.arrays import Array, Float32, Float64, Int64
 
-REACH_NS = 500_000_000
-"""Largest offset that is tried."""
+REACH_NS = 500_000_000  # Largest offset that is tried
 OFFSETS_NS = np.arange(-REACH_NS, REACH_NS + 1, 10_000_000)
-_MAX_GAP_NS = 800_000_000
-"""Between truths farther apart nothing is known about a box."""
-_MIN_PATH_M = 1.0
-"""A box that moves less than this over all offsets tells nothing about them."""
+_MAX_GAP_NS = 800_000_000  # Between truths farther apart nothing is known about a box
+_MIN_PATH_M = 1.0  # A box that moves less than this over all offsets tells nothing about them
 _MAX_BOXES = 6
-_OUTER_M, _INNER_M = 0.2, 0.35
-"""Standard deviations of what is seen in front of a box's sides and behind them."""
-_DEEP = 0.35
-"""How well places deep inside agree, against those on a side."""
+_OUTER_M, _INNER_M = 0.2, 0.35  # Standard deviations of what is seen in front of a box's sides and behind them
+_DEEP = 0.35  # How well places deep inside agree, against those on a side
 _EDGE_M = 0.4
 _AROUND_M, _MARGIN_M = 2.0, 0.25
 
@@ -29,10 +24,8 @@ class Sweep:
     """What stood around at one instant."""
 
     stamp_ns: int
-    eye_m: Float64
-    """(2,) the sensor in body coordinates [m]."""
-    places: Float32
-    """(M, 2) in body coordinates [m]."""
+    eye_m: Float64  # (2,) the sensor in body coordinates [m]
+    places: Float32  # (M, 2) in body coordinates [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +33,8 @@ class Track:
     """One object of the truth: its footprints by ascending stamp, in body coordinates."""
 
     track_id: int
-    stamp_ns: Int64
-    """(N,)."""
-    shape: Float64
-    """(N, 5) centre x and y, length, width [m], yaw [rad], which jumps by less than a quarter turn."""
+    stamp_ns: Int64  # (N,)
+    shape: Float64  # (N, 5) centre x and y, length, width [m], yaw [rad], which jumps by less than a quarter turn
 
     def at(self, stamps_ns: Int64) -> Float64 | None:
         """Footprints (K, 5) at these ascending stamps, between those of the truth; `None` where one isn't known."""
@@ -63,13 +54,10 @@ class Fit:
 
     stamp_ns: int
     track_id: int
-    score: Float64
-    """(K,) 0 to 1: agreement with the sides of the box that the sensor sees."""
-    num_inside: Int64
-    """(K,) places in the footprint; `num_around` are within two metres of it."""
+    score: Float64  # (K,) 0 to 1: agreement with the sides of the box that the sensor sees
+    num_inside: Int64  # (K,) places in the footprint; `num_around` are within two metres of it
     num_around: Int64
-    moved_m: Float64
-    """(K,) how far the box is from where it is without an offset [m]."""
+    moved_m: Float64  # (K,) how far the box is from where it is without an offset [m]
 
 
 def make_tracks(truths: Mapping[int, tuple[Int64, Float64]]) -> list[Track]:
@@ -148,12 +136,9 @@ STEP_NS = int(OFFSETS_NS[1] - OFFSETS_NS[0])
 _BLOCK_NS = 500_000_000
 _MIN_BLOCKS, _NUM_DRAWS = 6, 400
 _MIN_SHIFT_NS, _MAX_SPREAD_NS, _EDGE_NS = 60_000_000, 80_000_000, 20_000_000
-_MIN_MOVED_M = 0.6
-"""Boxes that are larger than what they hold look like an offset that moves them by less."""
-_MIN_GAIN = 0.08
-"""So much more of what stands in and around boxes must be inside."""
-_NEAR_NS = 100_000_000
-"""Without any one of the tracks the offset is the same up to this."""
+_MIN_MOVED_M = 0.6  # Boxes that are larger than what they hold look like an offset that moves them by less
+_MIN_GAIN = 0.08  # So much more of what stands in and around boxes must be inside
+_NEAR_NS = 100_000_000  # Without any one of the tracks the offset is the same up to this
 
 
 @dataclass(frozen=True)
@@ -161,10 +146,8 @@ class Shift:
     """An offset that makes a sensor's points fall onto the boxes, and how sure it is."""
 
     offset_ns: int
-    spread_ns: int
-    """Standard deviation."""
-    share: float
-    """Of the places in and around boxes, that in boxes with the offset."""
+    spread_ns: int  # Standard deviation
+    share: float  # Of the places in and around boxes, that in boxes with the offset
     share_before: float
     num_sweeps: int
     num_tracks: int

@@ -23,12 +23,9 @@ class VerifyTask:
     """One replay under some circumstances."""
 
     request: ReplayRequest
-    folder: Path
-    """Folder of the run; what else the process writes goes beside it."""
-    form: Form | None = None
-    """Container to which the log is converted first."""
-    num_threads: int = 1
-    """Of OpenCV; other libraries read the environment."""
+    folder: Path  # Folder of the run; what else the process writes goes beside it
+    form: Form | None = None  # Container to which the log is converted first
+    num_threads: int = 1  # Of OpenCV; other libraries read the environment
 
     def to_json(self) -> str:
         """Return it for another process."""
@@ -41,8 +38,7 @@ class VerifyTask:
 
 
 _ADAPTER = TypeAdapter(VerifyTask)
-WATCH = "watch.json"
-"""In the run folder: what each frame was made of."""
+WATCH = "watch.json"  # In the run folder: what each frame was made of
 
 
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")

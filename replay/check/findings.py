@@ -16,8 +16,7 @@ class Rule(NamedTuple):
 
     severity: Severity
     advice: str
-    what: str = ""
-    """Empty where the fault table says it."""
+    what: str = ""  # Empty where the fault table says it
 
 
 RULES: Mapping[str, Rule] = {
@@ -118,12 +117,10 @@ class Finding:
 
     code: str
     severity: Severity
-    source: str
-    """Sensor or topic; empty: the log."""
+    source: str  # Sensor or topic; empty: the log
     text: str
     count: int
-    first: str
-    """Where it was met first; empty: everywhere."""
+    first: str  # Where it was met first; empty: everywhere
     advice: str
 
 
@@ -144,11 +141,7 @@ def rule_of(code: str) -> Rule:
 
 
 def require_codes(codes: Sequence[str]) -> None:
-    """Accept only codes that a finding can have.
-
-    Raises:
-        ConfigError: for another one.
-    """
+    """Accept only codes that a finding can have. Raises ConfigError for another one."""
     known = sorted({**RULES, **FAULTS})
     for code in codes:
         if code not in known:

@@ -30,8 +30,7 @@ from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
-_TAIL = 1024
-"""Some cameras pad their images; the end is looked for in so many bytes."""
+_TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
 
 
 def checked(message: Message, rig: Rig, faults: FaultLog, decode_images: bool) -> Message | Skipped:
@@ -102,10 +101,8 @@ class CheckResult:
     reference: str | None
     streams: tuple[StreamStats, ...]
     topics: tuple[Topic, ...]
-    frames: FrameStats | None
-    """`None` where no sensor can be the reference."""
-    num_truths: int
-    """Messages of ground truth; `num_labelled` frames have some."""
+    frames: FrameStats | None  # `None` where no sensor can be the reference
+    num_truths: int  # Messages of ground truth; `num_labelled` frames have some
     num_labelled: int
     findings: tuple[Finding, ...]
 

@@ -24,8 +24,7 @@ class Topic:
     topic: str
     schema: str
     encoding: str
-    kind: str
-    """`camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`, `detections`; empty: unused."""
+    kind: str  # `camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`, `detections`; empty: unused
     num_messages: int
 
 
@@ -36,12 +35,10 @@ class Stream:
     sensor: str
     kind: str
     num_messages: int
-    first_log_ns: int | None
-    """`None` where the index doesn't tell, or without messages; so are the others."""
+    first_log_ns: int | None  # `None` where the index doesn't tell, or without messages; so are the others
     last_log_ns: int | None
     median_period_ns: int | None
-    rate_hz: float | None
-    """From the median period, else from number and duration."""
+    rate_hz: float | None  # From the median period, else from number and duration
 
 
 @dataclass(frozen=True)
@@ -51,19 +48,15 @@ class Survey:
     info: LogInfo
     storage: Storage
     known: PartialRig
-    reference: str | None
-    """`None` where no sensor has messages."""
+    reference: str | None  # `None` where no sensor has messages
     streams: tuple[Stream, ...]
     topics: tuple[Topic, ...]
-    num_truths: int
-    """Messages of ground truth."""
-    span_ns: tuple[int, int] | None
-    """Log times of the first and the last message."""
+    num_truths: int  # Messages of ground truth
+    span_ns: tuple[int, int] | None  # Log times of the first and the last message
     breaks: tuple[str, ...] | None
     """Where the reference sensor pauses so long that a new segment begins; `None`: not known without reading."""
 
-    num_ticks: int = 0
-    """Instants of boxes, where these are the reference."""
+    num_ticks: int = 0  # Instants of boxes, where these are the reference
 
     @property
     def num_frames(self) -> int:
@@ -74,11 +67,7 @@ class Survey:
 
 
 def survey(reader: LogReader, params: SyncParams) -> Survey:
-    """Survey a log; one without an index is read once, without decoding it.
-
-    Raises:
-        LogError: where it can't be read.
-    """
+    """Survey a log; one without an index is read once, without decoding it. Raises LogError where it can't be read."""
     container = reader.container
     by_channel = container.log_times()
     form, known = storage(container, by_channel), partial_rig(reader)
@@ -95,10 +84,8 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
 
 
 def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
-    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one.
-
-    Raises:
-        ConfigError: where the sensor that was asked for isn't in the log.
+    """Return the reference sensor, even where the rig is incomplete; `None` where there can't be one. Raises
+    ConfigError where the sensor that was asked for isn't in the log.
     """
     nowhere = {name: Mount(kind, np.zeros(3), np.array([0.0, 0, 0, 1])) for name, kind in known.kinds.items()}
     try:

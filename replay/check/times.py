@@ -24,8 +24,7 @@ class Times:
     stamps: "array[int]" = field(default_factory=lambda: array("q"))
     logs: "array[int]" = field(default_factory=lambda: array("q"))
     digests: "array[int]" = field(default_factory=lambda: array("Q"))
-    num_unordered: int = 0
-    """Messages that were recorded before one with a smaller log time."""
+    num_unordered: int = 0  # Messages that were recorded before one with a smaller log time
     _last: dict[int, tuple[int, int, int]] = field(default_factory=dict)
 
     def add(self, entry: Entry, message: Message) -> None:
@@ -48,18 +47,13 @@ def _digest(entry: Entry, message: Message) -> int:
 class Timeline:
     """The times of one sensor as arrays, cut where its clock jumps back."""
 
-    stamp_ns: Int64
-    """Of all messages with a stamp, in canonical order; the next two belong to it."""
+    stamp_ns: Int64  # Of all messages with a stamp, in canonical order; the next two belong to it
     log_ns: Int64
     digest: Array
-    pieces: tuple[slice, ...]
-    """Between jumps of the clock."""
-    steps_ns: Int64
-    """From each distinct stamp of a piece to the next one."""
-    steps_from_ns: Int64
-    """The stamp at which each begins."""
-    num_zero: int
-    """Messages whose stamp is 0."""
+    pieces: tuple[slice, ...]  # Between jumps of the clock
+    steps_ns: Int64  # From each distinct stamp of a piece to the next one
+    steps_from_ns: Int64  # The stamp at which each begins
+    num_zero: int  # Messages whose stamp is 0
     num_unordered: int
 
 
@@ -93,10 +87,8 @@ def repeated(line: Timeline) -> tuple[Int64, Int64]:
     return np.sort(order[1:][same], kind="stable"), np.sort(order[1:][again & ~same], kind="stable")
 
 
-_LOST_PERIODS = 1.5
-"""Between two messages that are farther apart than so many periods others were lost."""
-_OFF_BEAT = 0.25
-"""A step that differs from a multiple of the period by a larger share of it is irregular."""
+_LOST_PERIODS = 1.5  # Between two messages that are farther apart than so many periods others were lost
+_OFF_BEAT = 0.25  # A step that differs from a multiple of the period by a larger share of it is irregular
 
 
 @dataclass(frozen=True)
@@ -108,29 +100,22 @@ class StreamStats:
     num_messages: int
     first_stamp_ns: int | None
     last_stamp_ns: int | None
-    rate_hz: float | None
-    """From the median period."""
+    rate_hz: float | None  # From the median period
     median_period_ns: int | None
     max_gap_ns: int | None
     jitter_p99_ns: int | None
     """99th percentile of the absolute difference of a period from the median one; gaps between segments don't count."""
-    num_lost: int
-    """Estimated from periods that are multiples of the median one; gaps between segments don't count."""
-    num_irregular: int
-    """Periods that aren't multiples of the median one."""
+    num_lost: int  # Estimated from periods that are multiples of the median one; gaps between segments don't count
+    num_irregular: int  # Periods that aren't multiples of the median one
     num_gaps: int
-    num_duplicates: int
-    """Messages that equal another one, stamp and content."""
-    num_equal_stamps: int
-    """Other messages with the stamp of another one."""
+    num_duplicates: int  # Messages that equal another one, stamp and content
+    num_equal_stamps: int  # Other messages with the stamp of another one
     num_disordered: int
     max_inversion_ns: int
     num_jumps: int
     num_zero_stamps: int
-    num_unordered: int
-    """Messages that were recorded before one with a smaller log time."""
-    skew_median_ns: int | None
-    """Log time minus stamp."""
+    num_unordered: int  # Messages that were recorded before one with a smaller log time
+    skew_median_ns: int | None  # Log time minus stamp
     skew_min_ns: int | None
     skew_max_ns: int | None
 
@@ -179,12 +164,10 @@ def _irregular(steps: Int64, period: int | None) -> Bool:
 
 
 _MANY_LOST, _MANY_IRREGULAR = 0.05, 0.1
-_FEW = 10
-"""Fewer messages say nothing about a period."""
+_FEW = 10  # Fewer messages say nothing about a period
 _MAX_PERIODS = 2
 """A sweep that is stamped as it begins and recorded when it is over is a period old, and what sending it took."""
-_MAX_EARLY_NS = 20_000_000
-"""So far ahead of the recorder may a synchronised clock be."""
+_MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronised clock be
 
 
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:

@@ -31,8 +31,7 @@ class SensorFrames:
     num_skipped: int
     late_median_ms: float | None
     late_max_ms: float | None
-    num_unused: int
-    """Messages that are in no frame."""
+    num_unused: int  # Messages that are in no frame
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,7 @@ class FrameStats:
     num_frames: int
     num_complete: int
     sensors: tuple[SensorFrames, ...]
-    breaks: tuple[str, ...]
-    """Where a new segment begins, and why."""
+    breaks: tuple[str, ...]  # Where a new segment begins, and why
 
 
 class FrameCheck:
@@ -122,8 +120,7 @@ def _ms(late_ns: list[int], share: float) -> float | None:
     return None if value is None else value / 1e6
 
 
-_TRIALS = 3
-"""So many complete frames are tried."""
+_TRIALS = 3  # So many complete frames are tried
 
 
 @dataclass
@@ -139,11 +136,7 @@ class Trial:
     _is_ready: bool = False
 
     def start(self, rig: Rig, info: LogInfo) -> None:
-        """Start the pipeline on the log's rig.
-
-        Raises:
-            ConfigError: where it is the configuration that is wrong.
-        """
+        """Start the pipeline on the log's rig. Raises ConfigError where it is the configuration that is wrong."""
         try:
             self.pipeline.start(rig, info)
             self._is_ready = True

@@ -107,8 +107,7 @@ def _numbered(numbers: Array, others: Array) -> Bool:
     return same
 
 
-REACH_M = 64.0
-"""Farther points [m from the body, along x or y] are left out."""
+REACH_M = 64.0  # Farther points [m from the body, along x or y] are left out
 _CELL_M = 0.25
 _GROUND_M = 4.0
 _LOW_M, _HIGH_M = 0.4, 2.5
@@ -158,8 +157,7 @@ def _cells(x: Float64, y: Float64, edge_m: float) -> Int64:
 
 
 _WINDOW_NS = 500_000_000
-_SPARE_NS = 45_000_000
-"""Of faster streams only some messages are taken."""
+_SPARE_NS = 45_000_000  # Of faster streams only some messages are taken
 _MAX_SWEEPS, _MAX_TRUTHS = 160, 2000
 _MAX_BOXES, _MAX_SIZE_M = 64, 30.0
 

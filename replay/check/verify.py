@@ -20,8 +20,7 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", VARIABLE)
-PACED_S = 2.0
-"""Wall time that a paced replay waits for log time."""
+PACED_S = 2.0  # Wall time that a paced replay waits for log time
 
 
 @dataclass(frozen=True)
@@ -35,8 +34,7 @@ class Variant:
     num_threads: int = 1
     hash_seed: str = "0"
     environment: Mapping[str, str] = field(default_factory=dict)
-    elsewhere: bool = False
-    """In another working directory."""
+    elsewhere: bool = False  # In another working directory
 
     def task(self, request: ReplayRequest, folder: Path) -> VerifyTask:
         """Return the request under these circumstances."""
@@ -100,8 +98,7 @@ class Verdict:
 class Verified:
     """All that was found."""
 
-    digests: Mapping[str, str]
-    """Of the reference, by stage."""
+    digests: Mapping[str, str]  # Of the reference, by stage
     verdicts: tuple[Verdict, ...]
 
     @property
@@ -225,10 +222,8 @@ def _absolute_value(setting: str) -> str:
 
 @contextmanager
 def workplace(keep: Path | None) -> Iterator[Path]:
-    """Give an empty folder, which goes away unless it is to be kept.
-
-    Raises:
-        ConfigError: where the folder to keep isn't empty or can't be made.
+    """Give an empty folder, which goes away unless it is to be kept. Raises ConfigError where the folder to keep isn't
+    empty or can't be made.
     """
     if keep is None:
         with tempfile.TemporaryDirectory(prefix="fbench-verify-") as folder:

@@ -94,10 +94,8 @@ _SMALL = 4096
 
 
 def converted(container: Container, folder: Path, form: Form) -> Path:
-    """Write a log into `folder` in another form, under the same name; returns where it is.
-
-    Raises:
-        LogError: where it can't be read.
+    """Write a log into `folder` in another form, under the same name; returns where it is. Raises LogError where it
+    can't be read.
     """
     name = container.path.stem
     if form == "unchunked":

@@ -55,9 +55,7 @@ def radar_rain_db_per_km(rain_mm_h: float, frequency_ghz: float = 77.0) -> float
     """Return how rain weakens vertically polarised waves, one way: k R^a (ITU-R P.838-3).
 
     Between the recommendation's frequencies k is interpolated in the logarithms of both, a in that of the frequency.
-
-    Raises:
-        ConfigError: where the frequency isn't within 24 to 81 GHz.
+    Raises ConfigError where the frequency isn't within 24 to 81 GHz.
     """
     at, known = _log_frequency(frequency_ghz), np.log(_GHZ)
     k = np.exp(np.interp(at, known, np.log(_K)))

@@ -34,11 +34,7 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class Weather:
-    """The state of the air and of the light, the same everywhere.
-
-    Raises:
-        ConfigError: where a number is out of range.
-    """
+    """The state of the air and of the light, the same everywhere. Raises ConfigError where a number is out of range."""
 
     visibility_m: float = CLEAR_MOR_M
     """Meteorological optical range in fog and haze [m], at which contrast falls to 5 %; rain comes on top. 10 to
@@ -82,10 +78,8 @@ def fog_of(weather: Weather) -> FogReturn:
 
 
 def radar_loss_db(weather: Weather, range_m: Array, frequency_ghz: float = 77.0) -> Array:
-    """Return what rain and fog take from radar echoes at `range_m` (N,) [m], there and back [dB].
-
-    Raises:
-        ConfigError: where the frequency is none of car radars, 24 to 81 GHz.
+    """Return what rain and fog take from radar echoes at `range_m` (N,) [m], there and back [dB]. Raises ConfigError
+    where the frequency is none of car radars, 24 to 81 GHz.
     """
     rain = radar_rain_db_per_km(weather.rain_mm_h, frequency_ghz)
     per_km = rain + fog_db_per_km(fog_extinction_per_m(weather), frequency_ghz)

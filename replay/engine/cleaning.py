@@ -60,10 +60,8 @@ def _stamp_ns(message: Skipped) -> int:
     return message.stamp_ns
 
 
-MAX_LOST_SHARE = 0.5
-"""A cloud with a larger share of non-finite points is skipped whole."""
-MAX_RANGE_M = 1000.0
-"""Points farther away are taken as they are, but no sensor of a vehicle sees so far."""
+MAX_LOST_SHARE = 0.5  # A cloud with a larger share of non-finite points is skipped whole
+MAX_RANGE_M = 1000.0  # Points farther away are taken as they are, but no sensor of a vehicle sees so far
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
@@ -122,11 +120,7 @@ class OutputCheck:
         self._kind: type[Boxes] | None = None
 
     def __call__(self, output: object) -> Output:
-        """Return the output as it is.
-
-        Raises:
-            DataError: saying what is wrong.
-        """
+        """Return the output as it is. Raises DataError: saying what is wrong."""
         if not isinstance(output, Output):
             raise DataError(f"step() gave {type(output).__name__}, expected Output")
         for name, boxes in (("detections", output.detections), ("tracks", output.tracks)):

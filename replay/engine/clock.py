@@ -17,10 +17,8 @@ MAX_GAP_NS = 2_000_000_000
 class Pace:
     """How fast log time passed; pauses of the log are left out."""
 
-    asked: float | None
-    """Multiple of real time; `None`: as fast as possible."""
-    achieved: float | None
-    """`None` where no time passed."""
+    asked: float | None  # Multiple of real time; `None`: as fast as possible
+    achieved: float | None  # `None` where no time passed
     p99_late_ms: float | None = None
     """How much later than asked for 99 % of the messages went on at most; `None` where no pace was asked for."""
     max_late_ms: float | None = None
@@ -120,11 +118,7 @@ class PacedClock:
 
 
 def make_clock(rate: str, max_gap_ns: int) -> Clock:
-    """Return the clock for `max` or a positive number.
-
-    Raises:
-        ConfigError: for anything else.
-    """
+    """Return the clock for `max` or a positive number. Raises ConfigError for anything else."""
     if rate == "max":
         return VirtualClock(max_gap_ns)
     try:

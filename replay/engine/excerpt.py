@@ -14,8 +14,7 @@ class Moment:
     """A point in time."""
 
     ns: int
-    since_start: bool
-    """Counted from the log's first measurement on, else absolute."""
+    since_start: bool  # Counted from the log's first measurement on, else absolute
 
     def __str__(self) -> str:
         return f"+{self.ns}ns" if self.since_start else f"{self.ns}ns"
@@ -29,14 +28,10 @@ class Moment:
 class Excerpt:
     """Half-open ranges of frames; a frame is chosen where it is in both."""
 
-    first: int = 0
-    """Index of the first frame."""
-    stop: int | None = None
-    """Index behind the last frame."""
-    start: Moment | None = None
-    """No frame whose instant is earlier."""
-    end: Moment | None = None
-    """No frame whose instant isn't earlier."""
+    first: int = 0  # Index of the first frame
+    stop: int | None = None  # Index behind the last frame
+    start: Moment | None = None  # No frame whose instant is earlier
+    end: Moment | None = None  # No frame whose instant isn't earlier
 
     @property
     def is_whole(self) -> bool:
@@ -62,11 +57,7 @@ class Excerpt:
 
 
 def make_excerpt(from_: str | None, to: str | None, frames: str | None) -> Excerpt:
-    """Read `--from`, `--to` and `--frames`.
-
-    Raises:
-        ConfigError: where one can't be understood, or a range is empty.
-    """
+    """Read `--from`, `--to` and `--frames`. Raises ConfigError where one can't be understood, or a range is empty."""
     first, stop = (0, None) if frames is None else _indices(frames)
     start = None if from_ is None else _moment("--from", from_)
     end = None if to is None else _moment("--to", to)

@@ -50,10 +50,8 @@ class SyncParams:
 def make_sync_params(
     reference: str | None, timeout_ms: float | None, tolerance_ms: float, max_gap_s: float
 ) -> SyncParams:
-    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`.
-
-    Raises:
-        ConfigError: where a duration isn't a number, or negative.
+    """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`. Raises ConfigError
+    where a duration isn't a number, or negative.
     """
     return SyncParams(
         reference,
@@ -76,11 +74,8 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
 
     The slowest is the one with the fewest of `num_messages`; up to a tenth more counts as equally slow, since messages
     get lost. Of equally slow ones LiDARs go before cameras before radars, then names decide. Where no sensor has
-    messages, boxes give the instants: `BOXES`.
-
-    Raises:
-        ConfigError: where the sensor that was asked for isn't in the log.
-        LogError: where the log has no message of any sensor with calibration.
+    messages, boxes give the instants: `BOXES`. Raises ConfigError where the sensor that was asked for isn't in the log.
+    Raises LogError where the log has no message of any sensor with calibration.
     """
     told = info.metadata.get(REFERENCE)
     wanted = params.reference or (told if told in rig.mounts else None)  # it may have been left out
@@ -149,10 +144,8 @@ class SyncCounts:
 
     late_ms: dict[tuple[int, str], float]
     """How much too late a message came for a frame that lacks it, by frame index and sensor."""
-    unused: dict[str, int]
-    """Messages that no frame needed, by sensor."""
-    disordered: int
-    """Messages of the reference sensor that opened no frame, since a later one had come before them."""
+    unused: dict[str, int]  # Messages that no frame needed, by sensor
+    disordered: int  # Messages of the reference sensor that opened no frame, since a later one had come before them
 
     @property
     def late(self) -> dict[str, int]:

@@ -21,12 +21,9 @@ from fbench.replay.truth.times import TruthTimes
 
 
 class FrameStream:
-    """Reads a log from its beginning, so that a frame's index and content don't depend on which ones are chosen, and
-    up to the last chosen one.
-
-    Raises:
-        ConfigError: where the reference, a sensor with an offset or a chosen sensor isn't in the log.
-        LogError: where the log has no message of any sensor with calibration.
+    """Reads a log from its beginning, so that a frame's index and content don't depend on which ones are chosen, and up
+    to the last chosen one. Raises ConfigError where the reference, a sensor with an offset or a chosen sensor isn't in
+    the log. Raises LogError where the log has no message of any sensor with calibration.
     """
 
     def __init__(
@@ -73,22 +70,15 @@ class FrameStream:
         """Whether reading stopped before the log's end."""
 
     def frames(self, reader: Reader) -> Iterator[Frame]:
-        """Read the log and yield the chosen frames.
-
-        Raises:
-            LogError: where the clocks of sensors differ.
-        """
+        """Read the log and yield the chosen frames. Raises LogError where the clocks of sensors differ."""
         for frame in self._released(reader):
             self._num_released = frame.index + 1
             if self._instants[frame.index].is_chosen:
                 yield frame
 
     def labels(self, reader: Reader) -> Iterator[tuple[int, Truth]]:
-        """Read the truth and yield that of chosen frames, with their indices, in body coordinates at their
-        instants.
-
-        Raises:
-            LogError: where it is in the world, and the log has no pose then.
+        """Read the truth and yield that of chosen frames, with their indices, in body coordinates at their instants.
+        Raises LogError where it is in the world, and the log has no pose then.
         """
         first_ns, last_ns = self._chosen_ns()
         times = TruthTimes(self._instants, self.poses.values, self._max_between_ns)
@@ -118,11 +108,7 @@ class FrameStream:
         return self._digest.hex()
 
     def require_frames(self, log: str) -> None:
-        """Refuse to go on without a frame.
-
-        Raises:
-            LogError: saying why there is none.
-        """
+        """Refuse to go on without a frame. Raises LogError: saying why there is none."""
         if not self._instants:
             hint = "choose another with --reference"
             raise LogError(f"log '{log}' gives no frames: no message of '{self.reference}', {hint}")

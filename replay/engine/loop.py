@@ -40,8 +40,7 @@ from fbench.replay.runs.redaction import redacted_manifest, redacted_record, red
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 NUM_MEDIA = 8
-MAX_FAILURES_IN_A_ROW = 10
-"""A pipeline that fails on so many frames in a row is given up."""
+MAX_FAILURES_IN_A_ROW = 10  # A pipeline that fails on so many frames in a row is given up
 
 
 @dataclass(frozen=True)
@@ -54,25 +53,19 @@ class Plan:
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
     excerpt: Excerpt = field(default_factory=Excerpt)
-    topics: Sequence[str] = ()
-    """Patterns with which the log was opened, for the manifest."""
+    topics: Sequence[str] = ()  # Patterns with which the log was opened, for the manifest
     sensors: Sequence[str] = ()
     """Patterns of the sensors that the pipeline gets, see `contracts.sensor_settings`; empty: all."""
-    variant: VariantEntry | None = None
-    """Which variant the pipeline is, for the manifest."""
-    inputs: Sequence[InputEntry] = ()
-    """Files that decided how it was read, for the manifest."""
-    truth: TruthEntry | None = None
-    """The file that truth comes from, for the manifest."""
+    variant: VariantEntry | None = None  # Which variant the pipeline is, for the manifest
+    inputs: Sequence[InputEntry] = ()  # Files that decided how it was read, for the manifest
+    truth: TruthEntry | None = None  # The file that truth comes from, for the manifest
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
     clock: Clock = field(default_factory=VirtualClock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
-    redact: bool = False
-    """Leave out of the run what tells whose log it is; see `redact`."""
-    num_media: int = NUM_MEDIA
-    """So many frames at least keep images and points for reports, where the log has as many."""
+    redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`
+    num_media: int = NUM_MEDIA  # So many frames at least keep images and points for reports, where the log has as many
     progress: Callable[[int], None] = lambda num_frames: None
     failed: Callable[[BaseException], None] = lambda error: None
     """Told of every exception that counts as a failed frame."""
@@ -127,11 +120,8 @@ class _Loop:
         self._segment: int | None = None
 
     def start(self) -> None:
-        """Start the pipeline.
-
-        Raises:
-            LogError: where the log doesn't fit it, naming what a variant is a variant of.
-            RunError: where it fails for a reason of its own.
+        """Start the pipeline. Raises LogError where the log doesn't fit it, naming what a variant is a variant of.
+        Raises RunError where it fails for a reason of its own.
         """
         _require_plain_names(self._rig)
         try:
@@ -199,11 +189,8 @@ class _Loop:
             self._faults.add("PRD001", where, num)
 
     def require_results(self) -> None:
-        """Refuse to write a run of nothing.
-
-        Raises:
-            LogError: without a single frame.
-            RunError: where the pipeline failed on every frame.
+        """Refuse to write a run of nothing. Raises LogError without a single frame. Raises RunError where the pipeline
+        failed on every frame.
         """
         records = self._writer.records
         self.stream.require_frames(self._info.name)
@@ -293,11 +280,7 @@ class _Loop:
         return redacted_manifest(manifest) if self._plan.redact else manifest
 
     def _identity(self) -> Mapping[str, object]:
-        """What tells the pipeline apart.
-
-        Raises:
-            RunError: where it fails to say, or says what JSON can't hold.
-        """
+        """What tells the pipeline apart. Raises RunError where it fails to say, or says what JSON can't hold."""
         pipeline = self._plan.pipeline
         if not isinstance(pipeline, TellsIdentity):
             return {}
@@ -310,8 +293,7 @@ class _Loop:
 def _require_plain_names(rig: Rig) -> None:
     """Refuse sensors whose names, which are all over a run, hold credentials.
 
-    Raises:
-        LogError: naming one without them.
+    Raises LogError naming one without them.
     """
     for name in sorted({*rig.mounts, *rig.cameras}):
         if (plain := without_secrets(name)) != name:

@@ -11,17 +11,12 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.geometry.transforms import pose_matrix
 
-MAX_BETWEEN_NS = 1_000_000_000
-"""Between poses farther apart nothing is known."""
-MAX_BEYOND_NS = 50_000_000
-"""So long a pose holds where none comes before or after it."""
-MAX_KEPT_NS = 10_000_000_000
-"""Poses older than the newest by more are forgotten: no frame opens so late."""
-MAX_BACK_NS = 1_000_000_000
-"""Poses that are further behind the newest are of a clock that was set back."""
+MAX_BETWEEN_NS = 1_000_000_000  # Between poses farther apart nothing is known
+MAX_BEYOND_NS = 50_000_000  # So long a pose holds where none comes before or after it
+MAX_KEPT_NS = 10_000_000_000  # Poses older than the newest by more are forgotten: no frame opens so late
+MAX_BACK_NS = 1_000_000_000  # Poses that are further behind the newest are of a clock that was set back
 _UNKNOWN = np.full(7, np.nan)
-NUM = 7
-"""Position [m] and quaternion x, y, z, w."""
+NUM = 7  # Position [m] and quaternion x, y, z, w
 
 
 class FramePoses:

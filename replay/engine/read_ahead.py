@@ -22,18 +22,12 @@ from fbench.replay.data.rig import LogInfo, Rig, RigChange
 T = TypeVar("T")
 R = TypeVar("R", bound=Message | RigChange | Tick)
 
-DEFAULT = 4
-"""Messages: reading takes a few percent of a replay, and more than these hide no more of it."""
-MAX_BYTES = 256 * 1024 * 1024
-"""What waits takes so much memory at most; one message may always wait."""
+DEFAULT = 4  # Messages: reading takes a few percent of a replay, and more than these hide no more of it
+MAX_BYTES = 256 * 1024 * 1024  # What waits takes so much memory at most; one message may always wait
 
 
 def make_limit(text: str) -> int | None:
-    """Read `--read-ahead`.
-
-    Raises:
-        ConfigError: where it can't be understood.
-    """
+    """Read `--read-ahead`. Raises ConfigError where it can't be understood."""
     if text in ("all", "auto"):
         return None if text == "all" else DEFAULT
     if not (text.isascii() and text.isdecimal() and len(text) <= 9):
@@ -67,8 +61,7 @@ def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit
 class _Item(NamedTuple, Generic[R]):
     """What the thread hands over."""
 
-    content: R | BaseException | None
-    """A message, an error that ended reading, or `None` at the end."""
+    content: R | BaseException | None  # A message, an error that ended reading, or `None` at the end
     faults: StagedFaults
     num_bytes: int
 

@@ -41,11 +41,7 @@ class PlainText:
         return np.stack([self.number(column) for column in columns], axis=1)
 
     def number(self, column: int) -> Float64:
-        """Return float64 (N,).
-
-        Raises:
-            IrregularError: where one isn't a finite number.
-        """
+        """Return float64 (N,). Raises IrregularError where one isn't a finite number."""
         found = self.table.column(column).combine_chunks()
         if not pa.types.is_floating(found.type) or found.null_count:
             raise IrregularError
@@ -89,10 +85,8 @@ def read_plain(path: Path, separator: str, words: int | None = None) -> PlainTex
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the content of a file; that of one that is far too large isn't plain.
-
-    Raises:
-        LogError: where it can't be read.
+    """Return the content of a file; that of one that is far too large isn't plain. Raises LogError where it can't be
+    read.
     """
     try:
         return path.read_bytes() if path.stat().st_size <= _MAX_BYTES else _NOT_PLAIN
@@ -101,10 +95,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def parse_plain(content: bytes, separator: str, words: int | None = None) -> PlainText | None:
-    """Do what `read_plain` does with the content of files.
-
-    Raises:
-        IrregularError: where rows differ in length, or it is no plain text.
+    """Do what `read_plain` does with the content of files. Raises IrregularError where rows differ in length, or it is
+    no plain text.
     """
     if not content.strip():
         return None

@@ -20,8 +20,7 @@ MODELS = {
 }  # fmt: skip
 """What fbench calls a distortion model that others call otherwise."""
 _COEFFICIENTS = {"": (0,), "plumb_bob": (4, 5), "rational_polynomial": (8,), "fisheye": (4,)}
-_TOLERANCE = 1e-3
-"""By which a rotation matrix may differ from an orthonormal one: files round to few digits."""
+_TOLERANCE = 1e-3  # By which a rotation matrix may differ from an orthonormal one: files round to few digits
 _MIN_NORM = 1e-6
 _MAX_PX = 1_000_000
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -29,11 +28,7 @@ _MAX_DIGITS = 100
 
 
 def number(where: str, value: object) -> float:
-    """Return a finite number, also where a file gives it as text.
-
-    Raises:
-        ConfigError: where it isn't one.
-    """
+    """Return a finite number, also where a file gives it as text. Raises ConfigError where it isn't one."""
     if isinstance(value, str) and len(value) <= _MAX_DIGITS and _NUMBER.fullmatch(value.strip()):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
@@ -42,11 +37,7 @@ def number(where: str, value: object) -> float:
 
 
 def natural(where: str, value: object) -> int:
-    """Return a positive whole number that can be a number of pixels.
-
-    Raises:
-        ConfigError: where it isn't one.
-    """
+    """Return a positive whole number that can be a number of pixels. Raises ConfigError where it isn't one."""
     if isinstance(value, str) and re.fullmatch("[0-9]{1,9}", value.strip()):
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= _MAX_PX:
@@ -55,11 +46,7 @@ def natural(where: str, value: object) -> int:
 
 
 def numbers(where: str, values: object, count: int | None = None) -> list[float]:
-    """Return a list of numbers, `count` of them.
-
-    Raises:
-        ConfigError: where they aren't that.
-    """
+    """Return a list of numbers, `count` of them. Raises ConfigError where they aren't that."""
     if not isinstance(values, list | tuple):
         raise ConfigError(f"{where}: expected a list of numbers, got {format_value(values)}", MALFORMED)
     if count is not None and len(values) != count:
@@ -68,11 +55,7 @@ def numbers(where: str, values: object, count: int | None = None) -> list[float]
 
 
 def matrix(where: str, rows: object, *shapes: tuple[int, int]) -> Float64:
-    """Return a matrix of one of these shapes, given as a list of rows.
-
-    Raises:
-        ConfigError: where it isn't one.
-    """
+    """Return a matrix of one of these shapes, given as a list of rows. Raises ConfigError where it isn't one."""
     if not isinstance(rows, list | tuple):
         raise ConfigError(f"{where}: expected a list of rows, got {format_value(rows)}", MALFORMED)
     widths = [len(row) if isinstance(row, list | tuple) else 0 for row in rows]
@@ -85,9 +68,7 @@ def matrix(where: str, rows: object, *shapes: tuple[int, int]) -> Float64:
 
 def rigid(where: str, dst_T_src: Float64) -> tuple[Float64, Float64]:
     """Return translation (3,) [m] and quaternion (4,) of a matrix (4, 4) or (3, 4), whose rotation is made orthonormal.
-
-    Raises:
-        ConfigError: where the rotation isn't orthonormal within 1e-3 or mirrors, or the last row isn't 0 0 0 1.
+    Raises ConfigError where the rotation isn't orthonormal within 1e-3 or mirrors, or the last row isn't 0 0 0 1.
     """
     rotation = dst_T_src[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -102,11 +83,7 @@ def rigid(where: str, dst_T_src: Float64) -> tuple[Float64, Float64]:
 
 
 def unit_quaternion(where: str, xyzw: Sequence[float]) -> Float64:
-    """Return a quaternion (4,) as it was given.
-
-    Raises:
-        ConfigError: where it is zero.
-    """
+    """Return a quaternion (4,) as it was given. Raises ConfigError where it is zero."""
     if math.hypot(*xyzw) < _MIN_NORM:
         raise ConfigError(f"{where}: is zero, so no rotation", INVALID)
     return np.array(xyzw, np.float64)
@@ -115,10 +92,8 @@ def unit_quaternion(where: str, xyzw: Sequence[float]) -> Float64:
 def camera_model(
     where: str, K: Float64, size_wh: tuple[int, int], model: str, distortion: Sequence[float]
 ) -> CameraModel:
-    """Return intrinsics; what fbench calls otherwise gets its name.
-
-    Raises:
-        ConfigError: where K has another form, or the model another number of coefficients.
+    """Return intrinsics; what fbench calls otherwise gets its name. Raises ConfigError where K has another form, or the
+    model another number of coefficients.
     """
     if not K.any():
         raise ConfigError(f"{where}: the camera isn't calibrated (K is zero)", INVALID)
@@ -135,11 +110,7 @@ def camera_model(
 
 
 def known_model(where: str, model: str) -> str:
-    """Return a distortion model that fbench has.
-
-    Raises:
-        ConfigError: naming the one that it hasn't.
-    """
+    """Return a distortion model that fbench has. Raises ConfigError naming the one that it hasn't."""
     if MODELS.get(model, model) not in _COEFFICIENTS:
         known = ", ".join(name for name in _COEFFICIENTS if name)
         raise ConfigError(f"{where}: '{model}' isn't supported; there are: {known}", INVALID)
@@ -147,11 +118,7 @@ def known_model(where: str, model: str) -> str:
 
 
 def require_tree(place: str, edges: Mapping[str, Edge]) -> None:
-    """Refuse edges that form a loop.
-
-    Raises:
-        ConfigError: naming them.
-    """
+    """Refuse edges that form a loop. Raises ConfigError naming them."""
     safe: set[str] = set()
     for child in edges:
         path, frame = dict.fromkeys([child]), child

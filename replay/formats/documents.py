@@ -19,11 +19,8 @@ _HEAD = 2**20
 
 
 def read_json(path: Path) -> Any:
-    """Return the content of a JSON file.
-
-    Raises:
-        LogError: where it can't be read.
-        LimitError: where it is too large, or nested too deeply.
+    """Return the content of a JSON file. Raises LogError where it can't be read. Raises LimitError where it is too
+    large, or nested too deeply.
     """
     try:
         if (size := path.stat().st_size) > _MAX_BYTES:
@@ -49,11 +46,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def head_of(path: Path) -> str:
-    """Return the beginning of a text, to see what it is.
-
-    Raises:
-        LogError: where it can't be read.
-    """
+    """Return the beginning of a text, to see what it is. Raises LogError where it can't be read."""
     try:
         with path.open("rb") as file:
             return file.read(_HEAD).decode("utf-8", "replace")
@@ -62,32 +55,20 @@ def head_of(path: Path) -> str:
 
 
 def member(value: object, name: str, where: str) -> Mapping[str, Any]:
-    """Return an object inside another one; empty where there is none.
-
-    Raises:
-        LogError: where it is something else.
-    """
+    """Return an object inside another one; empty where there is none. Raises LogError where it is something else."""
     found = mapping(value, where).get(name)
     return {} if found is None else mapping(found, f"{where}: {name}")
 
 
 def mapping(value: object, where: str) -> Mapping[str, Any]:
-    """Return what must be a JSON object.
-
-    Raises:
-        LogError: where it is something else.
-    """
+    """Return what must be a JSON object. Raises LogError where it is something else."""
     if not isinstance(value, dict):
         raise LogError(f"{where}: expected an object, got {_kind(value)}")
     return value
 
 
 def items(value: object, where: str) -> Sequence[Any]:
-    """Return what must be a list; one object stands for a list of it.
-
-    Raises:
-        LogError: where it is something else.
-    """
+    """Return what must be a list; one object stands for a list of it. Raises LogError where it is something else."""
     if isinstance(value, dict):
         return [value]
     if not isinstance(value, list):
@@ -96,10 +77,8 @@ def items(value: object, where: str) -> Sequence[Any]:
 
 
 def vector(value: object, lengths: tuple[int, ...], where: str) -> list[float]:
-    """Return a list of numbers of one of these lengths; what isn't finite stays so.
-
-    Raises:
-        LogError: where it is something else.
+    """Return a list of numbers of one of these lengths; what isn't finite stays so. Raises LogError where it is
+    something else.
     """
     wanted = " or ".join(map(str, lengths))
     if not isinstance(value, list) or len(value) not in lengths:
@@ -108,11 +87,7 @@ def vector(value: object, lengths: tuple[int, ...], where: str) -> list[float]:
 
 
 def scalar(value: object, where: str) -> float:
-    """Return a number.
-
-    Raises:
-        LogError: where it is something else.
-    """
+    """Return a number. Raises LogError where it is something else."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise LogError(f"{where}: expected a number, got {_kind(value)}")
     try:
@@ -122,11 +97,7 @@ def scalar(value: object, where: str) -> float:
 
 
 def text(value: object, where: str) -> str:
-    """Return a text, empty for null.
-
-    Raises:
-        LogError: where it is something else.
-    """
+    """Return a text, empty for null. Raises LogError where it is something else."""
     if value is None:
         return ""
     if not isinstance(value, str):
@@ -148,10 +119,8 @@ class TomlError(Exception):
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return the tables of a file of UTF-8, with or without a byte order mark.
-
-    Raises:
-        TomlError: where it isn't TOML, or written to exhaust whoever parses it.
+    """Return the tables of a file of UTF-8, with or without a byte order mark. Raises TomlError where it isn't TOML, or
+    written to exhaust whoever parses it.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -182,10 +151,8 @@ class YamlFileError(Exception):
 
 
 def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
-    """Return the content of a file as dicts, lists and texts.
-
-    Raises:
-        YamlFileError: where it can't be read, is too large or isn't what `parse_yaml` takes.
+    """Return the content of a file as dicts, lists and texts. Raises YamlFileError where it can't be read, is too large
+    or isn't what `parse_yaml` takes.
     """
     try:
         with path.open("rb") as file:
@@ -198,10 +165,8 @@ def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
 
 
 def parse_yaml(content: bytes) -> object:
-    """Parse without interpreting: every value is text, so that no tag, date or number can do harm.
-
-    Raises:
-        YamlFileError: where it is damaged, nested too deeply, or has aliases or one key twice.
+    """Parse without interpreting: every value is text, so that no tag, date or number can do harm. Raises YamlFileError
+    where it is damaged, nested too deeply, or has aliases or one key twice.
     """
     try:
         text = content.decode("utf-8-sig")

@@ -22,28 +22,19 @@ from fbench.replay.formats.nuscenes import meta, nuscenes_samples
 from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinate_frame
 from fbench.replay.setup.source import LogRequest, log_source
 
-_SUFFIXES = (".txt", ".ini")
-"""Of all that is written into folders."""
+_SUFFIXES = (".txt", ".ini")  # Of all that is written into folders
 
 
 @dataclass(frozen=True)
 class Place:
-    """A folder, or for formats of one file that file.
-
-    Raises:
-        ConfigError: where it mustn't be written.
-    """
+    """A folder, or for formats of one file that file. Raises ConfigError where it mustn't be written."""
 
     path: Path
     is_file: bool
     overwrite: bool = False
 
     def check(self, sources: Sequence[Path]) -> None:
-        """See that nothing else is lost.
-
-        Raises:
-            ConfigError: where something is in the way, or it lies in a source.
-        """
+        """See that nothing else is lost. Raises ConfigError where something is in the way, or it lies in a source."""
         out = self.path.resolve()
         for source in sources:
             old = source.resolve()
@@ -177,10 +168,8 @@ class SubmissionFile:
         self._file.close()
 
     def add(self, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
-        """Write the samples of a sequence, and yield the number of boxes of each.
-
-        Raises:
-            LogError: where a sample is another sequence's too.
+        """Write the samples of a sequence, and yield the number of boxes of each. Raises LogError where a sample is
+        another sequence's too.
         """
         self._kinds.update(sequence.kinds)
         for token, results in nuscenes_samples(sequence, request, left):
@@ -203,26 +192,21 @@ class Exported:
     name: str
     num_frames: int
     num_rows: int
-    left_out: Mapping[str, int] = field(default_factory=dict)
-    """Boxes that aren't in the files, by the reason."""
-    view: str = ""
-    """Which image and coordinates they are in."""
+    left_out: Mapping[str, int] = field(default_factory=dict)  # Boxes that aren't in the files, by the reason
+    view: str = ""  # Which image and coordinates they are in
 
 
 @dataclass(frozen=True)
 class Export:
     """What is exported, and where to.
 
-    Raises:
-        ConfigError: where a class isn't known, or a name is for several sources.
+    Raises ConfigError where a class isn't known, or a name is for several sources.
     """
 
-    sources: Sequence[Path]
-    """Run folders and logs."""
+    sources: Sequence[Path]  # Run folders and logs
     request: ExportRequest
     place: Place
-    name: str = ""
-    """Of the only source, in place of its own."""
+    name: str = ""  # Of the only source, in place of its own
 
     def __post_init__(self) -> None:
         require_class(self.request)
@@ -231,12 +215,9 @@ class Export:
 
 
 def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:
-    """Export sources one after the other; the files appear when all of them are done.
-
-    Raises:
-        ConfigError: where files can't or mustn't be written, or a source isn't there.
-        LogError: where the format can't hold what a source has.
-        RunError: where a run can't be read.
+    """Export sources one after the other; the files appear when all of them are done. Raises ConfigError where files
+    can't or mustn't be written, or a source isn't there. Raises LogError where the format can't hold what a source has.
+    Raises RunError where a run can't be read.
     """
     job.place.check(job.sources)
     with Draft(job.place) as draft:

@@ -53,10 +53,8 @@ class LeftOut:
 
 
 def make_export_request(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportRequest:
-    """Read `--format`, `--boxes`, `--camera`, `--frame` and `--class`.
-
-    Raises:
-        ConfigError: where a format or a kind of boxes isn't known.
+    """Read `--format`, `--boxes`, `--camera`, `--frame` and `--class`. Raises ConfigError where a format or a kind of
+    boxes isn't known.
     """
     chosen = next((known for known in FORMATS if known == form), None)
     if chosen is None:
@@ -77,8 +75,7 @@ class ClassTable:
     own: Mapping[str, str]
     """Names by what datasets call a class (`source_label`), where the benchmark tells more classes apart than fbench;
     empty: has no place in it."""
-    labels: Mapping[str, str]
-    """Names by the labels of fbench; without one: has no place."""
+    labels: Mapping[str, str]  # Names by the labels of fbench; without one: has no place
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -145,11 +142,7 @@ TABLES: Mapping[Format, ClassTable] = {
 
 
 def require_class(request: ExportRequest) -> None:
-    """Refuse a class that the format doesn't have.
-
-    Raises:
-        ConfigError: naming the nearest one.
-    """
+    """Refuse a class that the format doesn't have. Raises ConfigError naming the nearest one."""
     names = TABLES[request.format].names
     near = did_you_mean(request.class_name, names)
     if request.class_name and request.class_name not in names:

@@ -52,12 +52,9 @@ class _Matched:
 def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
     """Read the boxes of a log that are asked for.
 
-    Where each has a number of its own (as logs of KITTI have), only they and the poses are read; else the whole log,
-    to know its frames as a replay does.
-
-    Raises:
-        ConfigError: where tracks are asked for.
-        LogError: where the log can't be read, or has no results.
+    Where each has a number of its own (as logs of KITTI have), only they and the poses are read; else the whole log, to
+    know its frames as a replay does. Raises ConfigError where tracks are asked for. Raises LogError where the log can't
+    be read, or has no results.
     """
     if request.boxes == "tracks":
         raise ConfigError(f"{source.path}: is a log, which has no tracks; take --boxes truth, or detections, or a run")
@@ -129,10 +126,8 @@ _KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "
 
 
 def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
-    """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections.
-
-    Raises:
-        RunError: where it can't be read.
+    """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections. Raises
+    RunError where it can't be read.
     """
     run = Run(folder)
     manifest = run.manifest

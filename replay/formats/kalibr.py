@@ -26,18 +26,13 @@ from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.rig_patch import RigPatch
 
-IMU = "imu"
-"""What the coordinate frame of the IMU is called here."""
-_MAX_DIFFERENCE = 0.01
-"""[m] and, of matrix elements, nearly [rad]: how far two ways to a camera may lead apart."""
+IMU = "imu"  # What the coordinate frame of the IMU is called here
+_MAX_DIFFERENCE = 0.01  # [m] and, of matrix elements, nearly [rad]: how far two ways to a camera may lead apart
 
 
 def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
     """Return cameras `cam0`, `cam1` ... with their topics: each in the IMU's coordinate frame where the file has it,
-    else in that of the camera before.
-
-    Raises:
-        ConfigError: naming the key that is wrong.
+    else in that of the camera before. Raises ConfigError naming the key that is wrong.
     """
     cameras: dict[str, CameraModel] = {}
     edges: dict[str, Edge] = {}

@@ -54,20 +54,16 @@ _NAMES = (
     "truncated", "occluded", "alpha", "left", "top", "right", "bottom", "height", "width", "length", "x", "y", "z",
     "rotation_y", "score",
 )  # fmt: skip
-_NUM_TRACKING, _NUM_OBJECT = 17, 15
-"""Columns without a score."""
+_NUM_TRACKING, _NUM_OBJECT = 17, 15  # Columns without a score
 _UNKNOWN_ALPHA = -10
 _COLUMNS_CAMERA = "image"
 _ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")
 """Attribute of 2D truth: the angle as the label file gave it, which doesn't follow from the box."""
-_ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")
-"""Sign of a number that is rounded to zero."""
+_ZERO = re.compile(r"(?<!\S)-(?=0\.0*(?!\S))")  # Sign of a number that is rounded to zero
 _UNKNOWN_BOX = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)
 """Height, width, length, x, y, z, rotation_y of an object without a 3D box."""
-_SURE = 1.0
-"""Score of results that have none."""
-_MARGIN_RAD = 1e-6
-"""Labels with six decimals go so far beyond pi."""
+_SURE = 1.0  # Score of results that have none
+_MARGIN_RAD = 1e-6  # Labels with six decimals go so far beyond pi
 _IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -10, -1, -1, -1))
 """Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
 benchmark."""
@@ -95,9 +91,7 @@ def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: i
 
 def parse_tracking_row(line: Line, camera: str) -> LabeledObject:
     """Return the object of a row of the tracking benchmark, as `parse_object_row`; its id is -1 where it has none.
-
-    Raises:
-        LogError: where a column is missing or isn't a number.
+    Raises LogError where a column is missing or isn't a number.
     """
     if len(line.fields) < _NUM_TRACKING:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
@@ -223,11 +217,7 @@ def make_columns(
 
 def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read a folder of files named by frame, `label_2/000000.txt` ..., or one of them; a file without rows says that
-    its frame is empty.
-
-    Raises:
-        ConfigError: where the camera isn't known.
-        LogError: where a row can't be read.
+    its frame is empty. Raises ConfigError where the camera isn't known. Raises LogError where a row can't be read.
     """
     camera = find_camera(source.camera or source.frame, coordinates, str(source.path))
     files = {frame_number(path.stem, str(path)): path for path in _text_files(source.path, "label_2")}
@@ -240,11 +230,8 @@ def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
 
 
 def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read the file of one sequence; up to the last frame with a row, those without are empty.
-
-    Raises:
-        ConfigError: where the camera isn't known, or the folder has several sequences.
-        LogError: where a row can't be read.
+    """Read the file of one sequence; up to the last frame with a row, those without are empty. Raises ConfigError where
+    the camera isn't known, or the folder has several sequences. Raises LogError where a row can't be read.
     """
     return open_sequence(source, coordinates, None, parse_tracking_row)
 
@@ -296,12 +283,9 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
 def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of each frame and its rows; those of the tracking benchmark begin with frame and id.
 
-    Truth that came from KITTI's labels gives the same rows again. Results have truncated and occluded -1 and a score
-    at the end. Boxes stand upright in KITTI: of those that are tilted only the heading is kept.
-
-    Raises:
-        ConfigError: where a camera or coordinate frame isn't known.
-        LogError: where boxes have no class, or can't be projected.
+    Truth that came from KITTI's labels gives the same rows again. Results have truncated and occluded -1 and a score at
+    the end. Boxes stand upright in KITTI: of those that are tilted only the heading is kept. Raises ConfigError where a
+    camera or coordinate frame isn't known. Raises LogError where boxes have no class, or can't be projected.
     """
     camera = choose_camera(sequence, request.camera)
     require_view(sequence, camera)

@@ -36,21 +36,16 @@ SHIFT_PX = 1.0
 """Pixels count from 1 there, from 0 here. Whether 1 is the middle or the edge of the first pixel isn't defined; the
 middle is taken."""
 _NUMBERS = {name: number for number, (name, _) in MOT_CLASSES.items()}
-_DISTRACTOR = "distractor"
-"""Class of what is neither a hit nor a miss."""
-_SURE = 1.0
-"""Confidence of results that have no score."""
+_DISTRACTOR = "distractor"  # Class of what is neither a hit nor a miss
+_SURE = 1.0  # Confidence of results that have no score
 _S = 1_000_000_000
 
 
 def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read `gt.txt`, `det.txt` or a tracker's results: comma-separated, a row a box. A folder is one sequence, of which
-    `gt/gt.txt` is taken, else `det/det.txt`; its `seqinfo.ini` tells how many frames are labeled. A frame's number
-    is its place among the log's frames, the first being 1.
-
-    Raises:
-        ConfigError: where the camera isn't known.
-        LogError: where there is no such file, or a row can't be read.
+    `gt/gt.txt` is taken, else `det/det.txt`; its `seqinfo.ini` tells how many frames are labeled. A frame's number is
+    its place among the log's frames, the first being 1. Raises ConfigError where the camera isn't known. Raises
+    LogError where there is no such file, or a row can't be read.
     """
     path = source.path
     camera = find_camera(source.camera or source.frame, coordinates, str(path))
@@ -65,10 +60,8 @@ def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog)
 
 
 def sequence_length(file: Path) -> int | None:
-    """Return the number of frames that the `seqinfo.ini` near a file of boxes gives; `None` where there is none.
-
-    Raises:
-        LogError: where it gives none.
+    """Return the number of frames that the `seqinfo.ini` near a file of boxes gives; `None` where there is none. Raises
+    LogError where it gives none.
     """
     near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
     path = next((ini for ini in near if ini.is_file()), None)
@@ -141,10 +134,8 @@ def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
 
 
 def read_mot_columns(path: Path, is_truth: bool) -> Columns:
-    """Read the file of one sequence; steps are frames from 0, positions those of the file.
-
-    Raises:
-        LogError: naming file, row and column of what can't be read.
+    """Read the file of one sequence; steps are frames from 0, positions those of the file. Raises LogError naming file,
+    row and column of what can't be read.
     """
     try:
         return _columns_at_once(path, is_truth)
@@ -195,11 +186,8 @@ def _class_names(numbers: Int64) -> Text:
 def mot_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[list[str]]:
     """Yield the rows of each frame: `frame,id,left,top,width,height,` and then `confidence,-1,-1,-1` for results,
     `counts,class,visibility` for truth, as of MOT16. Frames and pixels count from 1; a frame's number is its place in
-    the log.
-
-    Raises:
-        ConfigError: where a camera isn't known.
-        LogError: where truth has no class, or boxes can't be projected.
+    the log. Raises ConfigError where a camera isn't known. Raises LogError where truth has no class, or boxes can't be
+    projected.
     """
     camera = choose_camera(sequence, request.camera)
     require_view(sequence, camera)

@@ -27,18 +27,15 @@ from fbench.replay.geometry.transforms import transform
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
-COMPANIONS = ("sample.json", "samples.csv")
-"""What tells when samples are, beside a submission."""
-FRAMES_BELOW = 10_000_000
-"""Tokens that are smaller numbers count frames, others are stamps."""
+COMPANIONS = ("sample.json", "samples.csv")  # What tells when samples are, beside a submission
+FRAMES_BELOW = 10_000_000  # Tokens that are smaller numbers count frames, others are stamps
 UNKNOWN_EGO = (np.nan,) * 3
 _MAX_NS = 2**63 - 1
 ATTRIBUTES = (
     "pedestrian.moving", "pedestrian.sitting_lying_down", "pedestrian.standing", "cycle.with_rider",
     "cycle.without_rider", "vehicle.moving", "vehicle.parked", "vehicle.stopped",
 )  # fmt: skip
-_MOVING_MPS = 0.2
-"""Slower things stand, as baselines of the benchmark have it; measured velocities are never quite 0."""
+_MOVING_MPS = 0.2  # Slower things stand, as baselines of the benchmark have it; measured velocities are never quite 0
 _BY_CLASS = {
     "pedestrian": ("pedestrian.moving", "pedestrian.standing"),
     "bicycle": ("cycle.with_rider", "cycle.without_rider"),
@@ -47,12 +44,10 @@ _BY_CLASS = {
     **dict.fromkeys(("car", "truck", "trailer", "construction_vehicle"), ("vehicle.moving", "vehicle.parked")),
 }
 """When moving and when not; what isn't here has no attribute."""
-MAX_BOXES = 500
-"""Of a sample; the devkit refuses more."""
+MAX_BOXES = 500  # Of a sample; the devkit refuses more
 TOKENS = "nuscenes.sample_tokens"
 """Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
-_SURE = 1.0
-"""Score of boxes that have none."""
+_SURE = 1.0  # Score of boxes that have none
 _METER_DIGITS, _TURN_DIGITS = 6, 12
 
 
@@ -60,11 +55,9 @@ _METER_DIGITS, _TURN_DIGITS = 6, 12
 class Sample:
     """When and in which scene a sample is."""
 
-    key: int
-    """Stamp [ns]; number of the frame where no stamps are known."""
+    key: int  # Stamp [ns]; number of the frame where no stamps are known
     scene: str = ""
-    ego_m: tuple[float, float, float] = UNKNOWN_EGO
-    """Where the body is."""
+    ego_m: tuple[float, float, float] = UNKNOWN_EGO  # Where the body is
 
 
 def find_companion(path: Path) -> Path | None:
@@ -74,10 +67,7 @@ def find_companion(path: Path) -> Path | None:
 
 def read_samples(path: Path) -> dict[str, Sample]:
     """Read a `sample.json`, the table of nuScenes, or a `samples.csv` (columns `token`, `stamp_ns`, and where known
-    `scene`, `ego_x`, `ego_y`, `ego_z`).
-
-    Raises:
-        LogError: where it can't be read.
+    `scene`, `ego_x`, `ego_y`, `ego_z`). Raises LogError where it can't be read.
     """
     if path.suffix == ".json":
         return dict(_sample_of_json(row, f"{path}: row {i}") for i, row in enumerate(items(read_json(path), str(path))))
@@ -108,10 +98,8 @@ def _sample_of_csv(row: Mapping[str, str]) -> Sample:
 
 def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read a submission. When a token was is what the table of samples beside it says (see `read_samples`); without
-    one, tokens are numbers of frames or stamps [ns] themselves.
-
-    Raises:
-        LogError: where the form isn't that of a submission, or nobody knows a token.
+    one, tokens are numbers of frames or stamps [ns] themselves. Raises LogError where the form isn't that of a
+    submission, or nobody knows a token.
     """
     where = str(source.path)
     results = member(read_json(source.path), "results", where)
@@ -142,10 +130,7 @@ def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: Faul
 def parse_box(value: object, where: str) -> LabeledObject:
     """Return the object of a box of a submission, in the world.
 
-    Sizes are width, length, height there, quaternions w, x, y, z.
-
-    Raises:
-        LogError: saying what is missing or wrong.
+    Sizes are width, length, height there, quaternions w, x, y, z. Raises LogError: saying what is missing or wrong.
     """
     box = mapping(value, where)
     name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
@@ -259,10 +244,8 @@ def nuscenes_samples(
     sequence: BoxSequence, request: ExportRequest, left: LeftOut
 ) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield each sample of a log by its token, also those without boxes; of more than `MAX_BOXES` those with the
-    highest scores stay.
-
-    Raises:
-        LogError: where the log doesn't tell its tokens or poses, or boxes have no class or are in images.
+    highest scores stay. Raises LogError where the log doesn't tell its tokens or poses, or boxes have no class or are
+    in images.
     """
     tokens = _tokens(sequence)
     frames = _frames(sequence, len(tokens))

@@ -19,10 +19,8 @@ from fbench.replay.logs.setup import BoxSource
 
 def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
     """Return boxes, each in its own one of `frames`, in body coordinates; or all in those of the world, and say so.
-
-    Raises:
-        ConfigError: where a coordinate frame isn't known.
-        LogError: where some boxes are in the world and some aren't.
+    Raises ConfigError where a coordinate frame isn't known. Raises LogError where some boxes are in the world and some
+    aren't.
     """
     names = list(dict.fromkeys(frames))
     worlds = [name for name in names if coordinates.is_world(name)]
@@ -40,11 +38,7 @@ def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, 
 
 
 def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
-    """Return the matrix (4, 4) from a coordinate frame to the body.
-
-    Raises:
-        ConfigError: where it isn't known.
-    """
+    """Return the matrix (4, 4) from a coordinate frame to the body. Raises ConfigError where it isn't known."""
     try:
         matrix = coordinates.body_T(name)
     except DecodeError as error:
@@ -66,10 +60,8 @@ def _known(coordinates: CoordinateFrames) -> list[str]:
 
 
 def find_camera(name: str, coordinates: CoordinateFrames, where: str) -> str:
-    """Return the name of a camera by its name, coordinate frame or topic; of the only one without a name.
-
-    Raises:
-        ConfigError: where there is no such camera, or several without a name.
+    """Return the name of a camera by its name, coordinate frame or topic; of the only one without a name. Raises
+    ConfigError where there is no such camera, or several without a name.
     """
     cameras = coordinates.rig.sensors("camera")
     found = coordinates.camera(name) if name else coordinates.only_camera()
@@ -110,8 +102,7 @@ def _merge(boxes: Boxes3D, parts: Sequence[tuple[np.ndarray, Boxes3D]]) -> Boxes
 Triple = tuple[float, float, float]
 _NONE3 = (np.nan,) * 3
 _NONE4 = (np.nan,) * 4
-_MAX_EMPTY = 200_000
-"""Frames without rows, one after the other, that still belong to a sequence: nearly two hours."""
+_MAX_EMPTY = 200_000  # Frames without rows, one after the other, that still belong to a sequence: nearly two hours
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +111,9 @@ class Solid:
 
     center_m: Triple
     size_lwh_m: Triple
-    yaw_pitch_roll_rad: Triple
-    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    yaw_pitch_roll_rad: Triple  # R = Rz(yaw) Ry(pitch) Rx(roll)
     velocity_mps: Triple | None = None
-    frame: str = ""
-    """Its coordinate frame; empty: the body."""
+    frame: str = ""  # Its coordinate frame; empty: the body
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +131,7 @@ class LabeledObject:
     source_label: str
     solid: Solid | None = None
     flat: Flat | None = None
-    label: str | None = None
-    """Where it doesn't follow from `source_label`."""
+    label: str | None = None  # Where it doesn't follow from `source_label`
     score: float | None = None
     track_id: int | None = None
     ignore: bool | None = None
@@ -152,8 +140,7 @@ class LabeledObject:
     truncation: float | None = None
     attribute: str | None = None
     num_lidar_pts: int | None = None
-    alpha_rad: float | None = None
-    """KITTI's angle of observation, which boxes have no place for."""
+    alpha_rad: float | None = None  # KITTI's angle of observation, which boxes have no place for
 
 
 _OPTIONAL: tuple[tuple[str, Any, Any], ...] = (
@@ -208,8 +195,7 @@ def _common(rows: Sequence[LabeledObject]) -> dict[str, Any]:
     return columns
 
 
-Columns = dict[str, Any]
-"""Fields of many objects by name, each (N, ...); `None` where nothing is known."""
+Columns = dict[str, Any]  # Fields of many objects by name, each (N, ...); `None` where nothing is known
 
 
 def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:
@@ -256,10 +242,8 @@ def _numbers(rows: Sequence[LabeledObject], name: str) -> Float64 | None:
 
 
 def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
-    """Return yaw, pitch, roll [rad] of a quaternion, R = Rz(yaw) Ry(pitch) Rx(roll); NaN where it isn't finite.
-
-    Raises:
-        LogError: where it is zero.
+    """Return yaw, pitch, roll [rad] of a quaternion, R = Rz(yaw) Ry(pitch) Rx(roll); NaN where it isn't finite. Raises
+    LogError where it is zero.
     """
     xyzw = np.array([x, y, z, w])
     if not np.isfinite(xyzw).all():
@@ -284,10 +268,8 @@ def group_by_frame(rows: Iterable[tuple[int, LabeledObject]]) -> Frames:
 
 
 def fill_frames(frames: Frames, first: int = 0, num: int = 0) -> Iterator[tuple[int, list[LabeledObject]]]:
-    """Put frames without rows between the others, and behind them up to `num` frames.
-
-    Raises:
-        LimitError: where these are more than any sequence has.
+    """Put frames without rows between the others, and behind them up to `num` frames. Raises LimitError where these are
+    more than any sequence has.
     """
     expected = first
     for number, objects in frames:

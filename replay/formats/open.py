@@ -28,11 +28,7 @@ _MAX_INSPECTED = 20
 
 
 def recognize(path: Path) -> str:
-    """Return the name of the form.
-
-    Raises:
-        LogError: where it can't be told.
-    """
+    """Return the name of the form. Raises LogError where it can't be told."""
     form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
     if form is None:
         raise LogError(
@@ -106,20 +102,16 @@ class BoxFile:
     """Boxes of a file, or of the files of a folder."""
 
     source: BoxSource
-    format: str
-    """One of `FORMATS`."""
+    format: str  # One of `FORMATS`
     coordinates: CoordinateFrames
-    faults: FaultLog
-    """Where labels are counted that fbench has no use for."""
+    faults: FaultLog  # Where labels are counted that fbench has no use for
 
     def truths(self) -> Iterator[Truth]:
         """Read the boxes in the order of stamps, or of frames where the file counts these (`frame_index`; with
         `frame_number` where a log's own numbers may be meant). `log_ns` is `stamp_ns` where the file doesn't say when a
-        result was there. Boxes that aren't finite come as they are.
-
-        Raises:
-            ConfigError: where a camera or coordinate frame isn't known.
-            LogError: naming file, row, column and what was expected; where one id is twice in a frame.
+        result was there. Boxes that aren't finite come as they are. Raises ConfigError where a camera or coordinate
+        frame isn't known. Raises LogError naming file, row, column and what was expected; where one id is twice in a
+        frame.
         """
         try:
             for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
@@ -145,21 +137,15 @@ class BoxFile:
 
 
 def open_boxes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> BoxFile:
-    """Open a file or folder of boxes; reading begins with `truths`.
-
-    Raises:
-        ConfigError: where there is no such file or format.
-        LogError: where its form isn't known.
+    """Open a file or folder of boxes; reading begins with `truths`. Raises ConfigError where there is no such file or
+    format. Raises LogError where its form isn't known.
     """
     return BoxFile(source, form_of(source), coordinates, faults)
 
 
 def form_of(source: BoxSource) -> str:
-    """Return which of `FORMATS` a file or folder has.
-
-    Raises:
-        ConfigError: where there is no such file or format.
-        LogError: where its form isn't known.
+    """Return which of `FORMATS` a file or folder has. Raises ConfigError where there is no such file or format. Raises
+    LogError where its form isn't known.
     """
     if not source.path.exists():
         raise ConfigError(f"{source.path}: no such file or folder")
@@ -185,10 +171,7 @@ def _find_repeated_id(boxes: Boxes2D | Boxes3D) -> int | None:
 
 
 def truth_entry(source: BoxSource) -> TruthEntry:
-    """Say where truth comes from, for the manifest.
-
-    Raises:
-        ConfigError: where there is no such file or format.
-        LogError: where it can't be read, or its form isn't known.
+    """Say where truth comes from, for the manifest. Raises ConfigError where there is no such file or format. Raises
+    LogError where it can't be read, or its form isn't known.
     """
     return TruthEntry(name=source.path.name, format=form_of(source), digest=digest_of(source.path))

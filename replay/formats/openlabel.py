@@ -75,11 +75,8 @@ class CoordinateSystems:
         return found
 
     def target(self, name: str, moving: Mapping[str, _Edge], where: str) -> tuple[str, Float64]:
-        """Return `body` or `world`, and the matrix (4, 4) that moves boxes there.
-
-        Raises:
-            LogError: where the coordinate systems form a loop.
-            ConfigError: where nothing leads from there to the log.
+        """Return `body` or `world`, and the matrix (4, 4) that moves boxes there. Raises LogError where the coordinate
+        systems form a loop. Raises ConfigError where nothing leads from there to the log.
         """
         matrix, met, at = np.eye(4), {name: None}, name
         while True:
@@ -166,11 +163,7 @@ _NUMBERS = {
 def make_object(
     name: str, uid: str, solid: Solid | None, flat: Flat | None, told: Sequence[Mapping[str, Any]], where: str
 ) -> LabeledObject:
-    """Return an object with what the numbers among its data say.
-
-    Raises:
-        LogError: where one isn't a number.
-    """
+    """Return an object with what the numbers among its data say. Raises LogError where one isn't a number."""
     values: dict[str, float] = {}
     for source in told:
         for item in items(source.get("num", []), f"{where}: num"):
@@ -208,11 +201,8 @@ _UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "
 
 
 def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read the frames of a file. A frame's `timestamp` says when it was; where none has one, keys count frames.
-
-    Raises:
-        ConfigError: where a coordinate system or camera isn't known.
-        LogError: where the form isn't that of OpenLABEL.
+    """Read the frames of a file. A frame's `timestamp` says when it was; where none has one, keys count frames. Raises
+    ConfigError where a coordinate system or camera isn't known. Raises LogError where the form isn't that of OpenLABEL.
     """
     where = str(source.path)
     root = member(read_json(source.path), "openlabel", where)

@@ -53,10 +53,8 @@ class PoseTable(_Strict):
     parent: Name = BODY
     translation_m: Three | None = None
     rotation_xyzw: Four | None = None
-    yaw_pitch_roll_deg: Three | None = None
-    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    matrix: Rows | None = None
-    """`parent_T_sensor`, 4x4 or 3x4, translation included."""
+    yaw_pitch_roll_deg: Three | None = None  # R = Rz(yaw) Ry(pitch) Rx(roll)
+    matrix: Rows | None = None  # `parent_T_sensor`, 4x4 or 3x4, translation included
 
 
 class CameraTable(_Strict):
@@ -76,17 +74,12 @@ class RigFile(_Strict):
     """A whole file."""
 
     sensors: dict[Name, PoseTable] = {}
-    frames: dict[Name, PoseTable] = {}
-    """Coordinate frames that are no sensors."""
+    frames: dict[Name, PoseTable] = {}  # Coordinate frames that are no sensors
     cameras: dict[Name, CameraTable] = {}
 
 
 def read_rig_toml(path: Path, content: bytes) -> RigPatch:
-    """Return the poses and intrinsics of a file.
-
-    Raises:
-        ConfigError: naming the key that is wrong or unknown.
-    """
+    """Return the poses and intrinsics of a file. Raises ConfigError naming the key that is wrong or unknown."""
     try:
         file = RigFile.model_validate(parse_toml(content))
     except ValidationError as error:
@@ -150,10 +143,8 @@ def _camera(where: str, table: CameraTable) -> CameraModel:
 
 
 def read_camera_info(path: Path, tree: Mapping[str, object]) -> RigPatch:
-    """Return the camera of a file, under its `camera_name`, else under the name of the file.
-
-    Raises:
-        ConfigError: naming the key that is wrong.
+    """Return the camera of a file, under its `camera_name`, else under the name of the file. Raises ConfigError naming
+    the key that is wrong.
     """
     for key in ("image_width", "image_height"):
         if key not in tree:
@@ -187,19 +178,15 @@ def _data(path: Path, tree: Mapping[str, object], key: str, rows: int, cols: int
     return data
 
 
-MAX_TEXT = 1024 * 1024
-"""Bytes of a TOML or YAML file; a rig of a hundred sensors has a tenth of it."""
-MAX_XML = 16 * 1024 * 1024
-"""Bytes of a URDF file."""
+MAX_TEXT = 1024 * 1024  # Bytes of a TOML or YAML file; a rig of a hundred sensors has a tenth of it
+MAX_XML = 16 * 1024 * 1024  # Bytes of a URDF file
 _FORMS = "fbench's TOML ([sensors.NAME] ...), URDF, a Kalibr camchain, or camera_info YAML of ROS"
 _IMU_KEYS = ("imu", "accelerometer_noise_density", "gyroscope_noise_density")
 
 
 def open_rig_file(path: Path) -> RigPatch:
     """Read calibration; the form is told by the content: our TOML, URDF, Kalibr camchain, or ROS camera_info YAML.
-
-    Raises:
-        ConfigError: naming the file, and the key that is wrong.
+    Raises ConfigError naming the file, and the key that is wrong.
     """
     content = _content(path)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()

@@ -23,34 +23,26 @@ B = TypeVar("B", Boxes2D, Boxes3D)
 class BoxFrame:
     """One frame and the boxes in it; `None` where it has none of a kind, which isn't the same as nothing there."""
 
-    index: int
-    """Place among the frames of the log, from 0."""
-    number: int | None
-    """As the recorder or dataset numbers it."""
+    index: int  # Place among the frames of the log, from 0
+    number: int | None  # As the recorder or dataset numbers it
     stamp_ns: int
     rig: Rig
-    boxes3d: Boxes3D | None
-    """In body coordinates at the stamp."""
+    boxes3d: Boxes3D | None  # In body coordinates at the stamp
     boxes2d: Boxes2D | None
-    world_T_body: Float64 | None = None
-    """(4, 4) where known."""
+    world_T_body: Float64 | None = None  # (4, 4) where known
 
 
 @dataclass(frozen=True, eq=False)
 class BoxSequence:
     """One run or log."""
 
-    where: str
-    """For errors."""
-    name: str
-    """For files."""
+    where: str  # For errors
+    name: str  # For files
     metadata: Mapping[str, str]
     is_truth: bool
     frames: Sequence[BoxFrame]
-    num_frames: int
-    """Of the log up to the last one that is known, also those without truth."""
-    kinds: Collection[Kind] = ()
-    """Of the sensors that results come from."""
+    num_frames: int  # Of the log up to the last one that is known, also those without truth
+    kinds: Collection[Kind] = ()  # Of the sensors that results come from
 
     @property
     def boxes(self) -> Sequence[Boxes2D | Boxes3D]:
@@ -78,8 +70,7 @@ class BoxSequence:
     def require_boxes(self, is_tracking: bool) -> None:
         """Refuse what has no boxes at all, or no ids where these are needed.
 
-        Raises:
-            LogError: saying what there is not.
+        Raises LogError: saying what there is not.
         """
         kinds = [boxes for frame in self.frames for boxes in (frame.boxes3d, frame.boxes2d) if boxes is not None]
         if not kinds:
@@ -130,24 +121,19 @@ def pair_boxes(flat: Boxes2D, solid: Boxes3D) -> Int64:
 CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
 """(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
 own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
-BODY = "body"
-"""The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs."""
-_KITTI_CAMERA = "image_02"
-"""Whose image KITTI's labels are in."""
+BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
+_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
 class ImageRows:
     """N objects of one frame: each with a 2D box, a 3D box, or both."""
 
-    xyxy_px: Float64
-    """(N, 4) as labeled or found, else around the projected 3D box."""
+    xyxy_px: Float64  # (N, 4) as labeled or found, else around the projected 3D box
     flat: Boxes2D
-    flat_rows: Int64
-    """(N,) row in `flat`, -1 where there is none."""
+    flat_rows: Int64  # (N,) row in `flat`, -1 where there is none
     solid: Boxes3D
-    solid_rows: Int64
-    """(N,) row in `solid`, -1 where there is none."""
+    solid_rows: Int64  # (N,) row in `solid`, -1 where there is none
 
     def __len__(self) -> int:
         return len(self.xyxy_px)
@@ -173,10 +159,8 @@ class ImageRows:
 
 
 def choose_camera(sequence: BoxSequence, requested: str) -> str:
-    """Return the camera whose image is meant.
-
-    Raises:
-        ConfigError: where there is no such camera, or several and none is named.
+    """Return the camera whose image is meant. Raises ConfigError where there is no such camera, or several and none is
+    named.
     """
     owners = sequence.cameras_of_boxes
     known = sorted({*sequence.rig.sensors("camera"), *owners})
@@ -191,10 +175,8 @@ def choose_camera(sequence: BoxSequence, requested: str) -> str:
 
 
 def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
-    """Return `body` or the name of a camera: as asked for, as the log says, else that of the image.
-
-    Raises:
-        ConfigError: where it is none of these.
+    """Return `body` or the name of a camera: as asked for, as the log says, else that of the image. Raises ConfigError
+    where it is none of these.
     """
     known = [BODY, *sequence.rig.sensors("camera")]
     name = requested or sequence.metadata.get(CAMERA0, camera)
@@ -213,10 +195,8 @@ def body_T_level(name: str, rig: Rig) -> Float64 | None:
 
 def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
     """Return the objects of a frame in the order of its 2D boxes, then 3D boxes without one, which are projected into
-    the image and clipped to it; those that aren't seen in it are counted.
-
-    Raises:
-        LogError: where boxes can't be projected into the camera.
+    the image and clipped to it; those that aren't seen in it are counted. Raises LogError where boxes can't be
+    projected into the camera.
     """
     flat, solid = usable(frame.boxes2d, left), usable(frame.boxes3d, left)
     flat = Boxes2D.empty() if flat is None else flat
@@ -238,17 +218,12 @@ def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
 
 
 def require_view(sequence: BoxSequence, camera: str) -> None:
-    """Refuse a camera that 3D boxes would have to be projected into, and can't.
-
-    Raises:
-        LogError: saying why.
-    """
+    """Refuse a camera that 3D boxes would have to be projected into, and can't. Raises LogError: saying why."""
     for rig in {id(frame.rig): frame.rig for frame in sequence.frames if frame.boxes2d is None}.values():
         require_projection(rig, camera)
 
 
-_LIMIT = 2**31
-"""Tools read ids as int32, or as float64 that don't tell larger ones apart."""
+_LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
 
 
 def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:

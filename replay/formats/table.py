@@ -48,19 +48,15 @@ class Rows:
     """Which of N rows have a box, and these boxes."""
 
     has_solid: Bool
-    solids: Boxes3D
-    """(sum of `has_solid`), each in its own coordinate frame."""
-    frames: Array
-    """Names of these."""
+    solids: Boxes3D  # (sum of `has_solid`), each in its own coordinate frame
+    frames: Array  # Names of these
     has_flat: Bool
     flats: Boxes2D
 
 
 def spaces_of(file: TableFile) -> Spaces:
-    """Tell what a table's columns can hold.
-
-    Raises:
-        LogError: naming the column that is missing, or that is probably another one's name.
+    """Tell what a table's columns can hold. Raises LogError naming the column that is missing, or that is probably
+    another one's name.
     """
     names = file.names
     found = Spaces(any(name in names for name in SOLID), any(name in names for name in FLAT))
@@ -210,10 +206,8 @@ def is_run_table(file: TableFile) -> bool:
 
 
 def read_run_table(file: TableFile) -> Iterator[Truth]:
-    """Read boxes by the index of their frame; frames without boxes aren't in the table.
-
-    Raises:
-        LogError: where the file is damaged.
+    """Read boxes by the index of their frame; frames without boxes aren't in the table. Raises LogError where the file
+    is damaged.
     """
     kind = _KINDS[file.metadata[b"boxes"]]
     for keys, values in instants(file, Key("frame")):
@@ -228,12 +222,9 @@ def read_run_table(file: TableFile) -> Iterator[Truth]:
 
 
 def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a table, or all tables of a folder as one.
-
-    Raises:
-        ConfigError: where a camera or coordinate frame isn't known, some tables count frames and some have stamps,
-            or it is a run folder.
-        LogError: naming file, row and column of what can't be read.
+    """Read a table, or all tables of a folder as one. Raises ConfigError where a camera or coordinate frame isn't
+    known, some tables count frames and some have stamps, or it is a run folder. Raises LogError naming file, row and
+    column of what can't be read.
     """
     files = [open_table_file(path) for path in _paths(source.path)]
     keys = [key_of(file) for file in files]

@@ -19,8 +19,7 @@ from fbench.replay.logs.containers.parquet.footer import DamageError, read_tail,
 from fbench.replay.logs.containers.parquet.groups import read_page
 
 SUFFIXES = (".csv", ".tsv", ".parquet")
-ROW = "row"
-"""Column that is added: the number of each row, 1 for the first behind the header."""
+ROW = "row"  # Column that is added: the number of each row, 1 for the first behind the header
 _ROWS_AT_ONCE = 16384
 _MAX_PAGES = 256 * 2**20
 _PAGE_HEADER = 64 * 1024
@@ -35,19 +34,13 @@ class TableFile:
     """One file; columns by lower-case name."""
 
     path: Path
-    names: dict[str, str]
-    """Name in the file, by the name in lower case."""
+    names: dict[str, str]  # Name in the file, by the name in lower case
     types: dict[str, pa.DataType]
-    separator: str | None
-    """Of a CSV; `None`: Parquet."""
+    separator: str | None  # Of a CSV; `None`: Parquet
     metadata: dict[bytes, bytes]
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield rows with their numbers, all columns or some.
-
-        Raises:
-            LogError: where the file is damaged.
-        """
+        """Yield rows with their numbers, all columns or some. Raises LogError where the file is damaged."""
         wanted = list(self.names) if columns is None else list(columns)
         first = 1
         try:
@@ -77,11 +70,7 @@ class TableFile:
 
 
 def open_table_file(path: Path) -> TableFile:
-    """Read the names of a table's columns.
-
-    Raises:
-        LogError: where it isn't a table, or names a column twice.
-    """
+    """Read the names of a table's columns. Raises LogError where it isn't a table, or names a column twice."""
     try:
         if path.suffix.lower() == ".parquet":
             schema = _schema(path)
@@ -311,11 +300,7 @@ class Key:
         return self.name == "frame"
 
     def read(self, values: Values) -> Int64:
-        """Return stamps [ns] or frames (N,).
-
-        Raises:
-            LogError: naming the row where there is none.
-        """
+        """Return stamps [ns] or frames (N,). Raises LogError naming the row where there is none."""
         if self.name == "stamp_ns" and pa.types.is_floating(values.table.column("stamp_ns").type):
             raise LogError(f"{values.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
         found = values.seconds(self.name) if self.name == "stamp_s" else values.wholes(self.name)
@@ -326,11 +311,7 @@ class Key:
 
 
 def key_of(file: TableFile) -> Key:
-    """Return the column that says when boxes were.
-
-    Raises:
-        LogError: where there is none.
-    """
+    """Return the column that says when boxes were. Raises LogError where there is none."""
     name = next((name for name in KEYS if name in file.names), None)
     if name is None:
         raise LogError(f"{file.path}: no column says when boxes were; expected {', '.join(KEYS[:-1])} or {KEYS[-1]}")
@@ -338,10 +319,8 @@ def key_of(file: TableFile) -> Key:
 
 
 def instants(file: TableFile, key: Key) -> Iterator[tuple[Int64, Values]]:
-    """Yield rows with their keys, ascending, never parting those of one instant.
-
-    Raises:
-        LimitError: where more rows than memory allows aren't in order, or belong to one instant.
+    """Yield rows with their keys, ascending, never parting those of one instant. Raises LimitError where more rows than
+    memory allows aren't in order, or belong to one instant.
     """
     num_rows, is_ordered = _survey(file, key)
     if is_ordered:

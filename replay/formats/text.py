@@ -13,13 +13,11 @@ from fbench.replay.contracts.errors import LimitError, LogError
 
 _MAX_LINE = 100_000
 _MAX_LINES = 5_000_000
-MAX_FRAMES = 10_000_000
-"""Files that count more frames than this are refused."""
+MAX_FRAMES = 10_000_000  # Files that count more frames than this are refused
 _MAX_NS = 2**63 - 1
 _MAX_S = Decimal(_MAX_NS // 10**9 + 1)
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)$", re.ASCII)
-_HASHED = 1 << 62
-"""From here on ids stand for texts."""
+_HASHED = 1 << 62  # From here on ids stand for texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +25,7 @@ class Line:
     """One line that isn't empty."""
 
     path: Path
-    number: int
-    """The file's first line is 1."""
+    number: int  # The file's first line is 1
     fields: list[str]
 
     @property
@@ -39,10 +36,7 @@ class Line:
 
 def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
     """Yield the lines of a text, split at blanks or at a separator; a byte order mark and blank lines are no matter.
-
-    Raises:
-        LogError: where the file can't be read, or is no text.
-        LimitError: where a line has no end.
+    Raises LogError where the file can't be read, or is no text. Raises LimitError where a line has no end.
     """
     try:
         with path.open(encoding="utf-8-sig") as file:
@@ -61,11 +55,9 @@ def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
 
 
 def frame_number(text: str, where: str) -> int:
-    """Return the number of a frame.
+    """Return the number of a frame. Raises LogError where it is none.
 
-    Raises:
-        LogError: where it is none.
-        LimitError: where it is beyond all reason.
+    Raises LimitError where it is beyond all reason.
     """
     try:
         number = int(text[:40])
@@ -78,9 +70,7 @@ def frame_number(text: str, where: str) -> int:
 
 def digest_of(path: Path) -> str:
     """Return the blake2b-128 of a file; of a folder, over names and digests of all its files in the order of names.
-
-    Raises:
-        LogError: where a file can't be read.
+    Raises LogError where a file can't be read.
     """
     if path.is_file():
         return _digest(path)
@@ -102,10 +92,8 @@ def _digest(path: Path) -> str:
 
 
 def stamp_of_seconds(text: str) -> int:
-    """Return a stamp [ns] from seconds as a decimal text, without the loss of a float.
-
-    Raises:
-        ValueError: where it isn't a number, or doesn't fit an int64.
+    """Return a stamp [ns] from seconds as a decimal text, without the loss of a float. Raises ValueError where it isn't
+    a number, or doesn't fit an int64.
     """
     try:
         seconds = Decimal(text)
@@ -119,9 +107,7 @@ def stamp_of_seconds(text: str) -> int:
 
 def stamp_of_time(text: str) -> int:
     """Return a stamp [ns] from seconds (or, where they are too many, ms, us or ns) since 1970, or a time in ISO 8601.
-
-    Raises:
-        ValueError: where it is none of these.
+    Raises ValueError where it is none of these.
     """
     if "-" in text[1:] and ":" in text:
         if (found := _date_ns(text.strip().replace(" ", "T"))) < 0:
@@ -160,11 +146,7 @@ def track_number(text: str) -> int:
 
 
 def parse_number(text: str, where: str, column: str) -> float:
-    """Return a number, also one that isn't finite.
-
-    Raises:
-        LogError: where the text is none.
-    """
+    """Return a number, also one that isn't finite. Raises LogError where the text is none."""
     try:
         return float(text)
     except ValueError:
@@ -172,11 +154,7 @@ def parse_number(text: str, where: str, column: str) -> float:
 
 
 def whole(text: str, where: str, column: str) -> int:
-    """Return a whole number that fits an int64.
-
-    Raises:
-        LogError: where the text is none.
-    """
+    """Return a whole number that fits an int64. Raises LogError where the text is none."""
     value = parse_number(text, where, column)
     if not (abs(value) < 2**53 and value == int(value)):
         raise LogError(f"{where}: {column} is '{text[:40]}', expected a whole number")

@@ -27,9 +27,7 @@ _XACRO = "holds xacro macros; run `xacro FILE > rig.urdf` first, and name that f
 
 def read_urdf(path: Path, content: bytes) -> RigPatch:
     """Return the pose of each link that a fixed joint holds; joints that move are told as such, and have no pose.
-
-    Raises:
-        ConfigError: naming the joint that is wrong.
+    Raises ConfigError naming the joint that is wrong.
     """
     robot = _Robot(path)
     robot.parse(content)
@@ -84,11 +82,7 @@ class _Robot:
         self._path, self._stack = path, list[str]()
 
     def parse(self, content: bytes) -> None:
-        """Read a whole document.
-
-        Raises:
-            ConfigError: where it isn't URDF, is nested too deeply or has a DTD.
-        """
+        """Read a whole document. Raises ConfigError where it isn't URDF, is nested too deeply or has a DTD."""
         parser = expat.ParserCreate("utf-8")
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.StartDoctypeDeclHandler = self._refuse_dtd

@@ -65,15 +65,12 @@ def border_hits(points: Float64, rays: Float64, near_m: float) -> Bool:
 
 NEAR_M = 0.1
 """Points closer than this to the image plane count as behind the camera; for a fisheye, closer to the camera."""
-_SAMPLES = 17
-"""Points along each edge of a box where a lens bends it."""
+_SAMPLES = 17  # Points along each edge of a box where a lens bends it
 
 
 def is_pinhole(camera: CameraModel) -> bool:
-    """Tell whether a camera has no lens distortion, as after rectification.
-
-    Raises:
-        LogError: where its distortion isn't modelled.
+    """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where its distortion isn't
+    modelled.
     """
     return lens_of(camera) is None
 
@@ -88,10 +85,8 @@ def not_projectable(camera: CameraModel) -> str | None:
 
 
 def require_projection(rig: Rig, name: str) -> None:
-    """Refuse a camera into which points can't be projected.
-
-    Raises:
-        LogError: where the rig has no intrinsics of it, or its distortion isn't modelled.
+    """Refuse a camera into which points can't be projected. Raises LogError where the rig has no intrinsics of it, or
+    its distortion isn't modelled.
     """
     if name not in rig.cameras:
         raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
@@ -104,10 +99,8 @@ def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
     """Project points (N, 3) in camera coordinates [m]; returns pixels (N, 2) and depths (N,) [m].
 
     u = f X/Z + c (thesis, Calibration), where a lens bends X/Z and Y/Z before. Depth is Z, for a fisheye the distance.
-    Points nearer than `NEAR_M`, and those that a lens can't see, get NaN pixels.
-
-    Raises:
-        LogError: where the camera's distortion isn't modelled.
+    Points nearer than `NEAR_M`, and those that a lens can't see, get NaN pixels. Raises LogError where the camera's
+    distortion isn't modelled.
     """
     p = np.asarray(xyz, np.float64)
     lens = lens_of(camera)
@@ -133,10 +126,8 @@ def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
 
 
 def rays(camera: CameraModel, uv: Array) -> Float64:
-    """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does.
-
-    Raises:
-        LogError: where the camera's distortion isn't modelled.
+    """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does. Raises LogError
+    where the camera's distortion isn't modelled.
     """
     uv = np.asarray(uv, np.float64)
     y = (uv[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
@@ -149,10 +140,8 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
 
 
 def undistorted(camera: CameraModel, uv: Array) -> Float64:
-    """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see.
-
-    Raises:
-        LogError: where the camera's distortion isn't modelled.
+    """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see. Raises LogError
+    where the camera's distortion isn't modelled.
     """
     if is_pinhole(camera):
         return np.array(uv, np.float64)

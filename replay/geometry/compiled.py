@@ -7,8 +7,7 @@ import numpy as np
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-_ROOM = 20
-"""Corners: a quadrangle cut by four lines has at most 8, if rounding bends it at most 19."""
+_ROOM = 20  # Corners: a quadrangle cut by four lines has at most 8, if rounding bends it at most 19
 
 
 @kernel

@@ -16,10 +16,8 @@ _MIN_POINTS = 8
 class EgoFit:
     """The motion of a radar over ground that most points agree with."""
 
-    velocity_mps: Float64
-    """(2,) forward and left, body axes [m/s]."""
-    share: float
-    """Share of the points that agree."""
+    velocity_mps: Float64  # (2,) forward and left, body axes [m/s]
+    share: float  # Share of the points that agree
     opposite_share: float
     """Share that the best motion the other way round would explain; with aliasing it can be as good."""
 

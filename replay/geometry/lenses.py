@@ -16,8 +16,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.rig import CameraModel
 
-_FARTHEST = 1e4
-"""Directions are recovered up to this tangent of the angle to the axis."""
+_FARTHEST = 1e4  # Directions are recovered up to this tangent of the angle to the axis
 _BORDER_RAYS = 128
 _INSIDE = 1 - 1e-6
 
@@ -50,12 +49,9 @@ class Polynomial:
     k5 r4 + k6 r6) and tangential p1, p2, for r = tan(angle to the axis).
     """
 
-    top: tuple[float, float, float]
-    """k1, k2, k3."""
-    tangential: tuple[float, float]
-    """p1, p2."""
-    bottom: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """k4, k5, k6."""
+    top: tuple[float, float, float]  # k1, k2, k3
+    tangential: tuple[float, float]  # p1, p2
+    bottom: tuple[float, float, float] = (0.0, 0.0, 0.0)  # k4, k5, k6
     is_wide: bool = field(default=False, init=False)
 
     @cached_property
@@ -238,10 +234,8 @@ _ALIASES = {
 def lens_of(camera: CameraModel) -> Lens | None:
     """Return the lens that bends a camera's rays; `None`: a pinhole.
 
-    Coefficients that are all zero mean none, but not for a fisheye: it is equidistant then.
-
-    Raises:
-        LogError: where the model isn't known, or its coefficients don't fit it.
+    Coefficients that are all zero mean none, but not for a fisheye: it is equidistant then. Raises LogError where the
+    model isn't known, or its coefficients don't fit it.
     """
     return _lens(camera.distortion_model, tuple(camera.distortion.tolist()))
 

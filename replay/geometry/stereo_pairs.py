@@ -35,10 +35,8 @@ class Rectified:
     size_wh: tuple[int, int]
     left_map: Maps
     right_map: Maps
-    rectified_T_left: Float64
-    """Matrix (4, 4) that turns camera coordinates of the left camera."""
-    camera: CameraModel
-    """The left camera, rectified."""
+    rectified_T_left: Float64  # Matrix (4, 4) that turns camera coordinates of the left camera
+    camera: CameraModel  # The left camera, rectified
     baseline_m: float
 
     def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
@@ -68,10 +66,8 @@ def _pair(rig: Rig, left: str, right: str) -> Pair | None:
 
 
 def rectified(rig: Rig, pair: Pair) -> Rectified:
-    """Compute how a pair is rectified.
-
-    Raises:
-        LogError: where the lens distortion of one isn't modelled, or images are too small to be matched.
+    """Compute how a pair is rectified. Raises LogError where the lens distortion of one isn't modelled, or images are
+    too small to be matched.
     """
     import cv2
 

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.data.arrays import Array, Float64
 
-_MANY = 2000
-"""From so many points on a compiled loop is used: it takes a fifth of the time."""
+_MANY = 2000  # From so many points on a compiled loop is used: it takes a fifth of the time
 
 
 def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:

@@ -17,10 +17,8 @@ _POSES = ("pose", "odometry")
 
 
 def arranged(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
-    """Return the roles as the setup wants them; without a setup, as they are.
-
-    Raises:
-        ConfigError: where the setup names topics that aren't in the log, that hold something else, or one topic twice.
+    """Return the roles as the setup wants them; without a setup, as they are. Raises ConfigError where the setup names
+    topics that aren't in the log, that hold something else, or one topic twice.
     """
     _require_once(setup)
     found = dict(roles)
@@ -185,10 +183,8 @@ def _renamed(key: str, names: Mapping[str, str]) -> str:
 
 
 def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[int]:
-    """Return the channels of a topic with boxes; without a name, of the only one with results.
-
-    Raises:
-        LogError: where there is no such topic, or several without a name.
+    """Return the channels of a topic with boxes; without a name, of the only one with results. Raises LogError where
+    there is no such topic, or several without a name.
     """
     boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in ("detections", "truth")}
     known = sorted({role.topic for role in boxes.values()})

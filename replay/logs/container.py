@@ -26,8 +26,7 @@ class LogHeader:
 
     log_id: str
     metadata: Mapping[str, str] = field(default_factory=dict)
-    kinds: Mapping[str, Kind] = field(default_factory=dict)
-    """Of the sensors of the rig, by name."""
+    kinds: Mapping[str, Kind] = field(default_factory=dict)  # Of the sensors of the rig, by name
 
 
 def header_of(info: LogInfo, rig: Rig) -> LogHeader:
@@ -44,11 +43,7 @@ def header_record(about: LogHeader) -> dict[str, str]:
 
 
 def read_header(record: Mapping[str, str]) -> LogHeader:
-    """Read what `header_record` made.
-
-    Raises:
-        DecodeError: where the record was changed.
-    """
+    """Read what `header_record` made. Raises DecodeError where the record was changed."""
     items = {key: value for key, value in record.items() if key != _DIGEST}
     if record.get(_DIGEST) != _digest(items) or _ID not in items:
         raise DecodeError("its digest doesn't match")
@@ -76,8 +71,7 @@ class Schema:
     """The definition of a message type, as the container stores it."""
 
     name: str
-    encoding: str
-    """`protobuf`, `ros2msg`, `ros1msg`, `ros2idl` ...; empty: the definition isn't there."""
+    encoding: str  # `protobuf`, `ros2msg`, `ros1msg`, `ros2idl` ...; empty: the definition isn't there
     data: bytes
 
 
@@ -86,8 +80,7 @@ class Channel:
     """A stream of messages of one type on one topic."""
 
     topic: str
-    encoding: str
-    """Of the messages: `protobuf`, `cdr`, `ros1`; `fbench` where the container gives decoded ones."""
+    encoding: str  # Of the messages: `protobuf`, `cdr`, `ros1`; `fbench` where the container gives decoded ones
     schema: Schema | None = None
     metadata: Mapping[str, str] = field(default_factory=dict)
 
@@ -101,11 +94,7 @@ class Stored(Protocol):
     """A message that a container holds in fbench's own columns."""
 
     def read(self) -> Message | TruthPart:
-        """Return the message.
-
-        Raises:
-            DecodeError: where its columns don't fit together.
-        """
+        """Return the message. Raises DecodeError where its columns don't fit together."""
         ...
 
 

@@ -13,8 +13,7 @@ from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
 BODY = "body"
 BODIES = (BODY, "base_link", "base_footprint", "ego_vehicle", "ego")
 """What the body's coordinate frame is called, the first of these that is met on the way to the root."""
-_MIN_QUATERNION, _MAX = 1e-100, 1e100
-"""Squares of what is smaller vanish, of what is larger overflow."""
+_MIN_QUATERNION, _MAX = 1e-100, 1e100  # Squares of what is smaller vanish, of what is larger overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +21,8 @@ class Edge:
     """The pose of a coordinate frame in its parent's."""
 
     parent: str
-    translation_m: Float64
-    """(3,) [m]."""
-    rotation_xyzw: Float64
-    """(4,) quaternion, as it was given."""
+    translation_m: Float64  # (3,) [m]
+    rotation_xyzw: Float64  # (4,) quaternion, as it was given
 
     def equals(self, other: "Edge") -> bool:
         """Tell whether both are the same, bit for bit."""
@@ -55,11 +52,7 @@ class TransformTree:
         return old is None or not old.equals(edge)
 
     def path(self, frame: str) -> list[str]:
-        """Coordinate frames from `frame` to its root.
-
-        Raises:
-            DecodeError: where the transforms form a loop.
-        """
+        """Coordinate frames from `frame` to its root. Raises DecodeError where the transforms form a loop."""
         path = [frame]
         while path[-1] in self.edges:
             parent = self.edges[path[-1]].parent
@@ -83,11 +76,9 @@ class TransformTree:
             return False
 
     def body(self, frames: list[str]) -> str | None:
-        """Coordinate frame that counts as the body of sensors with these `frames`: the one that is called so, else
-        the root of all; `None` without frames.
-
-        Raises:
-            DecodeError: where the transforms form a loop, or nothing links the frames with each other.
+        """Coordinate frame that counts as the body of sensors with these `frames`: the one that is called so, else the
+        root of all; `None` without frames. Raises DecodeError where the transforms form a loop, or nothing links the
+        frames with each other.
         """
         paths = [self.path(frame) for frame in frames]
         named = [name for name in map(self._body_on, paths) if name is not None]
@@ -102,10 +93,8 @@ class TransformTree:
         """Translation (3,) and quaternion (4,) of `frame` in the body's; `None` where nothing links them.
 
         A direct transform is returned as it is stored, a chain is composed, also over a common parent; a sensor in the
-        body's frame sits at 0.
-
-        Raises:
-            DecodeError: where the transforms form a loop, or one of them isn't finite or its quaternion zero.
+        body's frame sits at 0. Raises DecodeError where the transforms form a loop, or one of them isn't finite or its
+        quaternion zero.
         """
         path = self.path(frame)
         if frame == body:
@@ -178,21 +167,16 @@ class CoordinateFrames:
 
     rig: Rig
     tree: TransformTree
-    body: str
-    """What the log calls the body's coordinate frame."""
+    body: str  # What the log calls the body's coordinate frame
     sensors: Mapping[str, str] = field(default_factory=dict)
     """Names of sensors by their coordinate frame, and by the topic of their messages."""
-    world: str = ""
-    """Coordinate frame in which the log's poses are; empty: it isn't told."""
+    world: str = ""  # Coordinate frame in which the log's poses are; empty: it isn't told
     camera0_is_body: bool = False
     """Whether the body's coordinates are those of KITTI's camera 0 with axes turned, as importers of KITTI have it."""
 
     def body_T(self, name: str) -> Float64 | None:
         """Matrix (4, 4) that moves points from a coordinate frame, given by its name or that of a sensor, to the body;
-        `None` where nothing links them.
-
-        Raises:
-            DecodeError: where the transforms form a loop.
+        `None` where nothing links them. Raises DecodeError where the transforms form a loop.
         """
         if name in ("", BODY, self.body):
             return pose_matrix([0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])

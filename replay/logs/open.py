@@ -19,14 +19,12 @@ from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
 
 T = TypeVar("T")
-_IDS = 2**32
-"""Channel `c` of part `p` gets the id `p * _IDS + c`."""
+_IDS = 2**32  # Channel `c` of part `p` gets the id `p * _IDS + c`
 
 
 @dataclass(frozen=True)
 class _Part:
-    offset: int
-    """Its number."""
+    offset: int  # Its number
     start_ns: int
     container: Container
 
@@ -93,26 +91,20 @@ def _start_ns(container: Container) -> int:
 
 
 LOG_JSON = "log.json"
-_METADATA = "metadata.yaml"
-"""Of rosbag2."""
+_METADATA = "metadata.yaml"  # Of rosbag2
 
 
 def open_log(path: Path, faults: FaultLog, topics: Sequence[str] = (), setup: Setup | None = None) -> LogReader:
     """Open a log; what is wrong with its data is counted in `faults`, `topics` are patterns of those that are read,
-    `setup` is what the user says about it.
-
-    Raises:
-        LogError: where the file can't be read or isn't a log.
-        ConfigError: where a pattern fits nothing, or the setup doesn't fit the log.
+    `setup` is what the user says about it. Raises LogError where the file can't be read or isn't a log. Raises
+    ConfigError where a pattern fits nothing, or the setup doesn't fit the log.
     """
     return LogReader(open_container(path, faults), topics, setup, faults)
 
 
 def open_container(path: Path, faults: FaultLog) -> Container:
-    """Open an MCAP file, a Parquet folder, a ROS 1 bag, a rosbag2 file or folder, or a folder of such files.
-
-    Raises:
-        LogError: where it can't be read or is none of these.
+    """Open an MCAP file, a Parquet folder, a ROS 1 bag, a rosbag2 file or folder, or a folder of such files. Raises
+    LogError where it can't be read or is none of these.
     """
     if path.name == LOG_JSON or (path / LOG_JSON).is_file():
         from fbench.replay.logs.containers.parquet.folder import ParquetFolder
@@ -176,14 +168,11 @@ _MAX_NS = 2**63 - 1
 class Storage:
     """The form of a log."""
 
-    form: str
-    """`MCAP`, `Parquet`, `ROS 1 bag`, `rosbag2 (SQLite)`, `folder`."""
+    form: str  # `MCAP`, `Parquet`, `ROS 1 bag`, `rosbag2 (SQLite)`, `folder`
     num_bytes: int
-    compression: tuple[str, ...] | None = None
-    """Of its blocks; `None`: not known."""
+    compression: tuple[str, ...] | None = None  # Of its blocks; `None`: not known
     num_blocks: int | None = None
-    is_indexed: bool = True
-    """Whether it could be surveyed without reading its messages."""
+    is_indexed: bool = True  # Whether it could be surveyed without reading its messages
 
 
 def storage(container: Container, times: Mapping[int, Int64] | None) -> Storage:

@@ -14,12 +14,9 @@ from fbench.replay.logs.rig import RigState, first_state
 class PartialRig:
     """The sensors of a log, with their calibration where it is there."""
 
-    kinds: Mapping[str, Kind]
-    """All sensors, by name."""
-    rig: Rig
-    """Mounts and cameras that are known."""
-    problems: Mapping[str, str]
-    """What is missing of the others, by sensor."""
+    kinds: Mapping[str, Kind]  # All sensors, by name
+    rig: Rig  # Mounts and cameras that are known
+    problems: Mapping[str, str]  # What is missing of the others, by sensor
 
 
 def partial_rig(reader: LogReader) -> PartialRig:

@@ -15,8 +15,7 @@ from fbench.replay.logs.coordinate_frames import Edge, TransformTree, invalid
 from fbench.replay.logs.rig import RigState
 from fbench.replay.logs.roles import Role
 
-_MAX_SEARCHED = 2000
-"""So many messages are searched for the world."""
+_MAX_SEARCHED = 2000  # So many messages are searched for the world
 
 
 class TfPoses:
@@ -39,10 +38,8 @@ class TfPoses:
 
     def take(self, transforms: Sequence[tuple[str, Edge]], stamps_ns: Sequence[int], log_ns: int) -> Pose | None:
         """Take the transforms of one message, and return where the body is if any of them lies on the way to the world:
-        at the newest of their stamps, else at `log_ns`.
-
-        Raises:
-            DecodeError: where the transforms form a loop, or one has no valid rotation.
+        at the newest of their stamps, else at `log_ns`. Raises DecodeError where the transforms form a loop, or one has
+        no valid rotation.
         """
         for child, edge in transforms:
             self._tree.put(child, edge)
@@ -70,10 +67,8 @@ class TfSource:
     container: Container
     roles: Mapping[int, Role]
     topic: str
-    state: Callable[[], RigState]
-    """What is known of coordinate frames as the log begins."""
-    wanted: str = ""
-    """Coordinate frame of the world; empty: the one above all others."""
+    state: Callable[[], RigState]  # What is known of coordinate frames as the log begins
+    wanted: str = ""  # Coordinate frame of the world; empty: the one above all others
 
     @cached_property
     def channels(self) -> frozenset[int]:
@@ -89,20 +84,14 @@ class TfSource:
         return self.topic.strip("/")
 
     def poses(self) -> TfPoses:
-        """Begin a pass over the log.
-
-        Raises:
-            LogError: where no transform says where the body is.
-        """
+        """Begin a pass over the log. Raises LogError where no transform says where the body is."""
         state = self.state()
         return TfPoses(self.name, state.tree, state.body(), self.world)
 
     @cached_property
     def world(self) -> str:
-        """Coordinate frame above all others of the body, or the wanted one, as the first messages say.
-
-        Raises:
-            LogError: where no transform says where the body is.
+        """Coordinate frame above all others of the body, or the wanted one, as the first messages say. Raises LogError
+        where no transform says where the body is.
         """
         state = self.state()
         tree, body = TransformTree(dict(state.tree.edges)), state.body()
@@ -125,10 +114,8 @@ class TfSource:
 
 
 def of_body(pose: Pose, body_T_child: Float64) -> Pose:
-    """Return the body's pose from that of a coordinate frame which is fixed to it (4, 4).
-
-    Raises:
-        DecodeError: where the pose has no valid rotation.
+    """Return the body's pose from that of a coordinate frame which is fixed to it (4, 4). Raises DecodeError where the
+    pose has no valid rotation.
     """
     try:
         world_T_child = pose_matrix(pose.translation_m, pose.rotation_xyzw)

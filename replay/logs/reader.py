@@ -35,10 +35,8 @@ _MAX_STAMP_NS = 2**63 - 1
 class LogReader:
     """One log; implements `fbench.replay.contracts.protocols.Reader`.
 
-    Holds only blocks that overlap in time. Faults are counted once, however many passes are made.
-
-    Raises:
-        ConfigError: where a pattern in `topics` fits nothing.
+    Holds only blocks that overlap in time. Faults are counted once, however many passes are made. Raises ConfigError
+    where a pattern in `topics` fits nothing.
     """
 
     def __init__(
@@ -76,20 +74,14 @@ class LogReader:
 
     @cached_property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins.
-
-        Raises:
-            LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
+        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
+        the camera that isn't calibrated.
         """
         return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
 
     @cached_property
     def coordinate_frames(self) -> CoordinateFrames:
-        """What names of coordinate frames and cameras mean here.
-
-        Raises:
-            LogError: where the rig is incomplete.
-        """
+        """What names of coordinate frames and cameras mean here. Raises LogError where the rig is incomplete."""
         heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
         names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
         world, is_camera0 = self._poses_in.world, self.info.metadata.get(CAMERA0) == BODY
@@ -217,10 +209,8 @@ class LogReader:
                 yield pose
 
     def detections(self, topic: str) -> Iterator[Truth]:
-        """Results of another system; see `fbench.replay.contracts.protocols.BoxReader`.
-
-        Raises:
-            LogError: where there is no such topic.
+        """Results of another system; see `fbench.replay.contracts.protocols.BoxReader`. Raises LogError where there is
+        no such topic.
         """
         if not topic and self.setup.results is not None:
             return self._filed(self.setup.results)

@@ -15,8 +15,7 @@ from fbench.replay.logs.rig_patch import FittedPatch, fitted, require_use
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import Setup
 
-_MAX_MOVING = 2000
-"""So many messages of moving transforms are searched for the way from a sensor to the body."""
+_MAX_MOVING = 2000  # So many messages of moving transforms are searched for the way from a sensor to the body
 
 
 @dataclass
@@ -25,21 +24,16 @@ class RigState:
 
     container: Container
     roles: Mapping[int, Role]
-    left_out: frozenset[str] = frozenset()
-    """Sensors that weren't selected."""
+    left_out: frozenset[str] = frozenset()  # Sensors that weren't selected
     setup: Setup = field(default_factory=Setup)
-    patch: FittedPatch = field(default_factory=FittedPatch)
-    """Calibration that goes before the log's."""
-    logged: TransformTree = field(default_factory=TransformTree)
-    """Transforms of the log."""
+    patch: FittedPatch = field(default_factory=FittedPatch)  # Calibration that goes before the log's
+    logged: TransformTree = field(default_factory=TransformTree)  # Transforms of the log
     cameras: dict[str, CameraModel] = field(default_factory=dict)
     """By sensor as the channel's metadata say, else by coordinate frame."""
     neighbours: dict[str, CameraModel] = field(default_factory=dict)
     """By the part of the topic before the last slash, which camera drivers share between image and calibration."""
-    by_topic: dict[str, CameraModel] = field(default_factory=dict)
-    """By topic of the calibration."""
-    calibrated: set[int] = field(default_factory=set)
-    """Channels that gave a calibration."""
+    by_topic: dict[str, CameraModel] = field(default_factory=dict)  # By topic of the calibration
+    calibrated: set[int] = field(default_factory=set)  # Channels that gave a calibration
 
     @property
     def tree(self) -> TransformTree:
@@ -76,8 +70,7 @@ class RigState:
     def rig(self) -> Rig:
         """Return the rig.
 
-        Raises:
-            LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
+        Raises LogError naming the sensor that has no transform, or the camera that isn't calibrated.
         """
         sensors = self._sensors()
         body = self.body()
@@ -94,11 +87,7 @@ class RigState:
         )
 
     def body(self) -> str:
-        """Name of the coordinate frame of the body.
-
-        Raises:
-            LogError: where the sensors aren't linked.
-        """
+        """Name of the coordinate frame of the body. Raises LogError where the sensors aren't linked."""
         if self.setup.body:
             return self.setup.body
         try:
@@ -178,10 +167,8 @@ class RigState:
 def first_state(
     container: Container, roles: Mapping[int, Role], left_out: frozenset[str] = frozenset(), setup: Setup | None = None
 ) -> RigState:
-    """Read what is needed and no more: the first transform of each sensor, the first calibration of each camera.
-
-    Raises:
-        ConfigError: where calibration from elsewhere fits none of the sensors.
+    """Read what is needed and no more: the first transform of each sensor, the first calibration of each camera. Raises
+    ConfigError where calibration from elsewhere fits none of the sensors.
     """
     said = setup or Setup()
     state = RigState(container, roles, left_out, said, fitted(said.rig, roles))

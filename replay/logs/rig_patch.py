@@ -21,8 +21,7 @@ class RigPatch:
     cameras: Mapping[str, CameraModel] = field(default_factory=dict)
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topic of the messages of a name, where the file tells it (`rostopic` of Kalibr): another way to find a sensor."""
-    places: Mapping[str, str] = field(default_factory=dict)
-    """For errors: which file each name comes from."""
+    places: Mapping[str, str] = field(default_factory=dict)  # For errors: which file each name comes from
     moving: Mapping[str, str] = field(default_factory=dict)
     """Children whose pose a file can't tell, and why: `joint 'pan' (revolute)`. The log may."""
 
@@ -40,8 +39,7 @@ class FittedPatch:
 
     edges: Mapping[str, Edge] = field(default_factory=dict)
     """By coordinate frame; the parent `body` is the body, whatever the log calls it."""
-    cameras: Mapping[str, CameraModel] = field(default_factory=dict)
-    """By sensor."""
+    cameras: Mapping[str, CameraModel] = field(default_factory=dict)  # By sensor
     frames: Mapping[str, str] = field(default_factory=dict)
     """Coordinate frame of each sensor that the patch gives one of its own."""
 
@@ -71,10 +69,8 @@ class FittedPatch:
 
 
 def fitted(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
-    """Find the sensors that a patch means: by their name, their topic, or their coordinate frame.
-
-    Raises:
-        ConfigError: where a camera of the patch isn't in the log.
+    """Find the sensors that a patch means: by their name, their topic, or their coordinate frame. Raises ConfigError
+    where a camera of the patch isn't in the log.
     """
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     by_topic = {role.topic: role.sensor for role in sensors.values()}
@@ -126,10 +122,8 @@ def _same_place(parent: str) -> Edge:
 
 
 def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
-    """Refuse transforms that none of a log's sensors stands on: their names must be wrong.
-
-    Raises:
-        ConfigError: naming the file and the log's sensors.
+    """Refuse transforms that none of a log's sensors stands on: their names must be wrong. Raises ConfigError naming
+    the file and the log's sensors.
     """
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}

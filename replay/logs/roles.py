@@ -11,8 +11,7 @@ from fbench.replay.logs.codecs.foxglove.topics import FRAME_NUMBER, KIND, SENSOR
 from fbench.replay.logs.container import Channel, Container, Schema
 from fbench.replay.logs.coordinate_frames import BODIES
 
-STORED = "fbench"
-"""Encoding of channels whose messages the container gives decoded."""
+STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
 _ROS = ("cdr", "ros1")
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
@@ -26,17 +25,12 @@ class Role:
     `odometry`: poses that count only where the user names their topic."""
     topic: str
     sensor: str = ""
-    frame_id: str = ""
-    """Coordinate frame of the sensor; of odometry that whose pose is given, where messages name it."""
-    codec: Codec | None = None
-    """`None` where the container gives decoded messages."""
-    numbered: bool = False
-    """Whether the container's sequence number is the frame number."""
+    frame_id: str = ""  # Coordinate frame of the sensor; of odometry that whose pose is given, where messages name it
+    codec: Codec | None = None  # `None` where the container gives decoded messages
+    numbered: bool = False  # Whether the container's sequence number is the frame number
     size_wh: tuple[int, int] | None = None
-    world: str = ""
-    """Coordinate frame in which poses are given, where messages name it."""
-    is_own: bool = False
-    """Whether fbench wrote the channel."""
+    world: str = ""  # Coordinate frame in which poses are given, where messages name it
+    is_own: bool = False  # Whether fbench wrote the channel
 
     @property
     def is_static(self) -> bool:
@@ -45,10 +39,8 @@ class Role:
 
 
 def roles(container: Container) -> dict[int, Role]:
-    """Roles of the channels that fbench understands, by id; the other topics are counted.
-
-    Raises:
-        LogError: where one topic holds messages of two schemas that both are understood.
+    """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
+    topic holds messages of two schemas that both are understood.
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
@@ -83,10 +75,8 @@ class Codecs:
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return the codec for a channel's messages; `None` where fbench has none.
-
-        Raises:
-            DecodeError: where the definition of its type is damaged.
+        """Return the codec for a channel's messages; `None` where fbench has none. Raises DecodeError where the
+        definition of its type is damaged.
         """
         if channel.encoding == "protobuf":
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
@@ -183,10 +173,8 @@ def _check_schemas(container: Container, channels: Iterable[int]) -> None:
 
 def selected(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:
     """Keep the measurements and poses whose topic or sensor fits a pattern (`*`, `?`, `[...]`); `!` before a pattern
-    leaves out what fits it. Transforms, calibrations of kept cameras and truth stay.
-
-    Raises:
-        ConfigError: where a pattern fits nothing.
+    leaves out what fits it. Transforms, calibrations of kept cameras and truth stay. Raises ConfigError where a pattern
+    fits nothing.
     """
     streams = {id_: role for id_, role in roles.items() if role.kind in MESSAGES}
     for pattern in patterns:

@@ -20,18 +20,13 @@ class SensorSetup:
 
     topic: str
     kind: Kind
-    frame: str = ""
-    """Its coordinate frame; empty: as its messages say."""
-    calibration: str = ""
-    """Topic with the intrinsics of a camera; empty: as names and coordinate frames tell."""
-    doppler: Doppler = "receding"
-    """When recorded radial velocities are positive."""
-    ego_motion: EgoMotion = "included"
-    """Whether recorded radial velocities hold the vehicle's own motion."""
+    frame: str = ""  # Its coordinate frame; empty: as its messages say
+    calibration: str = ""  # Topic with the intrinsics of a camera; empty: as names and coordinate frames tell
+    doppler: Doppler = "receding"  # When recorded radial velocities are positive
+    ego_motion: EgoMotion = "included"  # Whether recorded radial velocities hold the vehicle's own motion
     velocity_period_mps: float | None = None
     """Radial velocities alias with this period [m/s]; 0: unambiguous; `None`: as the log says."""
-    optional: bool = False
-    """Whether a log may lack the topic."""
+    optional: bool = False  # Whether a log may lack the topic
 
 
 @dataclass(frozen=True)
@@ -39,12 +34,9 @@ class BoxSource:
     """A file or folder with boxes: ground truth, or results of another system."""
 
     path: Path
-    format: str | None = None
-    """One of `formats.open.FORMATS`; `None`: as its names and content tell."""
-    frame: str = ""
-    """Coordinate frame of 3D boxes: `body`, `world`, that of a sensor; empty: as file or format say."""
-    camera: str = ""
-    """Camera of 2D boxes; empty: as the file says, else the only one."""
+    format: str | None = None  # One of `formats.open.FORMATS`; `None`: as its names and content tell
+    frame: str = ""  # Coordinate frame of 3D boxes: `body`, `world`, that of a sensor; empty: as file or format say
+    camera: str = ""  # Camera of 2D boxes; empty: as the file says, else the only one
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,30 +45,21 @@ class Setup:
 
     sensors: Mapping[str, SensorSetup] = field(default_factory=dict)
     """By name: these and no others; empty: as the log says."""
-    body: str = ""
-    """Coordinate frame of the body; empty: as its name tells."""
-    pose: str = ""
-    """Topic with the poses of the body; empty: as the log says."""
-    world: str = ""
-    """Coordinate frame in which poses from transforms are wanted; empty: the one above all others."""
+    body: str = ""  # Coordinate frame of the body; empty: as its name tells
+    pose: str = ""  # Topic with the poses of the body; empty: as the log says
+    world: str = ""  # Coordinate frame in which poses from transforms are wanted; empty: the one above all others
     rig: RigPatch = field(default_factory=RigPatch)
-    truth_topics: tuple[str, ...] | None = None
-    """Topics of ground truth; `None`: as their names tell."""
-    result_topics: tuple[str, ...] = ()
-    """Topics of another system's results."""
-    truth: BoxSource | None = None
-    """Ground truth instead of that of the log."""
+    truth_topics: tuple[str, ...] | None = None  # Topics of ground truth; `None`: as their names tell
+    result_topics: tuple[str, ...] = ()  # Topics of another system's results
+    truth: BoxSource | None = None  # Ground truth instead of that of the log
     results: BoxSource | None = None
     classes: Mapping[str, str] = field(default_factory=dict)
     """Label of fbench, or `ignore`, for the name that a source gives to a class."""
-    source: str = ""
-    """Where this was read, for errors."""
+    source: str = ""  # Where this was read, for errors
 
 
-MAX_SKEW_NS = 60_000_000_000
-"""Clocks that differ by more can't be one clock with a delay [ns]."""
-MAX_OFFSET_MS = 4e12
-"""Over a hundred years: what is added to a stamp of today still fits 64 bits."""
+MAX_SKEW_NS = 60_000_000_000  # Clocks that differ by more can't be one clock with a delay [ns]
+MAX_OFFSET_MS = 4e12  # Over a hundred years: what is added to a stamp of today still fits 64 bits
 
 StampSource = Literal["header", "log"]
 
@@ -99,21 +82,15 @@ class StampParams:
         return message if stamp == message.stamp_ns else replace(message, stamp_ns=stamp)
 
     def require_known(self, sensors: Collection[str]) -> None:
-        """Refuse offsets of sensors that aren't there.
-
-        Raises:
-            ConfigError: naming the nearest one.
-        """
+        """Refuse offsets of sensors that aren't there. Raises ConfigError naming the nearest one."""
         for name in sorted(self.offsets_ns):
             if name not in sensors and name not in self.assumed:
                 raise ConfigError(f"--offset {name}: no such sensor{did_you_mean(name, sensors)}")
 
 
 def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
-    """Read `--stamps` and the `SENSOR=MS` of `--offset`.
-
-    Raises:
-        ConfigError: where one can't be understood, or a sensor has two offsets.
+    """Read `--stamps` and the `SENSOR=MS` of `--offset`. Raises ConfigError where one can't be understood, or a sensor
+    has two offsets.
     """
     if source not in get_args(StampSource):
         raise ConfigError(f"--stamps {source}: expected 'header' or 'log'")
@@ -149,10 +126,8 @@ class ClockCheck:
         self._skews_ns: dict[str, int] = {}
 
     def check(self, message: Message) -> None:
-        """Take a message with the stamp that counts.
-
-        Raises:
-            LogError: where the clock of its sensor, or of one that spoke before the reference, is another.
+        """Take a message with the stamp that counts. Raises LogError where the clock of its sensor, or of one that
+        spoke before the reference, is another.
         """
         if message.sensor in self._skews_ns:
             return

@@ -21,14 +21,11 @@ class PosesIn:
     """The poses of a log: whether there are any, and in which coordinate frame."""
 
     are_there: bool
-    world: str = ""
-    """Empty: it isn't told."""
+    world: str = ""  # Empty: it isn't told
 
     def link(self, frame: str, body: str) -> bool:
-        """Tell whether poses alone link a coordinate frame to the body.
-
-        Raises:
-            DecodeError: where it stands still, but poses are in another one.
+        """Tell whether poses alone link a coordinate frame to the body. Raises DecodeError where it stands still, but
+        poses are in another one.
         """
         if not self.are_there or frame == body or frame not in {*WORLDS, self.world} - {""}:
             return False
@@ -45,11 +42,8 @@ def in_body(
 ) -> TruthPart:
     """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
 
-    Boxes in the coordinate frame of the log's poses are left in it, and say so.
-
-    Raises:
-        DecodeError: where nothing links the boxes' coordinate frame to the body, poses are in another world, or no
-            camera has it.
+    Boxes in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links
+    the boxes' coordinate frame to the body, poses are in another world, or no camera has it.
     """
     truth = part.truth
     if truth.boxes3d is not None and part.frame_ids:
@@ -94,8 +88,7 @@ def _moved(boxes: Boxes3D, frame: str, tree: TransformTree, body: str) -> Boxes3
     return moved(boxes, pose_matrix(*pose))
 
 
-WINDOW = 256
-"""Truth is put into the order of its stamps within so many, which bounds memory."""
+WINDOW = 256  # Truth is put into the order of its stamps within so many, which bounds memory
 
 
 def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:

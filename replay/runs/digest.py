@@ -13,10 +13,8 @@ import xxhash
 from fbench.replay.data.arrays import Array
 
 _SIZE = 16
-_BULK = 4096
-"""From so many bytes on XXH3-128 is taken first."""
-START = "0" * 2 * _SIZE
-"""First link of every chain."""
+_BULK = 4096  # From so many bytes on XXH3-128 is taken first
+START = "0" * 2 * _SIZE  # First link of every chain
 
 
 class Digest:
@@ -27,9 +25,7 @@ class Digest:
 
     def add(self, value: object) -> None:
         """Append a value: `None`, bool, int, float, str, bytes, array, dataclass, or mapping and sequence of these.
-
-        Raises:
-            TypeError: for any other type.
+        Raises TypeError for any other type.
         """
         if is_dataclass(value) and not isinstance(value, type):
             self._head("dataclass", type(value).__name__)

@@ -29,8 +29,7 @@ from fbench.replay.runs.tables import BoxTable, BoxWriter, column_array, read_bo
 B = TypeVar("B", Boxes2D, Boxes3D)
 _FRAMES_AT_ONCE = 256
 _CLOCKS: tuple[ClockName, ...] = get_args(ClockName)
-FRAMES, POSE = "frames.parquet", "pose"
-"""The table of frames; its column that is there where the log has poses."""
+FRAMES, POSE = "frames.parquet", "pose"  # The table of frames; its column that is there where the log has poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +40,15 @@ class FrameRecord:
     stamp_ns: int
     segment: int
     frame_number: int | None
-    missing: Mapping[str, str]
-    """Why a sensor was missing, by its name."""
+    missing: Mapping[str, str]  # Why a sensor was missing, by its name
     digest: str
     chain: str
-    failed: str | None = None
-    """Why the pipeline gave nothing."""
+    failed: str | None = None  # Why the pipeline gave nothing
     truth_stamp_ns: int | None = None
     """Stamp of the truth that belongs to the frame, or its own where that lies between truths; `None`: not labelled,
     and so not scored.
     """
-    truth_spaces: str = ""
-    """What is labelled: `3d`, `2d` or `3d 2d`."""
+    truth_spaces: str = ""  # What is labelled: `3d`, `2d` or `3d 2d`
 
 
 class RunWriter:
@@ -296,10 +292,8 @@ class Run:
         return self._at(index, "2d", Boxes2D)
 
     def truth_table(self, space: Literal["3d", "2d"]) -> BoxTable:
-        """3D truth, or recorded 2D truth, of all frames that have it; empty where none has.
-
-        Raises:
-            RunError: where frames have such truth, but the file isn't there.
+        """3D truth, or recorded 2D truth, of all frames that have it; empty where none has. Raises RunError where
+        frames have such truth, but the file isn't there.
         """
         table, kind = (self._truth3d, Boxes3D) if space == "3d" else (self._truth2d, Boxes2D)
         if table is None:

@@ -27,8 +27,7 @@ class LogEntry(_Strict):
 
     name: str
     log_id: str
-    digest: str
-    """blake2b over all messages that were read, in canonical order."""
+    digest: str  # blake2b over all messages that were read, in canonical order
     metadata: dict[str, str]
 
 
@@ -77,14 +76,10 @@ class FrameEntry(_Strict):
     tolerance_ns: int
     max_gap_ns: int
     max_jump_ns: int = 1_000_000_000
-    stamps: str = "header"
-    """Which time counts as the instant of measurement: `header` or `log`."""
-    offsets_ns: dict[str, int] = {}
-    """Added to the stamps of a sensor."""
-    topics: list[str] = []
-    """Patterns of those that were read; empty: all."""
-    sensors: list[str] = []
-    """Patterns of the sensors that the pipeline got; empty: all."""
+    stamps: str = "header"  # Which time counts as the instant of measurement: `header` or `log`
+    offsets_ns: dict[str, int] = {}  # Added to the stamps of a sensor
+    topics: list[str] = []  # Patterns of those that were read; empty: all
+    sensors: list[str] = []  # Patterns of the sensors that the pipeline got; empty: all
     excerpt: str = "all"
     """Which frames were replayed: `all`, or half-open ranges such as `from +5ns to 90ns frames 30:40`."""
 
@@ -92,30 +87,23 @@ class FrameEntry(_Strict):
 class InputEntry(_Strict):
     """A file beside the log that decided how it was read."""
 
-    role: str
-    """`config`, `rig` or `results`."""
-    name: str
-    """Without the folder."""
-    digest: str
-    """blake2b over the file, or over names and content of the folder's files."""
+    role: str  # `config`, `rig` or `results`
+    name: str  # Without the folder
+    digest: str  # blake2b over the file, or over names and content of the folder's files
 
 
 class TruthEntry(_Strict):
     """A file that ground truth came from, instead of the log."""
 
-    name: str
-    """Without the folder."""
-    format: str
-    """One of `formats.open.FORMATS`."""
-    digest: str
-    """blake2b over the file, or over names and content of the folder's files."""
+    name: str  # Without the folder
+    format: str  # One of `formats.open.FORMATS`
+    digest: str  # blake2b over the file, or over names and content of the folder's files
 
 
 class InterpolationEntry(_Strict):
     """Frames that have no truth of their own, but got some from the truths around them."""
 
-    max_gap_ns: int = 0
-    """Those truths are at most this far apart; 0: no frame did."""
+    max_gap_ns: int = 0  # Those truths are at most this far apart; 0: no frame did
     num_frames: int = 0
 
 
@@ -124,8 +112,7 @@ class VariantEntry(_Strict):
 
     name: str
     title: str
-    base: str
-    """The pipeline."""
+    base: str  # The pipeline
     sets: list[str]
     """Names of the parameters that it sets; their values are among `parameters`, where the command line's come last."""
 
@@ -134,30 +121,23 @@ class Manifest(_Strict):
     """What ran, and whether all of it did."""
 
     format: int = FORMAT
-    complete: bool
-    """False where data was lost beyond the fault budget."""
+    complete: bool  # False where data was lost beyond the fault budget
     log: LogEntry
     pipeline: str
     parameters: dict[str, Any]
-    variant: VariantEntry | None = None
-    """`None`: the pipeline is none."""
+    variant: VariantEntry | None = None  # `None`: the pipeline is none
     frames: FrameEntry
-    inputs: list[InputEntry] = []
-    """Files beside the log that decided how it was read."""
-    truth: TruthEntry | None = None
-    """`None`: ground truth is the log's own."""
+    inputs: list[InputEntry] = []  # Files beside the log that decided how it was read
+    truth: TruthEntry | None = None  # `None`: ground truth is the log's own
     interpolation: InterpolationEntry = InterpolationEntry()
     mounts: dict[str, MountEntry]
     cameras: dict[str, CameraEntry]
-    rig_changes: list[RigEntry] = []
-    """Where mounts or cameras changed within the log."""
+    rig_changes: list[RigEntry] = []  # Where mounts or cameras changed within the log
     num_frames: int
     num_segments: int
-    digest: str
-    """The last link of the chain of frame digests."""
+    digest: str  # The last link of the chain of frame digests
     versions: dict[str, str]
-    redacted: bool = False
-    """Whether names, paths, places and poses were left out."""
+    redacted: bool = False  # Whether names, paths, places and poses were left out
 
     @property
     def rig(self) -> Rig:
@@ -206,11 +186,7 @@ def _unnamed(manifest: Manifest) -> Manifest:
 
 
 def load_manifest(path: Path) -> Manifest:
-    """Read a manifest.
-
-    Raises:
-        RunError: where there is none, or it is of another version.
-    """
+    """Read a manifest. Raises RunError where there is none, or it is of another version."""
     try:
         return Manifest.model_validate_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

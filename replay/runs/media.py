@@ -24,18 +24,15 @@ class Picture:
     """A camera image, scaled down."""
 
     jpeg: bytes
-    size_wh: tuple[int, int]
-    """Of the picture itself; the camera model's size is that of the original [px]."""
+    size_wh: tuple[int, int]  # Of the picture itself; the camera model's size is that of the original [px]
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points of a LiDAR or radar, thinned out."""
 
-    xyz: Float32
-    """(N, 3) in body coordinates [m]."""
-    speed_mps: Float32
-    """(N,) radial velocity, positive receding; NaN where the sensor doesn't measure it."""
+    xyz: Float32  # (N, 3) in body coordinates [m]
+    speed_mps: Float32  # (N,) radial velocity, positive receding; NaN where the sensor doesn't measure it
 
 
 @dataclass(frozen=True, eq=False)

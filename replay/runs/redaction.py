@@ -12,10 +12,8 @@ from fbench.replay.runs.digest import digest
 from fbench.replay.runs.folder import FrameRecord
 from fbench.replay.runs.manifest import Manifest
 
-_NEEDED = re.compile(r"reference|radar\..+|kitti\.camera0")
-"""Keys of a log's metadata that pipelines and reports read."""
-_FILE = re.compile(r"[/\\]|\w\.[A-Za-z]")
-"""What texts have in which a file may be named."""
+_NEEDED = re.compile(r"reference|radar\..+|kitti\.camera0")  # Keys of a log's metadata that pipelines and reports read
+_FILE = re.compile(r"[/\\]|\w\.[A-Za-z]")  # What texts have in which a file may be named
 _COMMANDS = ("command",)
 _REDACTED = "redacted"
 

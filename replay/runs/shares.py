@@ -15,10 +15,8 @@ class Predictions:
     """What stands for detections though nothing was detected."""
 
     num_predicted: int
-    num_detections: int
-    """Predicted ones included."""
-    every: int | None
-    """Detection ran in every so many-th frame, as the pipeline's parameters say; `None`: they don't."""
+    num_detections: int  # Predicted ones included
+    every: int | None  # Detection ran in every so many-th frame, as the pipeline's parameters say; `None`: they don't
 
     def __str__(self) -> str:
         """Such as `120 of 400 detections, as detection ran in one frame of 3; scores count them`."""
@@ -44,8 +42,7 @@ class Coverage:
 
     num_labelled: int
     num_frames: int
-    num_between: int = 0
-    """Labelled ones that have no truth of their own, but lie between truths."""
+    num_between: int = 0  # Labelled ones that have no truth of their own, but lie between truths
 
     @property
     def share(self) -> float:

@@ -31,8 +31,7 @@ _FILL = {"f": np.nan, "i": -1, "u": 0, "b": False, "U": ""}
 class BoxTable:
     """The boxes of all frames of a run, in the order of the frames."""
 
-    frames: Int64
-    """(N,) index of the frame of each box, ascending."""
+    frames: Int64  # (N,) index of the frame of each box, ascending
     boxes: Boxes
 
     def at(self, index: int) -> Boxes:
@@ -100,10 +99,8 @@ def _column(array: Array | None, kind: pa.DataType, length: int) -> pa.Array:
 
 
 def read_boxes(path: Path) -> BoxTable:
-    """Read what `BoxWriter` wrote; fields that no frame had are `None`, single nulls become NaN, -1 or empty.
-
-    Raises:
-        RunError: where the file is missing or isn't a table of boxes.
+    """Read what `BoxWriter` wrote; fields that no frame had are `None`, single nulls become NaN, -1 or empty. Raises
+    RunError where the file is missing or isn't a table of boxes.
     """
     table = read_table(path)
     kind = {b"Boxes2D": Boxes2D, b"Boxes3D": Boxes3D}.get((table.schema.metadata or {}).get(b"boxes", b""))
@@ -141,8 +138,7 @@ def column_array(column: pa.ChunkedArray) -> Array:
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
     """Read a Parquet file, or some of its columns, checksums verified.
 
-    Raises:
-        RunError: where it is missing or damaged.
+    Raises RunError where it is missing or damaged.
     """
     try:
         return pq.read_table(

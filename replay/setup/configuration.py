@@ -39,12 +39,9 @@ class FramesTable(_Strict):
 class BodyTable(_Strict):
     """`[body]`: where sensors are."""
 
-    frame: str = ""
-    """Coordinate frame of the body; empty: as its name tells."""
-    pose: str = ""
-    """Topic with poses of the body in the world; empty: as the log says."""
-    world: str = ""
-    """Coordinate frame in which poses from `/tf` are wanted; empty: the one above all others."""
+    frame: str = ""  # Coordinate frame of the body; empty: as its name tells
+    pose: str = ""  # Topic with poses of the body in the world; empty: as the log says
+    world: str = ""  # Coordinate frame in which poses from `/tf` are wanted; empty: the one above all others
     rig: tuple[Name, ...] = Field(default=(), strict=False, max_length=100)
     """Files with calibration, relative to this one; the first one that names a sensor counts."""
 
@@ -103,11 +100,7 @@ _TABLES: Mapping[str, type[BaseModel]] = {
 
 
 def load_config(path: Path) -> Config:
-    """Read a file.
-
-    Raises:
-        ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names the key.
-    """
+    """Read a file. Raises ConfigError where it can't be read, isn't TOML, or holds what isn't known; names the key."""
     try:
         return Config.model_validate(parse_toml(_content(path)))
     except TomlError as error:
@@ -117,10 +110,8 @@ def load_config(path: Path) -> Config:
 
 
 def setup_of(config: Config, path: Path) -> Setup:
-    """Return what a configuration that was read from `path` says about a log.
-
-    Raises:
-        ConfigError: where a file that it names is missing, damaged, or lies outside of its folder.
+    """Return what a configuration that was read from `path` says about a log. Raises ConfigError where a file that it
+    names is missing, damaged, or lies outside of its folder.
     """
     patch = RigPatch()
     for name in config.body.rig:
@@ -142,10 +133,7 @@ def setup_of(config: Config, path: Path) -> Setup:
 
 def inside(config: Path, name: str) -> Path:
     """Path of a file that a configuration names: it must lie in the configuration's folder, or below, and so must all
-    that the links in a folder lead to.
-
-    Raises:
-        ConfigError: where it doesn't.
+    that the links in a folder lead to. Raises ConfigError where it doesn't.
     """
     folder = config.parent.resolve()
     if Path(name).is_absolute() or not _is_inside(folder, folder / name):

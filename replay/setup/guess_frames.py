@@ -20,10 +20,8 @@ class Clocks:
 
     use_log: bool = False
     why: str = ""
-    offsets_ms: Mapping[str, float] = field(default_factory=dict)
-    """Added to the stamps of a sensor."""
-    notes: Mapping[str, str] = field(default_factory=dict)
-    """What is odd about the stamps of a sensor."""
+    offsets_ms: Mapping[str, float] = field(default_factory=dict)  # Added to the stamps of a sensor
+    notes: Mapping[str, str] = field(default_factory=dict)  # What is odd about the stamps of a sensor
 
     def stamps_line(self) -> Line | None:
         """Say which stamps count, where it isn't those of the headers."""
@@ -87,8 +85,7 @@ def _names(names: Sequence[str] | Mapping[str, int]) -> str:
 
 _DEFAULT = SyncParams()
 _STEP_MS = 5.0
-_MAX_TOLERANCE_MS = 1e9
-"""As a configuration may have."""
+_MAX_TOLERANCE_MS = 1e9  # As a configuration may have
 _MAX_TIMEOUT_MS = 1000.0
 
 

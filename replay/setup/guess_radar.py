@@ -57,8 +57,7 @@ class _Vote:
     """What one scan says."""
 
     window: int
-    ahead_mps: float
-    """What the scan says of things straight ahead that stand still, with the sign of its numbers."""
+    ahead_mps: float  # What the scan says of things straight ahead that stand still, with the sign of its numbers
     is_still: bool
 
 

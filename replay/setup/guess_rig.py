@@ -24,12 +24,9 @@ from fbench.replay.setup.inspection import Heard, Line, Look
 class Body:
     """Where sensors are."""
 
-    line: Line | None
-    """`None`: the log says so itself."""
-    rig: Rig
-    """Of the sensors that have a place, and the cameras among them that are calibrated."""
-    problems: Mapping[str, str]
-    """What the others lack, by name of the sensor."""
+    line: Line | None  # `None`: the log says so itself
+    rig: Rig  # Of the sensors that have a place, and the cameras among them that are calibrated
+    problems: Mapping[str, str]  # What the others lack, by name of the sensor
 
 
 def guess_body(
@@ -113,8 +110,7 @@ def _from_transforms(look: Look) -> tuple[Line, ...]:
 
 
 _TRIES = 3
-_TRANSPORTS = ("compressed", "theora", "ffmpeg", "raw")
-"""Below the topic of an image."""
+_TRANSPORTS = ("compressed", "theora", "ffmpeg", "raw")  # Below the topic of an image
 
 
 @dataclass(frozen=True, eq=False)

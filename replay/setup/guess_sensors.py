@@ -116,8 +116,7 @@ class Candidate:
 class Choice:
     """What the topics with measurements are."""
 
-    sensors: tuple[Candidate, ...]
-    """By name."""
+    sensors: tuple[Candidate, ...]  # By name
     left_out: tuple[LeftOut, ...]
 
 

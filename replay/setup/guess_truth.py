@@ -57,8 +57,7 @@ def _is_rig(name: str) -> bool:
     return suffix == ".urdf" or (suffix in (".yaml", ".yml", ".toml") and any(word in stem for word in _RIG_WORDS))
 
 
-_MAX_ENTRIES = 500
-"""Messages with boxes of a window that are read for their classes."""
+_MAX_ENTRIES = 500  # Messages with boxes of a window that are read for their classes
 _MAX_CLASSES = 100
 _MAX_NAME = 200
 
@@ -69,8 +68,7 @@ class _Met:
 
     nums: Counter[str] = field(default_factory=Counter)
     labels: dict[str, Counter[str]] = field(default_factory=dict)
-    certain: dict[str, bool] = field(default_factory=dict)
-    """False where nobody has said what a name means."""
+    certain: dict[str, bool] = field(default_factory=dict)  # False where nobody has said what a name means
 
 
 def truth_table(look: Look, beside: Beside) -> Table:

@@ -18,8 +18,7 @@ from fbench.replay.setup.inspection import Draft, Heard, LeftOut, Line, Table, U
 _OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
                 "box", "label", "odom", "pose", "navsat")  # fmt: skip
 _MAX_UNREAD = 30
-_UPRIGHT = 0.9
-"""Cosine between two axes that are nearly one."""
+_UPRIGHT = 0.9  # Cosine between two axes that are nearly one
 
 
 def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
@@ -122,8 +121,7 @@ _MAX_COMMENT = 300
 class Placed:
     """Where a line of the draft came to stand."""
 
-    number: int
-    """Of its line in the file, from 1 on."""
+    number: int  # Of its line in the file, from 1 on
     table: Table
     line: Line
 

@@ -30,22 +30,18 @@ class Line:
     key: str
     value: Value
     why: str = ""
-    is_guess: bool = False
-    """Whether somebody should look at it."""
-    is_active: bool = True
-    """Else it is only suggested, as a comment."""
+    is_guess: bool = False  # Whether somebody should look at it
+    is_active: bool = True  # Else it is only suggested, as a comment
 
 
 @dataclass(frozen=True)
 class Table:
     """One table."""
 
-    path: tuple[str, ...]
-    """`("sensors", "front")` is `[sensors.front]`."""
+    path: tuple[str, ...]  # `("sensors", "front")` is `[sensors.front]`
     lines: tuple[Line, ...]
     why: str = ""
-    notes: tuple[str, ...] = ()
-    """Comments above it."""
+    notes: tuple[str, ...] = ()  # Comments above it
     is_active: bool = True
     is_guess: bool = False
 
@@ -62,19 +58,15 @@ class LeftOut:
 class Draft:
     """A whole configuration."""
 
-    log: str
-    """Name of the log."""
+    log: str  # Name of the log
     tables: tuple[Table, ...]
     left_out: tuple[LeftOut, ...] = ()
 
 
 NUM_WINDOWS = 4
-MAX_ENTRIES = 800
-"""Messages of a window."""
-MAX_BYTES = 128 * 1024 * 1024
-"""Payload of a window."""
-_STORED_BYTES = 100_000
-"""What a message counts that the container gives decoded, without telling its size."""
+MAX_ENTRIES = 800  # Messages of a window
+MAX_BYTES = 128 * 1024 * 1024  # Payload of a window
+_STORED_BYTES = 100_000  # What a message counts that the container gives decoded, without telling its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +162,7 @@ def compensated_field(fields: tuple[str, ...]) -> str:
 
 
 MEASURED = (*SENSORS, "pose", "odometry")
-_MAX_SCANS = 12
-"""Radar scans of a window that are kept."""
+_MAX_SCANS = 12  # Radar scans of a window that are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +170,7 @@ class Seen:
     """One message of a sample."""
 
     window: int
-    stamp_ns: int
-    """As recorded, 0 where it has none."""
+    stamp_ns: int  # As recorded, 0 where it has none
     log_ns: int
     num_points: int | None = None
     scan: RadarScan | None = None
@@ -194,13 +184,10 @@ class Heard:
     role: Role
     schema: str
     num_messages: int
-    fields: tuple[str, ...] = ()
-    """Of the points of a cloud."""
-    log_ns: Int64 | None = None
-    """Of all messages, ascending, where the index tells them."""
+    fields: tuple[str, ...] = ()  # Of the points of a cloud
+    log_ns: Int64 | None = None  # Of all messages, ascending, where the index tells them
     seen: tuple[Seen, ...] = ()
-    size_wh: tuple[int, int] | None = None
-    """Of the first image [px]."""
+    size_wh: tuple[int, int] | None = None  # Of the first image [px]
 
     @property
     def topic(self) -> str:
@@ -237,8 +224,7 @@ class Look:
     container: Container
     roles: Mapping[int, Role]
     times: Mapping[int, Int64] | None
-    heard: tuple[Heard, ...]
-    """By topic."""
+    heard: tuple[Heard, ...]  # By topic
     unread: tuple[Unread, ...]
 
     @property
@@ -261,11 +247,7 @@ class _Topic:
 
 
 def look_at(container: Container) -> Look:
-    """Look at a log; what can't be decoded is passed over.
-
-    Raises:
-        LogError: where it can't be read.
-    """
+    """Look at a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
     found, times = roles(container), container.log_times()
     topics: dict[str, _Topic] = {}
     for id_, role in sorted(found.items()):

@@ -26,10 +26,8 @@ _DETECT_EVERY = "detect_every"
 
 
 def choose_pipeline(name: str | None, detections: BoxSource | None) -> str:
-    """Return the pipeline that is meant: detections in a file need none to be named.
-
-    Raises:
-        ConfigError: where none is named, or one that doesn't read detections.
+    """Return the pipeline that is meant: detections in a file need none to be named. Raises ConfigError where none is
+    named, or one that doesn't read detections.
     """
     if detections is None and name is None:
         raise ConfigError("which pipeline? give --pipeline NAME (see fbench plugins), or --detections PATH")
@@ -41,11 +39,7 @@ def choose_pipeline(name: str | None, detections: BoxSource | None) -> str:
 
 @dataclass(frozen=True)
 class ReplayRequest:
-    """One replay; travels as JSON.
-
-    Raises:
-        ConfigError: where an option isn't as expected; see `resolve`.
-    """
+    """One replay; travels as JSON. Raises ConfigError where an option isn't as expected; see `resolve`."""
 
     log: LogRequest
     pipeline: str
@@ -115,11 +109,8 @@ class ReplayRequest:
         return _ADAPTER.validate_json(text)
 
     def resolve(self) -> "ReplayOptions":
-        """Read all options, with those of the log's configuration where the request leaves them open.
-
-        Raises:
-            ConfigError: where an option isn't as expected.
-            LogError: where a file beside the log can't be used.
+        """Read all options, with those of the log's configuration where the request leaves them open. Raises
+        ConfigError where an option isn't as expected. Raises LogError where a file beside the log can't be used.
         """
         source, sensors = log_source(self.log), make_sensors(self.sensors)
         return ReplayOptions(

@@ -55,18 +55,15 @@ class LogSource:
     frames: FramesTable = field(default_factory=FramesTable)
     offsets_ms: Mapping[str, float] = field(default_factory=dict)
     topics: Sequence[str] = ()
-    inputs: Sequence[InputEntry] = ()
-    """Files beside the log that matter."""
+    inputs: Sequence[InputEntry] = ()  # Files beside the log that matter
 
     def open(self, faults: FaultLog) -> LogReader:
         """Open the log; see `open_log`."""
         return open_log(self.path, faults, self.topics, self.setup)
 
     def used(self) -> list[InputEntry]:
-        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself.
-
-        Raises:
-            ConfigError: where the results aren't there.
+        """Say which files beside the log decide what a run holds, for its manifest; truth says so itself. Raises
+        ConfigError where the results aren't there.
         """
         results = self.setup.results
         if results is None:
@@ -76,11 +73,8 @@ class LogSource:
         return [*self.inputs, input_entry("results", results.path)]
 
     def truth_entry(self) -> TruthEntry | None:
-        """Say where truth comes from, where it isn't the log itself.
-
-        Raises:
-            ConfigError: where the file isn't there.
-            LogError: where its form isn't known.
+        """Say where truth comes from, where it isn't the log itself. Raises ConfigError where the file isn't there.
+        Raises LogError where its form isn't known.
         """
         if self.setup.truth is None:
             return None
@@ -95,10 +89,8 @@ class LogSource:
     def sync(
         self, reference: str | None, timeout_ms: float | None, tolerance_ms: float | None, max_gap_s: float | None
     ) -> SyncParams:
-        """How messages become frames: as the command line says, else as the configuration does.
-
-        Raises:
-            ConfigError: where a duration isn't a number, or negative.
+        """How messages become frames: as the command line says, else as the configuration does. Raises ConfigError
+        where a duration isn't a number, or negative.
         """
         own = self.frames
         return make_sync_params(
@@ -109,10 +101,8 @@ class LogSource:
         )
 
     def stamps(self, source: str | None, offsets: Sequence[str]) -> StampParams:
-        """Which stamps count: as the command line says, else as the configuration does.
-
-        Raises:
-            ConfigError: where one can't be understood, or a sensor has two offsets.
+        """Which stamps count: as the command line says, else as the configuration does. Raises ConfigError where one
+        can't be understood, or a sensor has two offsets.
         """
         given = make_stamp_params(source or self.frames.stamps, offsets)
         own = {name: round(ms * 1e6) for name, ms in self.offsets_ms.items() if ms and name not in given.offsets_ns}
@@ -121,10 +111,8 @@ class LogSource:
 
 
 def log_source(request: LogRequest) -> LogSource:
-    """Read the configuration and calibration that go with a log.
-
-    Raises:
-        ConfigError: where one of the files can't be used.
+    """Read the configuration and calibration that go with a log. Raises ConfigError where one of the files can't be
+    used.
     """
     path = _config_path(request)
     config = Config(version=1) if path is None else load_config(path)
@@ -140,11 +128,7 @@ def log_source(request: LogRequest) -> LogSource:
 
 
 def input_entry(role: str, path: Path) -> InputEntry:
-    """Say which file was used, without where it lies.
-
-    Raises:
-        LogError: where it can't be read.
-    """
+    """Say which file was used, without where it lies. Raises LogError where it can't be read."""
     return InputEntry(role=role, name=path.name, digest=digest_of(path))
 
 
@@ -159,9 +143,5 @@ def _config_path(request: LogRequest) -> Path | None:
 
 
 def classes_of(config: str | None) -> Mapping[str, str]:
-    """Return the classes that a configuration names, none without one.
-
-    Raises:
-        ConfigError: where it can't be used.
-    """
+    """Return the classes that a configuration names, none without one. Raises ConfigError where it can't be used."""
     return {} if config in (None, NO_CONFIG) else load_config(Path(config)).classes

@@ -153,10 +153,8 @@ class Placed:
 
     truth: Truth
     index: int | None
-    is_source: bool
-    """Whether its stamp is of the clock of the frames, so that others can be interpolated with it."""
-    is_used: bool = False
-    """Whether a frame between truths got boxes from it."""
+    is_source: bool  # Whether its stamp is of the clock of the frames, so that others can be interpolated with it
+    is_used: bool = False  # Whether a frame between truths got boxes from it
 
     @property
     def stamp_ns(self) -> int:

@@ -17,8 +17,7 @@ from fbench.replay.geometry.transforms import inverse
 
 LabelledBoxes = TypeVar("LabelledBoxes", Boxes2D, Boxes3D)
 
-TOLERANCE_NS = 10_000_000
-"""Truth without a frame number belongs to the nearest frame not farther away than this."""
+TOLERANCE_NS = 10_000_000  # Truth without a frame number belongs to the nearest frame not farther away than this
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +25,7 @@ class Instant:
     """A frame that was opened, chosen or not."""
 
     index: int
-    stamp_ns: int
-    """Of the reference's message as recorded, which truth refers to."""
+    stamp_ns: int  # Of the reference's message as recorded, which truth refers to
     frame_number: int | None
     is_chosen: bool
     segment: int = 0

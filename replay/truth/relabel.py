@@ -34,12 +34,9 @@ _TABLES = ("truth.parquet", "truth_2d.parquet")
 class Relabelled:
     """How much of a file of truth a run could use."""
 
-    num_truths: int
-    """Instants in the file."""
-    num_matched: int
-    """Frames of the run that it labels."""
-    num_between: int = 0
-    """Those among them that have no truth of their own, but lie between truths."""
+    num_truths: int  # Instants in the file
+    num_matched: int  # Frames of the run that it labels
+    num_between: int = 0  # Those among them that have no truth of their own, but lie between truths
 
 
 def relabel(

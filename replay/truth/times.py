@@ -15,16 +15,13 @@ from fbench.replay.truth.labelling import TOLERANCE_NS, Instant, Labelling, alik
 MAX_GAP_NS = 600_000_000
 """Truth moves to the instant of its frame only between truths that aren't farther apart: keyframes of 2 Hz, say."""
 MAX_BETWEEN_MS = 60_000
-_NO_CAMERA = ""
-"""Stands for all where nothing was in any of them."""
+_NO_CAMERA = ""  # Stands for all where nothing was in any of them
 _Pair = tuple[Placed, Placed]
 
 
 def make_max_between_ns(gap_ms: float) -> int:
-    """Return how far truths may be apart for frames between them to get truth.
-
-    Raises:
-        ConfigError: where it isn't a time of at most a minute: so much truth is held in memory.
+    """Return how far truths may be apart for frames between them to get truth. Raises ConfigError where it isn't a time
+    of at most a minute: so much truth is held in memory.
     """
     if not 0 <= gap_ms <= MAX_BETWEEN_MS:
         raise ConfigError(f"--interpolate-truth {gap_ms:g}: not a number of ms from 0 to {MAX_BETWEEN_MS}")

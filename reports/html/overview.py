@@ -40,8 +40,7 @@ class Bar:
     p95: float
     p99: float
     max: float
-    cut: bool
-    """The slowest frame lies beyond the scale."""
+    cut: bool  # The slowest frame lies beyond the scale
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,7 @@ class LatencyPanel:
     table: LatencyTable | None
     host: Sequence[tuple[str, str]]
     bars: Sequence[Bar]
-    budget: float
-    """Position of the budget in percent."""
+    budget: float  # Position of the budget in percent
     scale_ms: float
 
 
@@ -151,11 +149,9 @@ class Overview:
     log_digest: str
     digest: str
     complete: bool
-    lost: int | None
-    """How many faults lost data; `None` where the run has no `faults.json`."""
+    lost: int | None  # How many faults lost data; `None` where the run has no `faults.json`
     losses: Sequence[FaultRow]
-    predictions: Predictions | None
-    """What stands for detections though nothing was detected."""
+    predictions: Predictions | None  # What stands for detections though nothing was detected
 
 
 @dataclass(frozen=True)
@@ -249,13 +245,11 @@ def _flat(value: Any, prefix: str = "") -> dict[str, str]:
 class Notice:
     """One banner."""
 
-    level: str
-    """`bad`, `warn` or `info`."""
+    level: str  # `bad`, `warn` or `info`
     head: str
     text: str
     losses: Sequence[FaultRow] = ()
-    who: Sequence[str] = ()
-    """Labels of the runs it is about."""
+    who: Sequence[str] = ()  # Labels of the runs it is about
 
 
 def notices(overviews: Sequence[Overview]) -> list[Notice]:
@@ -305,8 +299,7 @@ class FaultLine:
     text: str
     loses_data: bool
     counts: Sequence[str]
-    places: Sequence[tuple[str, Sequence[str]]]
-    """First places by label of the run."""
+    places: Sequence[tuple[str, Sequence[str]]]  # First places by label of the run
     total: int
 
 

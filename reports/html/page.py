@@ -95,11 +95,8 @@ class HtmlReport:
     """
 
     def write(self, runs: Sequence[Run], out: Path) -> None:
-        """Write the report of `runs` to `out`, which appears only when whole.
-
-        Raises:
-            ConfigError: without runs, or where `out` can't be written.
-            RunError: where a run folder is damaged.
+        """Write the report of `runs` to `out`, which appears only when whole. Raises ConfigError without runs, or where
+        `out` can't be written. Raises RunError where a run folder is damaged.
         """
         if not runs:
             raise ConfigError("report: no runs given; name at least one run folder")

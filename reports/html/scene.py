@@ -131,10 +131,8 @@ def _place(rig: Rig, name: str, rect: Float64, distance: float | None, rate: flo
     return {"place": place.tolist(), "velocity": velocity}
 
 
-MAX_POINTS = 4000
-"""Of one cloud; more can't be told apart at the size of the view."""
-MAX_BARE = 40
-"""Frames that are shown by their boxes alone."""
+MAX_POINTS = 4000  # Of one cloud; more can't be told apart at the size of the view
+MAX_BARE = 40  # Frames that are shown by their boxes alone
 _CM = 100.0
 _NO_SPEED = -32768
 

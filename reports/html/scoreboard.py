@@ -32,14 +32,10 @@ class Cell:
 
     text: str
     unit: str = ""
-    reason: str = ""
-    """Why there is no value."""
-    share: float | None = None
-    """The value, where it is a ratio that a bar can show."""
-    counts: str = ""
-    """All raw counts."""
-    short_counts: str = ""
-    """Those that make up the value."""
+    reason: str = ""  # Why there is no value
+    share: float | None = None  # The value, where it is a ratio that a bar can show
+    counts: str = ""  # All raw counts
+    short_counts: str = ""  # Those that make up the value
 
 
 @dataclass(frozen=True)
@@ -74,22 +70,17 @@ class Part:
     """Recall, precision and F1 in one slice, of every run."""
 
     slice: str
-    cells: Sequence[Cell]
-    """Three for each run, one run after the other."""
+    cells: Sequence[Cell]  # Three for each run, one run after the other
 
 
 @dataclass(frozen=True)
 class Scoreboard:
     """All scores of all runs."""
 
-    boards: Sequence[Board]
-    """Primary metrics of the first class, one board a matching."""
-    parts: Sequence[Part]
-    """Slices of the first board: by distance, visibility, sensor and region."""
-    lines: Sequence[Line]
-    """Every score."""
-    unscored: Sequence[str]
-    """Labels of runs without scores."""
+    boards: Sequence[Board]  # Primary metrics of the first class, one board a matching
+    parts: Sequence[Part]  # Slices of the first board: by distance, visibility, sensor and region
+    lines: Sequence[Line]  # Every score
+    unscored: Sequence[str]  # Labels of runs without scores
 
 
 def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
@@ -172,8 +163,7 @@ class ResultCell:
     """One figure as text."""
 
     text: str
-    published: str
-    """What the source system's authors give; empty where they give nothing."""
+    published: str  # What the source system's authors give; empty where they give nothing
     reason: str
     counts: str
 

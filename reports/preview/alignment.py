@@ -20,13 +20,11 @@ from fbench.reports.preview.sample import Sample, edge_strength, sample_image
 WIDTH_PX = 640
 STEP_DEG = 0.5
 REACH_DEG = 4.0
-MIN_EDGES = 60
-"""With fewer edges of depth in all images nothing is said."""
+MIN_EDGES = 60  # With fewer edges of depth in all images nothing is said
 MIN_GAIN = 0.06
 MIN_SUPPORT, MIN_STRIPES = 0.6, 8
 _STRIPES, _STRIPE_EDGES = 12, 5
-_MAX_EDGES = 600
-"""Of one frame; more tell nothing new."""
+_MAX_EDGES = 600  # Of one frame; more tell nothing new
 MIN_SCORE = 1.15
 _AXES = "xyz"
 
@@ -37,15 +35,11 @@ class Alignment:
 
     camera: str
     num_edges: int
-    turn_deg: tuple[float, float, float]
-    """The rotation vector that fits best, in steps of half a degree."""
-    score: float
-    """Mean strength of image edges under LiDAR edges, as calibrated; the mean of the image is 1."""
+    turn_deg: tuple[float, float, float]  # The rotation vector that fits best, in steps of half a degree
+    score: float  # Mean strength of image edges under LiDAR edges, as calibrated; the mean of the image is 1
     best_score: float
-    support: float
-    """Share of the stripes of images in which that turn is better than the calibration."""
-    num_stripes: int
-    """Upright stripes of images with enough edges, of all frames together."""
+    support: float  # Share of the stripes of images in which that turn is better than the calibration
+    num_stripes: int  # Upright stripes of images with enough edges, of all frames together
 
     @property
     def is_off(self) -> bool:
@@ -95,8 +89,7 @@ class _Evidence:
     """One image and the edges of the sweeps that go with it."""
 
     field: Float32
-    edges: Float64
-    """(N, 3) in camera coordinates [m]."""
+    edges: Float64  # (N, 3) in camera coordinates [m]
 
 
 def align(samples: Sequence[Sample], camera: str) -> Alignment:
@@ -199,14 +192,10 @@ class StereoView:
     """One frame of a pair."""
 
     picture: Pixels
-    found_share: float
-    """Share of pixels to which a depth was found."""
-    num_compared: int
-    """LiDAR points in 3 to 40 m at whose pixel stereo has a depth."""
-    median_error: float | None
-    """Median of |stereo - LiDAR| / LiDAR; `None` with too few points."""
-    median_bias: float | None
-    """Median of (stereo - LiDAR) / LiDAR."""
+    found_share: float  # Share of pixels to which a depth was found
+    num_compared: int  # LiDAR points in 3 to 40 m at whose pixel stereo has a depth
+    median_error: float | None  # Median of |stereo - LiDAR| / LiDAR; `None` with too few points
+    median_bias: float | None  # Median of (stereo - LiDAR) / LiDAR
 
     @property
     def caption(self) -> str:

@@ -22,20 +22,15 @@ _MANY, _FEW = 20_000, 4_000
 class Layer:
     """Points in an image, the farthest first, so that near ones are drawn over them."""
 
-    uv_px: Float64
-    """(N, 2) in the image."""
+    uv_px: Float64  # (N, 2) in the image
     depth_m: Float64
-    radii_px: Float64
-    """(N,) larger for nearer points and for sparse ones, so that both can be seen."""
-    colors: Colors
-    """(N, 3)."""
+    radii_px: Float64  # (N,) larger for nearer points and for sparse ones, so that both can be seen
+    colors: Colors  # (N, 3)
 
 
 def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
-    """Points of all placed sensors of one kind that lie in the image of a camera.
-
-    Raises:
-        LogError: where the lens distortion of the camera isn't modelled.
+    """Points of all placed sensors of one kind that lie in the image of a camera. Raises LogError where the lens
+    distortion of the camera isn't modelled.
     """
     points = sample.placed(kind)
     xyz = np.concatenate([p.xyz for p in points]) if points else np.zeros((0, 3))
@@ -55,10 +50,8 @@ def _radii(depth_m: Float64) -> Float64:
 
 
 def wires(sample: Sample, camera: str) -> Iterator[Float64]:
-    """Edges of the 3D boxes of the truth as lines (M, 2) of pixels, NaN where they aren't seen.
-
-    Raises:
-        LogError: where the lens distortion of the camera isn't modelled.
+    """Edges of the 3D boxes of the truth as lines (M, 2) of pixels, NaN where they aren't seen. Raises LogError where
+    the lens distortion of the camera isn't modelled.
     """
     edges = project_edges(sample.rig, camera, boxes3d(sample.truth))
     yield from edges.reshape(-1, *edges.shape[2:])
@@ -97,8 +90,7 @@ class Window:
     top: int
     width: int
     height: int
-    scale: float
-    """Pixels of the picture per pixel of the image."""
+    scale: float  # Pixels of the picture per pixel of the image
 
     @property
     def size_wh(self) -> tuple[int, int]:
@@ -151,10 +143,8 @@ def bare(sample: Sample, camera: str) -> Pixels:
 
 
 def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
-    """The image with the points of all LiDARs or radars, and truth.
-
-    Raises:
-        LogError: where the lens distortion of the camera isn't modelled.
+    """The image with the points of all LiDARs or radars, and truth. Raises LogError where the lens distortion of the
+    camera isn't modelled.
     """
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
@@ -166,10 +156,8 @@ def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
 
 
 def zoom(sample: Sample, camera: str, kind: Kind) -> Pixels | None:
-    """LiDAR or radar around the nearest truth, else where most points are, large; `None` where there is neither.
-
-    Raises:
-        LogError: where the lens distortion of the camera isn't modelled.
+    """LiDAR or radar around the nearest truth, else where most points are, large; `None` where there is neither. Raises
+    LogError where the lens distortion of the camera isn't modelled.
     """
     found = layer(sample, camera, kind)
     rect = _interesting(sample, camera, found)

@@ -42,10 +42,8 @@ class Shown:
 class Verdict:
     """One line about calibration, time, Doppler or truth."""
 
-    about: str
-    """Which sensors."""
-    what: str
-    """`alignment`, `stereo`, `time`, `doppler` or `truth`."""
+    about: str  # Which sensors
+    what: str  # `alignment`, `stereo`, `time`, `doppler` or `truth`
     text: str
     is_bad: bool
 
@@ -82,10 +80,8 @@ class Content:
     facts: Sequence[tuple[str, str]]
     sensors: Sequence[SensorRow]
     verdicts: Sequence[Verdict]
-    gaps: Sequence[str]
-    """What can't be shown, and why."""
-    measured: Sequence[Shown]
-    """Rig, times, Doppler and edges: one picture each for the whole log."""
+    gaps: Sequence[str]  # What can't be shown, and why
+    measured: Sequence[Shown]  # Rig, times, Doppler and edges: one picture each for the whole log
     frames: Sequence[FrameContent] = field(default_factory=tuple)
 
     @property
@@ -160,8 +156,7 @@ class Spread(Generic[T]):
         return [self._kept[(i * last + steps // 2) // steps] for i in range(self._num)]
 
 
-MAX_TIMES = 1000
-"""So many instants and arrivals at least are kept for the panel of times, where the log has as many."""
+MAX_TIMES = 1000  # So many instants and arrivals at least are kept for the panel of times, where the log has as many
 _PERIOD = "velocity_period_mps"
 
 

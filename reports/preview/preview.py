@@ -68,8 +68,7 @@ class FramePictures:
 
     album: Album
     ground: Ground
-    lidars: Sequence[str]
-    """All LiDARs, for their colors."""
+    lidars: Sequence[str]  # All LiDARs, for their colors
 
     def of(self, sample: Sample) -> Iterator[Shown]:
         """Draw every camera, and points from above and from the side."""

@@ -15,8 +15,7 @@ from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.transforms import transform
 
-_SPREAD_RAD = (np.radians(0.8), np.radians(0.25))
-"""How far a neighbor is away at most, in azimuth and altitude."""
+_SPREAD_RAD = (np.radians(0.8), np.radians(0.25))  # How far a neighbor is away at most, in azimuth and altitude
 _STEPS, _MAX_SPREAD_RAD = 1.25, np.radians(2.5)
 """A LiDAR whose shots lie farther apart in azimuth has its neighbors within so many steps."""
 _NEIGHBOURS = 8
@@ -91,10 +90,8 @@ class Points:
 
     sensor: str
     kind: Kind
-    xyz: Float64
-    """(N, 3) in body coordinates [m], or in the sensor's own where its place isn't known."""
-    speed_mps: Float64
-    """(N,) radial velocity, positive receding; NaN where it isn't measured."""
+    xyz: Float64  # (N, 3) in body coordinates [m], or in the sensor's own where its place isn't known
+    speed_mps: Float64  # (N,) radial velocity, positive receding; NaN where it isn't measured
     is_placed: bool = True
 
 
@@ -103,8 +100,7 @@ class Sample:
     """One frame that is drawn."""
 
     frame: Frame
-    rig: Rig
-    """Sensors whose place is known, and cameras that are calibrated."""
+    rig: Rig  # Sensors whose place is known, and cameras that are calibrated
     truth: Truth | None = None
     ego_mps: float | None = None
     """How fast the poses of the log say that the body drives forward [m/s]; negative: backwards."""
@@ -116,10 +112,8 @@ class Sample:
         return [name for name in images if self._decoded(name) is not None]
 
     def image(self, camera: str) -> Pixels:
-        """Image (H, W, 3) BGR of one of the `cameras`; decoded anew, since all would take much memory.
-
-        Raises:
-            DecodeError: where it isn't there.
+        """Image (H, W, 3) BGR of one of the `cameras`; decoded anew, since all would take much memory. Raises
+        DecodeError where it isn't there.
         """
         pixels = self._decoded(camera)
         if pixels is None:
@@ -188,8 +182,7 @@ class Instant:
 
     index: int
     stamp_ns: int
-    stamps_ns: Mapping[str, int]
-    """By sensor; missing ones aren't there."""
+    stamps_ns: Mapping[str, int]  # By sensor; missing ones aren't there
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,25 +190,17 @@ class Material:
     """What was read of a log."""
 
     info: LogInfo
-    kinds: Mapping[str, Kind]
-    """All sensors, by name."""
-    rig: Rig
-    """As the log begins, without sensors whose place isn't known."""
-    problems: Mapping[str, str]
-    """What is unknown of the calibration of a sensor, by its name."""
+    kinds: Mapping[str, Kind]  # All sensors, by name
+    rig: Rig  # As the log begins, without sensors whose place isn't known
+    problems: Mapping[str, str]  # What is unknown of the calibration of a sensor, by its name
     reference: str
-    samples: Sequence[Sample]
-    """Frames that are drawn."""
-    kept: Sequence[Sample]
-    """These and more frames, which are measured but not drawn."""
+    samples: Sequence[Sample]  # Frames that are drawn
+    kept: Sequence[Sample]  # These and more frames, which are measured but not drawn
     num_frames: int
     num_labelled: int
-    instants: Sequence[Instant]
-    """Of frames evenly spread over the log."""
-    arrivals: Mapping[str, Sequence[Arrival]]
-    """Of messages evenly spread over the log, by sensor or stream of poses."""
-    num_messages: Mapping[str, int]
-    """Read of each sensor or stream of poses."""
+    instants: Sequence[Instant]  # Of frames evenly spread over the log
+    arrivals: Mapping[str, Sequence[Arrival]]  # Of messages evenly spread over the log, by sensor or stream of poses
+    num_messages: Mapping[str, int]  # Read of each sensor or stream of poses
     missing: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     """In how many frames a sensor is missing, by its name and the reason."""
     periods_mps: Mapping[str, float] = field(default_factory=dict)

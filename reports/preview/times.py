@@ -11,16 +11,14 @@ from fbench.reports.preview import draw
 from fbench.reports.preview.draw import GRID, INK, QUIET, Color, Colors, of_sensor
 from fbench.reports.preview.sample import Material
 
-_MARGIN = (58, 30, 14, 34)
-"""Left, top, right and bottom [px]."""
+_MARGIN = (58, 30, 14, 34)  # Left, top, right and bottom [px]
 
 
 @dataclass(frozen=True)
 class Axes:
     """A rectangle of a picture that shows a range of numbers."""
 
-    rect: tuple[int, int, int, int]
-    """Left, top, width and height [px], margins for labels included."""
+    rect: tuple[int, int, int, int]  # Left, top, width and height [px], margins for labels included
     x: tuple[float, float]
     y: tuple[float, float]
 
@@ -101,16 +99,11 @@ class SensorTimes:
 
     sensor: str
     num_messages: int
-    num_missing: int
-    """Frames without it, of those that were read."""
-    reasons: str
-    """Why it is missing."""
-    shift_ms: tuple[float, float, float] | None
-    """Median, least and most of stamp minus the frame's instant [ms]."""
-    delay_ms: tuple[float, float, float] | None
-    """Median, least and most of log time minus stamp [ms]."""
-    remarks: tuple[str, ...]
-    """What is odd."""
+    num_missing: int  # Frames without it, of those that were read
+    reasons: str  # Why it is missing
+    shift_ms: tuple[float, float, float] | None  # Median, least and most of stamp minus the frame's instant [ms]
+    delay_ms: tuple[float, float, float] | None  # Median, least and most of log time minus stamp [ms]
+    remarks: tuple[str, ...]  # What is odd
 
 
 def sensor_times(material: Material) -> Sequence[SensorTimes]:

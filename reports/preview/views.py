@@ -98,8 +98,7 @@ MAX_PX = 1100
 _REACH_M = 100.0
 _RINGS_M = (5, 10, 20, 30, 40, 50, 60, 80, 100)
 _SIDE_Z_M = (-4.0, 6.0)
-_FOOTPRINT = [0, 2, 3, 1, 0]
-"""Corners of a box around its foot; those of 0 and 2 are in front."""
+_FOOTPRINT = [0, 2, 3, 1, 0]  # Corners of a box around its foot; those of 0 and 2 are in front
 
 
 @dataclass(frozen=True)
@@ -108,8 +107,7 @@ class Ground:
 
     low_m: tuple[float, float]
     high_m: tuple[float, float]
-    scale: float
-    """Pixels per meter."""
+    scale: float  # Pixels per meter
 
     @property
     def size_wh(self) -> tuple[int, int]:

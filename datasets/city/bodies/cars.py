@@ -32,17 +32,12 @@ class Style:
     length_m: Range
     width_m: Range
     height_m: Range
-    cowl: float
-    """Where the windscreen begins."""
+    cowl: float  # Where the windscreen begins
     roof_from: float
-    roof_to: float
-    """Where the rear window begins."""
-    deck: float
-    """Where it ends."""
-    boot: float
-    """Height of the boot lid, or of the rear window's lower edge, as a share of the height."""
-    doors: tuple[float, ...]
-    """Where the side windows begin, are divided by pillars, and end."""
+    roof_to: float  # Where the rear window begins
+    deck: float  # Where it ends
+    boot: float  # Height of the boot lid, or of the rear window's lower edge, as a share of the height
+    doors: tuple[float, ...]  # Where the side windows begin, are divided by pillars, and end
     axles: tuple[float, float]
     sill_m: float = 0.17
     wheel_m: float = 0.315
@@ -86,8 +81,7 @@ def car_profile(style: Style, draw: np.random.Generator) -> Profile:
     )  # fmt: skip
 
 
-_OFTEN: Final = {"hatchback": 0.34, "sedan": 0.22, "estate": 0.16, "suv": 0.28}
-"""How often a style is drawn."""
+_OFTEN: Final = {"hatchback": 0.34, "sedan": 0.22, "estate": 0.16, "suv": 0.28}  # How often a style is drawn
 _TYRE_M: Final = 0.215
 
 

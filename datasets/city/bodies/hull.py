@@ -33,42 +33,28 @@ class Profile:
 
     length_m: float
     width_m: float
-    top: Knots
-    """Height of the center line over s, from nose to tail: bonnet, windscreen, roof, rear window, boot."""
-    belt: Knots
-    """Height of the windows' lower edge over s; follows the top where that is lower."""
-    plan: Knots
-    """Share of the width over s: rounded corners."""
-    sill_m: float
-    """Ground clearance."""
-    mid_m: float
-    """Height where it is widest."""
-    tumblehome: float
-    """How far the sides lean in above the belt, per meter of height."""
-    windscreen: tuple[float, float]
-    """From s to s, where the top is glass."""
+    top: Knots  # Height of the center line over s, from nose to tail: bonnet, windscreen, roof, rear window, boot
+    belt: Knots  # Height of the windows' lower edge over s; follows the top where that is lower
+    plan: Knots  # Share of the width over s: rounded corners
+    sill_m: float  # Ground clearance
+    mid_m: float  # Height where it is widest
+    tumblehome: float  # How far the sides lean in above the belt, per meter of height
+    windscreen: tuple[float, float]  # From s to s, where the top is glass
     rear_window: tuple[float, float]
-    windows: tuple[tuple[float, float], ...]
-    """From s to s, where the sides are glass; pillars lie between them."""
-    axles: tuple[float, ...]
-    """s of the wheels' middles that have arches."""
+    windows: tuple[tuple[float, float], ...]  # From s to s, where the sides are glass; pillars lie between them
+    axles: tuple[float, ...]  # s of the wheels' middles that have arches
     wheel_radius_m: float
-    crown_m: float = 0.045
-    """How much higher the middle is than the edges."""
-    rail_m: float = 0.07
-    """Height of the frame above the side windows."""
-    pillar_m: float = 0.07
-    """Width of the frame beside the windscreen."""
-    arch_m: float = 0.055
-    """Gap between tire and arch."""
+    crown_m: float = 0.045  # How much higher the middle is than the edges
+    rail_m: float = 0.07  # Height of the frame above the side windows
+    pillar_m: float = 0.07  # Width of the frame beside the windscreen
+    arch_m: float = 0.055  # Gap between tire and arch
 
 
 @dataclass(frozen=True, eq=False)
 class Sections:
     """Cross-sections at stations from tail to nose."""
 
-    s_m: Float64
-    """(S,) falling."""
+    s_m: Float64  # (S,) falling
     half_m: Float64
     """(S, 7, 2) y and z of the left half: sill, widest, belt, window's top, roof's edge, pillar's edge, middle."""
 
@@ -124,8 +110,7 @@ def _stations(profile: Profile) -> Float64:
 _PAINT, _GLASS, _BLACK, _SKIRT = range(4)
 _WINDOW, _SCREEN = 2, 5
 """Cells of the left half between belt and window's top, and between the pillar's edge and the middle."""
-_PROUD_M: Final = 0.006
-"""How far what is put on the surface stands out."""
+_PROUD_M: Final = 0.006  # How far what is put on the surface stands out
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +195,7 @@ HEADLIGHT = Skin("headlight", linear("eef0ea"), HEAD)
 TAILLIGHT = Skin("taillight", linear("9c1116"), TAIL)
 BRAKELIGHT = Skin("taillight", linear("b8161b"), BRAKE)
 TURN = Skin("plastic", linear("c8641a"))
-_PLATE_M = (0.52, 0.11)
-"""Width and height of a European licence plate (520 mm x 110 mm)."""
+_PLATE_M = (0.52, 0.11)  # Width and height of a European licence plate (520 mm x 110 mm)
 
 
 def headlights(hull: Hull, z_m: tuple[float, float], inner: float, back_m: float) -> list[Mesh]:
@@ -275,10 +259,8 @@ def grille(hull: Hull, half_m: float, z_m: tuple[float, float], bars: int, skin:
 
 
 _SIDES: Final = 15
-_RIM_SHARE: Final = 0.66
-"""Of the wheel's radius."""
-_GAP: Final = 3
-"""Every so manyth sector of the rim is a gap between spokes."""
+_RIM_SHARE: Final = 0.66  # Of the wheel's radius
+_GAP: Final = 3  # Every so manyth sector of the rim is a gap between spokes
 
 
 def wheel(radius_m: float, width_m: float, rim: Skin) -> Mesh:

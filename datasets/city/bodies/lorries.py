@@ -36,11 +36,9 @@ from fbench.datasets.city.mesh import Body, Mesh, Skin, box, cylinder, merge_mes
 
 WHEEL_M: Final = 0.5
 TYRE_M: Final = 0.31
-OUTER_M: Final = 1.22
-"""Where the wheels' outer sides are; lorries are 2.5 to 2.55 m wide."""
+OUTER_M: Final = 1.22  # Where the wheels' outer sides are; lorries are 2.5 to 2.55 m wide
 CAB_M: Final = 2.1
-FRAME_M: Final = (0.72, 0.98)
-"""From height to height."""
+FRAME_M: Final = (0.72, 0.98)  # From height to height
 
 
 def cab(front_m: float, height_m: float, paint: Skin) -> Mesh:
@@ -127,8 +125,7 @@ def _facing_back(x: float, y: tuple[float, float], z: tuple[float, float], skin:
 KINDS: Final = {"box": 0.4, "semi": 0.25, "flatbed": 0.2, "tanker": 0.15}
 """Kinds of lorries and how often they are drawn."""
 _FLOOR_M: Final = 1.1
-_GAP_M: Final = 0.35
-"""Between cab and load."""
+_GAP_M: Final = 0.35  # Between cab and load
 _WOOD: Final = Skin("cloth", linear("8a6f4d"))
 
 

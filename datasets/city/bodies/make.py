@@ -17,16 +17,11 @@ _MAKERS: Final[Mapping[str, Callable[[np.random.Generator], Body]]] = {
     "car": make_car, "van": make_van, "truck": make_truck, "bus": make_bus, "motorcycle": make_motorcycle,
     "bicycle": make_bicycle, "pedestrian": make_pedestrian,
 }  # fmt: skip
-KINDS: Final = tuple(_MAKERS)
-"""Kinds of bodies; each is the label too."""
+KINDS: Final = tuple(_MAKERS)  # Kinds of bodies; each is the label too
 
 
 def make_body(kind: str, draw: np.random.Generator) -> Body:
-    """Draw a body of a kind: its size, style and colors.
-
-    Raises:
-        ConfigError: where there is no such kind.
-    """
+    """Draw a body of a kind: its size, style and colors. Raises ConfigError where there is no such kind."""
     if kind not in _MAKERS:
         raise ConfigError(f"no road user {kind!r}: choose one of {', '.join(KINDS)}")
     return _MAKERS[kind](draw)

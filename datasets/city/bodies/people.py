@@ -14,30 +14,24 @@ SHOULDER_HALF, HIP_HALF, ANKLE = 0.112, 0.052, 0.039
 HIP, SHOULDER = 0.53, 0.818
 """Lengths as shares of the standing height (Drillis and Contini 1966, as in Winter, Biomechanics and Motor Control of
 Human Movement, fig. 4.1); the joints of shoulders and hips lie further in than its widths over all."""
-SIDES: Final = np.array([1.0, -1.0])
-"""Left, right along y."""
+SIDES: Final = np.array([1.0, -1.0])  # Left, right along y
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
     """Where the joints of one person are [m]; pairs are left, right."""
 
-    height_m: float
-    """Standing."""
-    pelvis: Float64
-    """(3,) between the hips."""
-    neck: Float64
-    """(3,) between the shoulders."""
-    head: Float64
-    """(3,) its middle."""
+    height_m: float  # Standing
+    pelvis: Float64  # (3,) between the hips
+    neck: Float64  # (3,) between the shoulders
+    head: Float64  # (3,) its middle
     shoulders: Float64
     elbows: Float64
     wrists: Float64
     hips: Float64
     knees: Float64
     ankles: Float64
-    toes: Float64
-    """(2, 3) each; the tip of the shoe's sole."""
+    toes: Float64  # (2, 3) each; the tip of the shoe's sole
 
 
 def turn_limb(angle_rad: Array, length_m: float) -> Float64:
@@ -75,16 +69,12 @@ class Appearance:
     skin: Skin
     hair: Skin
     top: Skin
-    sleeve: Skin
-    """Of the forearms: the top's, or bare skin."""
+    sleeve: Skin  # Of the forearms: the top's, or bare skin
     legs: Skin
-    shank: Skin
-    """Of the lower legs: the trousers', or bare skin."""
+    shank: Skin  # Of the lower legs: the trousers', or bare skin
     shoes: Skin
-    girth: float = 1.0
-    """Thickness of trunk and limbs, 1 as usual."""
-    head: float = 1.0
-    """Size of the head, 1 as usual for an adult; more for children."""
+    girth: float = 1.0  # Thickness of trunk and limbs, 1 as usual
+    head: float = 1.0  # Size of the head, 1 as usual for an adult; more for children
     long_hair: bool = False
 
 
@@ -192,12 +182,10 @@ class Walk:
     """One person's way of walking."""
 
     height_m: float
-    stride_rad: float
-    """How far the thighs swing to each side."""
+    stride_rad: float  # How far the thighs swing to each side
     arm_rad: float
     lean_rad: float
-    breadth: float
-    """Width of shoulders and hips, 1 as usual."""
+    breadth: float  # Width of shoulders and hips, 1 as usual
 
 
 def walk_pose(walk: Walk, phase: float) -> Pose:
@@ -237,8 +225,7 @@ def _sole(down_rad: Array, height_m: float) -> Float64:
     return np.asarray(np.column_stack([forward * cos - below * sin, 0 * cos, -forward * sin - below * cos]), np.float64)
 
 
-_CHILDREN: Final = 0.12
-"""Share of pedestrians."""
+_CHILDREN: Final = 0.12  # Share of pedestrians
 
 
 @dataclass(frozen=True)
@@ -247,10 +234,8 @@ class Extras:
 
     hat: Skin | None
     coat: Skin | None
-    hem: float
-    """Where coat or skirt ends: 0 at the hips, 1 at the knees."""
-    from_chest: bool
-    """Whether it begins at the chest, as a coat, or at the waist, as a skirt."""
+    hem: float  # Where coat or skirt ends: 0 at the hips, 1 at the knees
+    from_chest: bool  # Whether it begins at the chest, as a coat, or at the waist, as a skirt
     backpack: Skin | None
     bag: Skin | None
 

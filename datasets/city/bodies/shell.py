@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from fbench.datasets.city.mesh import INDEX, Body, Mesh, Rgb, Skin, merge_meshes
 from fbench.replay.data.arrays import Array, Float64
 
-_LEAST_AREA_M2 = 1e-7
-"""Smaller triangles are left out: nothing would be seen through the gap."""
+_LEAST_AREA_M2 = 1e-7  # Smaller triangles are left out: nothing would be seen through the gap
 
 
 def shell(
@@ -151,8 +150,7 @@ GLASS = Skin("glass", linear("1a2024"))
 CHROME = Skin("metal", linear("b9bdc1"))
 STEEL = Skin("metal", linear("85898d"))
 PLATE = Skin("plate", linear("e8e8e2"))
-_SPREAD: Final = 0.12
-"""How much lighter or darker a thing may be than its color in a table."""
+_SPREAD: Final = 0.12  # How much lighter or darker a thing may be than its color in a table
 
 
 def pick(draw: np.random.Generator, shares: dict[str, float]) -> Rgb:

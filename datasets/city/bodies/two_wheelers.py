@@ -212,8 +212,7 @@ def _rider(rider: Rider, phase: float) -> list[Mesh]:
 
 
 _MOTOR_WHEEL_M: Final = 0.315
-_FRONT_M: Final = 0.72
-"""Where the front wheel is; the wheelbase of 1.44 m is typical of a middle-sized motorcycle."""
+_FRONT_M: Final = 0.72  # Where the front wheel is; the wheelbase of 1.44 m is typical of a middle-sized motorcycle
 _COLORS: Final = {"a3181b": 0.25, "17181b": 0.3, "1f4b9c": 0.15, "e4e4e0": 0.1, "2f6b3a": 0.1, "d9791c": 0.1}
 _JACKETS: Final = {"1b1c1f": 0.6, "4b4f54": 0.15, "7d1f22": 0.1, "23365c": 0.15}
 _HELMETS: Final = {"17181b": 0.35, "e4e4e0": 0.3, "a3181b": 0.15, "c9cf2a": 0.1, "24457f": 0.1}

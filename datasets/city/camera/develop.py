@@ -13,8 +13,7 @@ from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel
 
-SHRINK = 4
-"""Glare is smooth: it is computed at a quarter of the image's width and height."""
+SHRINK = 4  # Glare is smooth: it is computed at a quarter of the image's width and height
 
 
 def glare_of(image: Float32, radius_px: float) -> Float32:
@@ -70,18 +69,13 @@ def mean_across(image: Array, radius: int) -> Array:
     return result
 
 
-_KNEE = 0.75
-"""Up to here the image is linear; above, highlights are compressed and never quite white."""
+_KNEE = 0.75  # Up to here the image is linear; above, highlights are compressed and never quite white
 _MID_GRAY = 0.18
-_READ = 0.15
-"""Share of the noise's variance at mid-gray that doesn't come from light."""
+_READ = 0.15  # Share of the noise's variance at mid-gray that doesn't come from light
 _STEPS, _CURVE_END = 4096, 4.0
-_SOFT = 0.04
-"""Share of a pixel's light that falls on each of its four neighbors."""
-_GLARE = 0.035
-"""Share of what is brighter than white that lens and sensor spread around."""
-_PER_BYTES = 1 / math.sqrt(4 * (256 * 256 - 1) / 12)
-"""One over the standard deviation of the sum of four random bytes."""
+_SOFT = 0.04  # Share of a pixel's light that falls on each of its four neighbors
+_GLARE = 0.035  # Share of what is brighter than white that lens and sensor spread around
+_PER_BYTES = 1 / math.sqrt(4 * (256 * 256 - 1) / 12)  # One over the standard deviation of the sum of four random bytes
 
 
 def tone(linear: Array) -> Float64:
@@ -174,14 +168,12 @@ def _between(pixel: int, num: int) -> tuple[int, int, float]:
     return first, min(first + 1, num - 1), place - first
 
 
-_REACH_M, _NEAREST_M = 4.0, 0.3
-"""Farther drops are too faint to be told apart: they are part of the air's extinction."""
+_REACH_M, _NEAREST_M = 4.0, 0.3  # Farther drops are too faint to be told apart: they are part of the air's extinction
 _SMALLEST_MM = 1.2
 _EXPOSED_S = 0.004
 _PER_M3_MM = 8_000.0
 """Marshall and Palmer (1948): N(D) = 8000 exp(-4.1 R^-0.21 D) drops a cubic meter and millimetre of diameter."""
-_LIGHT = 0.95
-"""A drop shows nearly all that is in front of it, most of it sky (Garg and Nayar 2007)."""
+_LIGHT = 0.95  # A drop shows nearly all that is in front of it, most of it sky (Garg and Nayar 2007)
 
 
 def add_streaks(linear: Float32, now: Instant, model: CameraModel, light: Light) -> None:

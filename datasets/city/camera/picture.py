@@ -17,11 +17,9 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.messages import Image
 from fbench.replay.geometry.kernels import kernel
 
-NOTHING = np.zeros((0, 4), np.float32)
-"""What dry ground mirrors."""
+NOTHING = np.zeros((0, 4), np.float32)  # What dry ground mirrors
 _RANGE_M = 200.0
-_SLOPE = 0.035
-"""By how much the slope of the film of water differs from place to place, chosen by eye."""
+_SLOPE = 0.035  # By how much the slope of the film of water differs from place to place, chosen by eye
 _PLACES_PER_M = 60.0
 _BRIGHTEST = 4.0
 _ASIDE_PX, _UPRIGHT_PX = 1, 5
@@ -200,20 +198,13 @@ def _contrasts(linear: Float32, i: int, j: int) -> bool:
 class Picture:
     """One image and what each pixel shows; pixel (u, v) is at [v, u]."""
 
-    image: Image
-    """As JPEG."""
-    rgb: Array
-    """(H, W, 3) uint8, before it was encoded."""
-    depth_m: Float32
-    """(H, W) Z in camera coordinates; infinite for the sky."""
-    body: Array
-    """(H, W) int32 index of the actor, `STATIC` or `MISS` (the sky)."""
-    material: Array
-    """(H, W) uint8 index into `MATERIALS`; 255 for the sky."""
-    normal: Float32
-    """(H, W, 3) in the world, towards the camera; 0 for the sky."""
-    alone: tuple[tuple[int, Int64], ...]
-    """As `Hits.alone`, with pixels v * W + u."""
+    image: Image  # As JPEG
+    rgb: Array  # (H, W, 3) uint8, before it was encoded
+    depth_m: Float32  # (H, W) Z in camera coordinates; infinite for the sky
+    body: Array  # (H, W) int32 index of the actor, `STATIC` or `MISS` (the sky)
+    material: Array  # (H, W) uint8 index into `MATERIALS`; 255 for the sky
+    normal: Float32  # (H, W, 3) in the world, towards the camera; 0 for the sky
+    alone: tuple[tuple[int, Int64], ...]  # As `Hits.alone`, with pixels v * W + u
 
 
 def picture(now: Instant, spec: CameraSpec) -> Picture:

@@ -13,10 +13,8 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.geometry.kernels import kernel
 
 _RANGE_M = 250.0
-_WEAK = 0.02
-"""Sunlight as a share of the sky's that nobody sees."""
-_MOST_SAME = 2
-"""So many neighbors on the same triangle decide for a pixel."""
+_WEAK = 0.02  # Sunlight as a share of the sky's that nobody sees
+_MOST_SAME = 2  # So many neighbors on the same triangle decide for a pixel
 
 
 def sunlit_pixels(caster: RayCaster, states: BodyStates, rays: Rays, hits: Hits, light: Light, width: int) -> Bool:
@@ -151,8 +149,7 @@ class Eye:
     """A camera in the world."""
 
     model: CameraModel
-    world_T_camera: Float64
-    """(4, 4)"""
+    world_T_camera: Float64  # (4, 4)
 
     def pixels(self) -> Float32:
         """Centers (N, 2) of all pixels, row by row."""
@@ -175,13 +172,11 @@ class Eye:
 class HitArrays(NamedTuple):
     """What N rays hit, for kernels."""
 
-    direction: Float32
-    """(N, 3)"""
+    direction: Float32  # (N, 3)
     range_m: Float32
     body: Array
     triangle: Array
-    normal: Float32
-    """(N, 3)"""
+    normal: Float32  # (N, 3)
     material: Array
     lit: Bool
 
@@ -192,12 +187,9 @@ class Samples:
 
     rays: Rays
     hits: Hits
-    material: Array
-    """(N,) uint8."""
-    normal: Float32
-    """(N, 3) for shading: round where bodies are."""
-    lit: Bool
-    """(N,) whether the sun shines there."""
+    material: Array  # (N,) uint8
+    normal: Float32  # (N, 3) for shading: round where bodies are
+    lit: Bool  # (N,) whether the sun shines there
 
     @property
     def arrays(self) -> HitArrays:

@@ -26,15 +26,12 @@ from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.geometry.kernels import kernel
 
-_STREET_CD, _STREET_REACH_M = 1_800.0, 20.0
-"""Some 25 lx below a lamp of 8 m."""
+_STREET_CD, _STREET_REACH_M = 1_800.0, 20.0  # Some 25 lx below a lamp of 8 m
 _BEAM_CD, _BEAM_REACH_M = 14_000.0, 50.0
 """A low beam at its brightest, of two lamps together; UN R112 has 10,000 to 20,000 cd a lamp below the cut-off."""
 _BEAM_HEIGHT_M = 0.7
-_CONE_END = 0.2
-"""Cosine of the angle from below at which the cone of street lamps ends."""
-_WIDEST = 0.75
-"""Tangent of the angle to the side at which beams end."""
+_CONE_END = 0.2  # Cosine of the angle from below at which the cone of street lamps ends
+_WIDEST = 0.75  # Tangent of the angle to the side at which beams end
 _BEAM_DISC_M = 0.5 * _BEAM_REACH_M * (1 + _WIDEST * _WIDEST)
 """Radius of the disc around a beam, whose middle is as far ahead of the lamps."""
 _AT_WIDEST = math.exp(-6 * _WIDEST * _WIDEST)
@@ -43,10 +40,8 @@ _AT_WIDEST = math.exp(-6 * _WIDEST * _WIDEST)
 class Lamps(NamedTuple):
     """L lamps."""
 
-    position_m: Float64
-    """(L, 3) in the world."""
-    heading: Float64
-    """(L, 2) unit vectors where a beam goes; 0 for street lamps, which shine downwards."""
+    position_m: Float64  # (L, 3) in the world
+    heading: Float64  # (L, 2) unit vectors where a beam goes; 0 for street lamps, which shine downwards
     near: Grid
 
 
@@ -127,10 +122,8 @@ def _beam(dx: float, dy: float, dz: float, hx: float, hy: float, distance2: floa
     return float(_BEAM_CD / DAYLIGHT_LUX * over * shape * end / (distance2 * math.sqrt(distance2)))
 
 
-GROUND = 0.16
-"""Typical albedo of the ground, which lights what hangs over it."""
-_SPILL = 0.4 / 50_000
-"""Illuminance by a lit street from all around, by night."""
+GROUND = 0.16  # Typical albedo of the ground, which lights what hangs over it
+_SPILL = 0.4 / 50_000  # Illuminance by a lit street from all around, by night
 
 
 @kernel
@@ -178,8 +171,7 @@ def _beside(place: Array, b: int, x: float, y: float, z: float) -> float:
 _TABLE: Float64 = np.column_stack([GLOSS, RETRO, WETTABLE])
 _WET_DARKER, _WET_GLOSS = 0.5, 0.02
 """How much darker wet ground is, and what it mirrors at normal incidence, as water does."""
-_BRIGHTEST = 60.0
-"""In the image, white being 1: brighter lamps are no brighter."""
+_BRIGHTEST = 60.0  # In the image, white being 1: brighter lamps are no brighter
 _HUE_KEPT = 6.0
 """Lamps brighter than this keep their color: red lights aren't white, as sensors with a wide range show them."""
 
@@ -190,10 +182,8 @@ class Scene(NamedTuple):
     light: Light
     surfaces: Surfaces
     lamps: Lamps
-    pixel_rad: float
-    """What a pixel in the middle of the image covers."""
-    salt: int
-    """Of clouds."""
+    pixel_rad: float  # What a pixel in the middle of the image covers
+    salt: int  # Of clouds
 
 
 def radiances(samples: Samples, scene: Scene, mirror: Float32) -> Float32:

@@ -13,8 +13,7 @@ from fbench.replay.conditions.weather import Weather, extinction_per_m
 from fbench.replay.data.arrays import Array, Float32
 from fbench.replay.geometry.kernels import kernel
 
-_SIDE = 128
-"""After so many values smooth noise repeats itself; sums of octaves hide it."""
+_SIDE = 128  # After so many values smooth noise repeats itself; sums of octaves hide it
 _LAST = _SIDE - 1
 
 
@@ -69,41 +68,27 @@ def fractal_noise(u: float, v: float, octaves: int, salt: int) -> float:
 
 Rgb: TypeAlias = tuple[float, float, float]
 DAYLIGHT_LUX = 50_000.0
-_LIT_STREET_LUX = 12.0
-"""Illuminance of a lit street by night; EN 13201-2 asks 7.5 to 15 lx of residential roads."""
-_DARK_LUX, _DIM_LUX = 500.0, 2_000.0
-"""Below, street lamps shine; and vehicles have their lights on."""
+_LIT_STREET_LUX = 12.0  # Illuminance of a lit street by night; EN 13201-2 asks 7.5 to 15 lx of residential roads
+_DARK_LUX, _DIM_LUX = 500.0, 2_000.0  # Below, street lamps shine; and vehicles have their lights on
 
 
 class Light(NamedTuple):
     """The light of one weather; colors are linear red, green, blue."""
 
-    sun: tuple[float, float, float]
-    """Unit vector towards the sun, in the world."""
-    direct: Rgb
-    """Illuminance by the sun of a plane that faces it, in units of 50,000 lx; 0 where it doesn't shine."""
-    ambient: Rgb
-    """Illuminance by the sky of a horizontal plane."""
+    sun: tuple[float, float, float]  # Unit vector towards the sun, in the world
+    direct: Rgb  # Illuminance by the sun of a plane that faces it, in units of 50,000 lx; 0 where it doesn't shine
+    ambient: Rgb  # Illuminance by the sky of a horizontal plane
     zenith: Rgb
-    horizon: Rgb
-    """Luminances of the sky."""
-    glow: Rgb
-    """Luminance that the sky has more of around the sun."""
-    airlight: Rgb
-    """Luminance of the horizon through endless air (Koschmieder)."""
+    horizon: Rgb  # Luminances of the sky
+    glow: Rgb  # Luminance that the sky has more of around the sun
+    airlight: Rgb  # Luminance of the horizon through endless air (Koschmieder)
     extinction_per_m: float
-    clouds: float
-    """Share of the sky that they cover; 1: overcast."""
-    wet: float
-    """How wet the ground is, 0 to 1."""
-    is_dark: bool
-    """Whether street lamps shine and windows are lit."""
-    is_dim: bool
-    """Whether vehicles have their lights on."""
-    exposure: float
-    """Factor from luminance to the image, where 1 is white."""
-    noise_gain: float
-    """Factor on the variance of noise against that in daylight."""
+    clouds: float  # Share of the sky that they cover; 1: overcast
+    wet: float  # How wet the ground is, 0 to 1
+    is_dark: bool  # Whether street lamps shine and windows are lit
+    is_dim: bool  # Whether vehicles have their lights on
+    exposure: float  # Factor from luminance to the image, where 1 is white
+    noise_gain: float  # Factor on the variance of noise against that in daylight
 
 
 def light_of(weather: Weather) -> Light:
@@ -138,8 +123,7 @@ def light_of(weather: Weather) -> Light:
     )
 
 
-_GLIMMER = 0.6 / DAYLIGHT_LUX
-"""What the lamps of a city make air and clouds shine with, by night."""
+_GLIMMER = 0.6 / DAYLIGHT_LUX  # What the lamps of a city make air and clouds shine with, by night
 
 
 def _clearness(weather: Weather, extinction: float) -> float:
@@ -167,8 +151,7 @@ def _times(color: Rgb, factor: float) -> Rgb:
     return (color[0] * factor, color[1] * factor, color[2] * factor)
 
 
-_DISC = 0.99996
-"""Cosine of the sun's radius, half a degree."""
+_DISC = 0.99996  # Cosine of the sun's radius, half a degree
 
 
 @kernel

@@ -18,20 +18,16 @@ from fbench.replay.data.arrays import Array, Float32, Float64
 from fbench.replay.geometry.kernels import kernel
 
 _CELL_M = 4.0
-_CELLS = 80
-"""Along each side: 320 m."""
+_CELLS = 80  # Along each side: 320 m
 
 
 class Grid(NamedTuple):
     """Cells around a place; those of a row along y come one after the other."""
 
     x_m: float
-    y_m: float
-    """Its corner."""
-    start: Array
-    """(C + 1,) int64: where in `items` a cell's begin."""
-    items: Array
-    """Indices of what reaches into each cell, ascending."""
+    y_m: float  # Its corner
+    start: Array  # (C + 1,) int64: where in `items` a cell's begin
+    items: Array  # Indices of what reaches into each cell, ascending
 
 
 def grid_around(x_m: float, y_m: float, center_m: Float64, radius_m: Float64) -> Grid:
@@ -77,8 +73,7 @@ WETTABLE = np.array([1.0 if material.name in _SOAKS else 0.0 for material in MAT
 it dark and shiny."""
 _BY_NIGHT = (INDEX["street_lamp"], INDEX["lit_window"])
 _LAMP_OFF = 0.35
-_SHADOW_M = 1.2
-"""How far from a body the ground is a little darker."""
+_SHADOW_M = 1.2  # How far from a body the ground is a little darker
 
 
 class Surfaces(NamedTuple):
@@ -86,21 +81,14 @@ class Surfaces(NamedTuple):
 
     static_color: Float32
     static_lamp: Array
-    color: Float32
-    """(T, 3) of bodies."""
+    color: Float32  # (T, 3) of bodies
     lamp: Array
-    start: Array
-    """(B,) where a body's triangles begin."""
-    place: Float64
-    """(B, 7) of bodies: position, cosine and sine of yaw, half their length and width."""
-    signals: Array
-    """(L,) which lamps of the static world shine."""
-    body_lamps: Array
-    """(B, 3) which lamps of bodies do: brake, head and tail lights."""
-    at_night: Array
-    """(M,) materials that shine by night without being a lamp."""
-    near: Grid
-    """Which bodies are near."""
+    start: Array  # (B,) where a body's triangles begin
+    place: Float64  # (B, 7) of bodies: position, cosine and sine of yaw, half their length and width
+    signals: Array  # (L,) which lamps of the static world shine
+    body_lamps: Array  # (B, 3) which lamps of bodies do: brake, head and tail lights
+    at_night: Array  # (M,) materials that shine by night without being a lamp
+    near: Grid  # Which bodies are near
 
 
 def surfaces_of(caster: RayCaster, states: BodyStates, light: Light) -> Surfaces:
@@ -160,21 +148,15 @@ _FINEST, _GRAIN, _STAIN, _STAIN_M, _ALONG, _ACROSS, _JOINT, _PIECE, _SEAM = rang
 
 
 class _Texture(NamedTuple):
-    finest_m: float
-    """Size of the smallest grains."""
-    grain: float
-    """How strong every octave of grain is."""
+    finest_m: float  # Size of the smallest grains
+    grain: float  # How strong every octave of grain is
     stain: float = 0.0
-    stain_m: float = 1.0
-    """Strength and size of stains."""
+    stain_m: float = 1.0  # Strength and size of stains
     along_m: float = 0.0
-    across_m: float = 0.0
-    """Size of the pieces, bricks or slabs, of which it is laid; 0: of none."""
+    across_m: float = 0.0  # Size of the pieces, bricks or slabs, of which it is laid; 0: of none
     joint_m: float = 0.0
-    piece: float = 0.0
-    """How much pieces differ."""
-    seam: float = 1.0
-    """How light joints are."""
+    piece: float = 0.0  # How much pieces differ
+    seam: float = 1.0  # How light joints are
 
 
 _TEXTURES = {
@@ -192,10 +174,8 @@ _TEXTURES = {
 TEXTURES = np.array([_TEXTURES[material.texture] for material in MATERIALS], np.float64)
 """(M, 9) by material: the fields of `_Texture`."""
 _OCTAVES = 4
-_FEWEST_PX = 1.4
-"""Size of the finest grains that are drawn."""
-_COARSEST_M = 1.0
-"""Grains of twice this size are none: larger patterns are stains."""
+_FEWEST_PX = 1.4  # Size of the finest grains that are drawn
+_COARSEST_M = 1.0  # Grains of twice this size are none: larger patterns are stains
 _ROOT_OF_2 = math.sqrt(2)
 
 

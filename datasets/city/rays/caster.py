@@ -12,10 +12,8 @@ from fbench.datasets.city.rays.smooth import Scene, round_normals, rounding, uni
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-_MOST = 32
-"""Rays that follow each other and are tested together, at most."""
-_TOGETHER = 0.9
-"""Cosine of the angle within which they are: else rows of images would be torn at their ends."""
+_MOST = 32  # Rays that follow each other and are tested together, at most
+_TOGETHER = 0.9  # Cosine of the angle within which they are: else rows of images would be torn at their ends
 _PARALLEL = 1e-12
 _SLACK = 1e-6
 

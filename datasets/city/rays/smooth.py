@@ -63,10 +63,8 @@ def unit_normals(mesh: Mesh) -> Float32:
     return np.asarray(cross / np.where(length > 0, length, 1)[:, None], np.float32)
 
 
-_CREASE = math.cos(math.radians(35))
-"""Triangles that meet at a larger angle have an edge there."""
-_WELD_M = 2.5e-4
-"""Corners within about this distance are one."""
+_CREASE = math.cos(math.radians(35))  # Triangles that meet at a larger angle have an edge there
+_WELD_M = 2.5e-4  # Corners within about this distance are one
 _BITS = 20
 _FLAT = 1 - 1e-5
 _LEAST_FACING = 0.02
@@ -75,12 +73,9 @@ _LEAST_FACING = 0.02
 class Rounding(NamedTuple):
     """Corners of the T triangles of all meshes of bodies, one mesh after the other."""
 
-    position_m: Float32
-    """(T, 3, 3) in the mesh's coordinates."""
-    normal: Float32
-    """(T, 3, 3) unit vectors there."""
-    is_round: Bool
-    """(T,) whether its normals differ from that of the triangle."""
+    position_m: Float32  # (T, 3, 3) in the mesh's coordinates
+    normal: Float32  # (T, 3, 3) unit vectors there
+    is_round: Bool  # (T,) whether its normals differ from that of the triangle
 
 
 def rounding(meshes: tuple[Mesh, ...]) -> Rounding:

@@ -58,23 +58,16 @@ class Style:
 
     use: Use
     wall: Skin
-    base: Skin
-    """The ground floor's walls."""
-    trim: Skin
-    """Cornices, sills, balconies."""
+    base: Skin  # The ground floor's walls
+    trim: Skin  # Cornices, sills, balconies
     frame: Skin
     roof: Skin
     storey_m: float
-    ground_m: float
-    """Height of the ground floor."""
-    bay_m: float
-    """About how far apart windows are."""
-    window_share: float
-    """A window's width, of its bay."""
-    window_m: float
-    """A window's height."""
-    sill_m: float
-    """Its height above the floor."""
+    ground_m: float  # Height of the ground floor
+    bay_m: float  # About how far apart windows are
+    window_share: float  # A window's width, of its bay
+    window_m: float  # A window's height
+    sill_m: float  # Its height above the floor
     panes: int
     lit_share: float
     shop: bool
@@ -130,11 +123,9 @@ def _use(size_lwh_m: tuple[float, float, float], rng: np.random.Generator) -> Us
     return "office" if rng.random() < (0.75 if height > 21 else 0.25) else "flats"
 
 
-_RECESS_M = 0.12
-"""How deep windows lie in the wall."""
+_RECESS_M = 0.12  # How deep windows lie in the wall
 _FRAME_M = 0.07
-_OUT_M = 0.8
-"""How far balconies and awnings stand out."""
+_OUT_M = 0.8  # How far balconies and awnings stand out
 _LIT: tuple[Rgb, ...] = ((0.30, 0.21, 0.12), (0.30, 0.24, 0.16), (0.27, 0.27, 0.25))
 """Colors of rooms behind lit windows: by day they are curtains, so not too bright."""
 _DOORS: tuple[Rgb, ...] = ((0.12, 0.06, 0.03), (0.03, 0.08, 0.05), (0.05, 0.06, 0.12), (0.22, 0.03, 0.03))
@@ -311,10 +302,8 @@ def _hall(width: float, height: float, style: Style, front: bool, rng: np.random
     return join_quads(parts)
 
 
-_INSET_M = 0.12
-"""Walls stand back from the box by this much: cornice and step fill it."""
-_DEEP_INSET_M = 0.85
-"""The front's, where balconies or awnings stand out."""
+_INSET_M = 0.12  # Walls stand back from the box by this much: cornice and step fill it
+_DEEP_INSET_M = 0.85  # The front's, where balconies or awnings stand out
 
 
 def building(size_lwh_m: Three, rng: np.random.Generator) -> Mesh:

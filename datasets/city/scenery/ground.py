@@ -21,18 +21,15 @@ from fbench.datasets.city.world.city_map import GROUND_Z_M, Patch
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64
 
-_STRAIGHT_M = 1e-4
-"""A point so near the line between its neighbors that it only makes slivers."""
+_STRAIGHT_M = 1e-4  # A point so near the line between its neighbors that it only makes slivers
 
 
 def surface(points_m: Float64) -> tuple[Float64, Array]:
     """Cut a simple polygon (P, 2), counter-clockwise, into triangles: its outline (Q, 2) and indices of it (T, 3).
 
-    Points that lie on straight lines may be left out of the outline. Strips, whose points lie in pairs on both
-    sides, are cut across; of other concave polygons the least slender ear goes first, which keeps slivers away.
-
-    Raises:
-        ConfigError: where the outline crosses itself or runs clockwise.
+    Points that lie on straight lines may be left out of the outline. Strips, whose points lie in pairs on both sides,
+    are cut across; of other concave polygons the least slender ear goes first, which keeps slivers away. Raises
+    ConfigError where the outline crosses itself or runs clockwise.
     """
     strip = _strip(points_m)
     if strip is not None:

@@ -153,8 +153,7 @@ def _arrows(u: Float64, v0: float, x: float, skin: Skin) -> Quads:
     return Quads(corners, flat.material, flat.color)
 
 
-KINDS = ("stop", "yield", "limit", "crossing", "no_entry", "parking")
-"""What a sign says, by its variant."""
+KINDS = ("stop", "yield", "limit", "crossing", "no_entry", "parking")  # What a sign says, by its variant
 _RED: Rgb = (0.5, 0.012, 0.02)
 _WHITE: Rgb = (0.75, 0.75, 0.73)
 _BLUE: Rgb = (0.012, 0.07, 0.32)

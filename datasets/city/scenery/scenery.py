@@ -25,8 +25,7 @@ from fbench.datasets.city.world.city_map import Kind, Layout, Placement
 from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Array, Float32, Float64
 
-Blob: TypeAlias = tuple[Three, Three]
-"""An ellipsoid's center and radii."""
+Blob: TypeAlias = tuple[Three, Three]  # An ellipsoid's center and radii
 SPECIES = 4
 _LEAVES: tuple[Rgb, ...] = ((0.062, 0.115, 0.028), (0.075, 0.12, 0.03), (0.028, 0.065, 0.028), (0.085, 0.125, 0.035))
 _BARK: Rgb = (0.11, 0.085, 0.06)

@@ -13,22 +13,18 @@ from fbench.replay.data.arrays import Array, Bool, Float32, Float64, freeze_fiel
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.geometry.transforms import transform
 
-JUST_SEEN = 0.1
-"""Reflectivity of the target that is just seen at the sensor's range in clear air, at normal incidence."""
-FAINTEST = 1 / 255
-"""Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits)."""
+JUST_SEEN = 0.1  # Reflectivity of the target that is just seen at the sensor's range in clear air, at normal incidence
+FAINTEST = 1 / 255  # Intensity below which the fog's echo goes unnoticed (Hahner et al. 2021: one step of 8 bits).
 
 
 @dataclass(frozen=True, eq=False)
 class Echoes:
     """The strongest echo of each of N beams."""
 
-    range_m: Float64
-    """(N,) infinite where nothing comes back."""
+    range_m: Float64  # (N,) infinite where nothing comes back
     intensity: Float64
     """(N,) received power, corrected for range: reflectivity times exp(-2 extinction range); not clipped."""
-    is_scattered: Bool
-    """(N,) whether it is that of fog or of a drop before the target."""
+    is_scattered: Bool  # (N,) whether it is that of fog or of a drop before the target
 
     def __post_init__(self) -> None:
         one = ("f8", ("N",))
@@ -94,12 +90,9 @@ def _with_fog(
 class Firing:
     """The N shots of one turn, in firing order."""
 
-    direction: Float64
-    """(N, 3) unit vectors in the sensor's coordinates."""
-    ring: Array
-    """(N,) uint16 channel, 0 the highest."""
-    offset_ns: Array
-    """(N,) int32 time after the turn's end, at which the last shot is made: none is above 0."""
+    direction: Float64  # (N, 3) unit vectors in the sensor's coordinates
+    ring: Array  # (N,) uint16 channel, 0 the highest
+    offset_ns: Array  # (N,) int32 time after the turn's end, at which the last shot is made: none is above 0
 
     def __post_init__(self) -> None:
         freeze_fields(self, direction=("f8", ("N", 3)), ring=("u2", ("N",)), offset_ns=("i4", ("N",)))
@@ -154,10 +147,8 @@ class Sweep:
     """The N points of one turn, in firing order, and what they are of."""
 
     cloud: PointCloud
-    body: Array
-    """(N,) int32 actor, `STATIC`, or `MISS` for fog and drops."""
-    range_m: Float64
-    """(N,) how far away that surface is; of fog and drops, as measured."""
+    body: Array  # (N,) int32 actor, `STATIC`, or `MISS` for fog and drops
+    range_m: Float64  # (N,) how far away that surface is; of fog and drops, as measured
 
     def __post_init__(self) -> None:
         freeze_fields(self, body=("i4", ("N",)), range_m=("f8", ("N",)))

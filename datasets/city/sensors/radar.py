@@ -21,16 +21,11 @@ class Echoes:
     range_m: Float64
     azimuth_rad: Float64
     altitude_rad: Float64
-    speed_mps: Float64
-    """(K,) along the ray, positive when receding, relative to the sensor."""
-    rcs_dbsm: Float64
-    """(K,) what the sensor takes for the radar cross-section: lower by what the air took."""
-    margin_db: Float64
-    """(K,) how far the echo is above the weakest that the sensor finds."""
-    body: Array
-    """(K,) int32 index of the actor, `STATIC`, or `MISS` of echoes where nothing is."""
-    true_range_m: Float64
-    """(K,) of the surface, NaN where nothing is."""
+    speed_mps: Float64  # (K,) along the ray, positive when receding, relative to the sensor
+    rcs_dbsm: Float64  # (K,) what the sensor takes for the radar cross-section: lower by what the air took
+    margin_db: Float64  # (K,) how far the echo is above the weakest that the sensor finds
+    body: Array  # (K,) int32 index of the actor, `STATIC`, or `MISS` of echoes where nothing is
+    true_range_m: Float64  # (K,) of the surface, NaN where nothing is
 
     def __post_init__(self) -> None:
         one = ("f8", ("K",))
@@ -67,8 +62,7 @@ BODY_DB = 6.0
 a car has some 10 dBsm, a truck 20, a pedestrian -5, as at 77 GHz usual, and varies by 5 dB with its aspect."""
 BEAM_SR = np.radians(0.6) ** 2
 """What the sensor's beam covers: its echo decides whether a surface is found, however many rays sample the beam."""
-FAINTEST_DBSM = -7.0
-"""The weakest target that is found at the radar's range in clear air."""
+FAINTEST_DBSM = -7.0  # The weakest target that is found at the radar's range in clear air
 
 
 def sigma0_db(material: Array, body: Array, cos_incidence: Float64) -> Float64:
@@ -196,8 +190,7 @@ class RadarRays:
 
     azimuth_rad: Float64
     altitude_rad: Float64
-    solid_angle_sr: Float64
-    """(N,) of the field of view, which part each ray stands for."""
+    solid_angle_sr: Float64  # (N,) of the field of view, which part each ray stands for
 
     def __post_init__(self) -> None:
         one = ("f8", ("N",))
@@ -275,10 +268,8 @@ def clutter(spec: RadarSpec, sensor_mps: Float64, rng: np.random.Generator) -> E
     )
 
 
-_BLIND_M = 0.2
-"""Nearer surfaces give no echo."""
-_EDGE_ON = 1e-3
-"""Smallest cosine of incidence: the footprint on a surface seen edge-on stays finite."""
+_BLIND_M = 0.2  # Nearer surfaces give no echo
+_EDGE_ON = 1e-3  # Smallest cosine of incidence: the footprint on a surface seen edge-on stays finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +277,8 @@ class Scan:
     """One message and what is true of it."""
 
     message: RadarScan
-    body: Array
-    """(N,) int32 index of the actor, `STATIC`, or `MISS` of clutter and ghosts."""
-    true_range_m: Float64
-    """(N,) of the surface, NaN of clutter and ghosts."""
+    body: Array  # (N,) int32 index of the actor, `STATIC`, or `MISS` of clutter and ghosts
+    true_range_m: Float64  # (N,) of the surface, NaN of clutter and ghosts
 
     def __post_init__(self) -> None:
         freeze_fields(self, body=("i4", ("N",)), true_range_m=("f8", ("N",)))

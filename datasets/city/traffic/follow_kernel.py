@@ -25,8 +25,7 @@ from fbench.datasets.city.traffic.path_kernel import curve, segment
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 
-HARDEST_MPS2 = 8.0
-"""Full braking on a dry road."""
+HARDEST_MPS2 = 8.0  # Full braking on a dry road
 
 
 @kernel
@@ -54,8 +53,7 @@ def limit_braking(acceleration: float) -> float:
     return max(acceleration, -HARDEST_MPS2)
 
 
-_LOOK_S, _LOOK_M = 6.0, 30.0
-"""How far one looks ahead."""
+_LOOK_S, _LOOK_M = 6.0, 30.0  # How far one looks ahead
 _SLOWING_MPS2 = 1.2
 _BRAKE_LIGHT_MPS2, _STANDING_MPS = 0.5, 0.1
 
@@ -130,15 +128,12 @@ def accelerate(roads: Roads, gates: Array, lights: Array, movers: Array, way: Ar
         me["frozen"] = False
 
 
-_EVERY = 10
-"""Steps between one's thoughts of a lane change."""
+_EVERY = 10  # Steps between one's thoughts of a lane change
 _POLITENESS, _SAFE_MPS2, _THRESHOLD_MPS2, _BIAS_MPS2 = 0.2, 2.0, 0.15, 0.25
 """Share of others' loss that counts, hardest braking of the one behind, least gain, and what the right is worth."""
 _SLOWEST_MPS = 5.0
-_REST_S = 2.0
-"""Time between changes."""
-_APART_M = 40.0
-"""Two who change at the same time are so far apart."""
+_REST_S = 2.0  # Time between changes
+_APART_M = 40.0  # Two who change at the same time are so far apart
 
 
 @kernel

@@ -15,18 +15,15 @@ from fbench.datasets.city.traffic.occupancy_kernel import Occupancy, leader
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 
-_QUEUE_MPS, _QUEUE_SHARE = 2.0, 0.2
-"""Who is slower, or slower than this share of its own speed, belongs to a queue."""
+_QUEUE_MPS, _QUEUE_SHARE = 2.0, 0.2  # Who is slower, or slower than this share of its own speed, belongs to a queue
 
 
 class Holders(NamedTuple):
     """Who has a right on which lanes with gates, by lane."""
 
-    first: Array
-    """(L + 1,)."""
+    first: Array  # (L + 1,)
     who: Array
-    rear_m: Float64
-    """Its rear, counted from the lane's beginning."""
+    rear_m: Float64  # Its rear, counted from the lane's beginning
 
 
 @kernel
@@ -110,10 +107,8 @@ def lights_at(net: Network, time_s: float) -> Array:
 
 _ASK_MPS2, _STOP_MPS2 = 2.0, 3.0
 """One asks early enough to brake as gently as this, and stops at yellow where this is enough."""
-_ASK_S = 4.0
-"""Vehicles that go straight on or turn right ask at least so long before."""
-_PATIENCE_S, _LEFT_PATIENCE_S = 4.0, 7.0
-"""After how long one is waited for, and who turns left."""
+_ASK_S = 4.0  # Vehicles that go straight on or turn right ask at least so long before
+_PATIENCE_S, _LEFT_PATIENCE_S = 4.0, 7.0  # After how long one is waited for, and who turns left
 _FIRST = 1e6
 _AT_LINE_M = 3.0
 _LONGEST_CHAIN = 8

@@ -10,11 +10,9 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 
 HALF_WIDTH_M: dict[LaneKind, float] = {"drive": 1.3, "bike": 0.4, "walk": 0.3}
 """Half of the widest body, a bus, a bicycle with its rider, a person."""
-_MARGIN_M = {"drive": 0.3, "bike": 0.2, "walk": 0.05}
-"""What is kept free beside it."""
+_MARGIN_M = {"drive": 0.3, "bike": 0.2, "walk": 0.05}  # What is kept free beside it
 _SAMPLE_M = 0.25
-_JOINED_M = 6.0
-"""Lanes that follow each other over shorter ones than this are one way, not two that meet."""
+_JOINED_M = 6.0  # Lanes that follow each other over shorter ones than this are one way, not two that meet
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +22,10 @@ class Conflicts:
     lane: Int64
     other: Int64
     lane_from_m: Float64
-    lane_to_m: Float64
-    """(C,) the stretch of the lane from which a body reaches into the other lane."""
+    lane_to_m: Float64  # (C,) the stretch of the lane from which a body reaches into the other lane
     other_from_m: Float64
     other_to_m: Float64
-    parts: Bool
-    """(C,) whether both begin at the same node and the stretch is there: one follows whoever is ahead."""
+    parts: Bool  # (C,) whether both begin at the same node and the stretch is there: one follows whoever is ahead
 
 
 def conflicts_of(lanes: tuple[Lane, ...], along: list[Float64]) -> Conflicts:
@@ -96,8 +92,7 @@ def _group_conflicts(index: Array, at: Float64, both: Int64, siblings: Bool) -> 
     return Conflicts(lane, other, low, high, other_low, other_high, parts)
 
 
-_APART_M = 2.0
-"""Stretches that are nearer to each other become one."""
+_APART_M = 2.0  # Stretches that are nearer to each other become one
 
 GATE = np.dtype([("from_m", "f8"), ("to_m", "f8"), ("conflict_from", "i8"), ("conflict_to", "i8")])
 """A stretch of a lane, and rows of what meets it."""

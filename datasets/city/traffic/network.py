@@ -8,14 +8,10 @@ from fbench.datasets.city.traffic.gates import conflicts_of, gates_of, splits_of
 from fbench.datasets.city.world.city_map import CityMap, Lane
 from fbench.replay.data.arrays import Array, Float64
 
-WINDOW, HERE = 14, 4
-"""How many lanes of its way each mover keeps, and which of them it is on."""
-NUM_CHOICES = 512
-"""Numbers drawn for each mover to choose its ways with, over and over."""
-AXLE = 0.3
-"""Axles before and behind the middle of the footprint, as a share of the length."""
-EMERGENCY, CHANGE = 0, 1
-"""Counters: bodies stopped at once because they would have touched another; lane changes."""
+WINDOW, HERE = 14, 4  # How many lanes of its way each mover keeps, and which of them it is on
+NUM_CHOICES = 512  # Numbers drawn for each mover to choose its ways with, over and over
+AXLE = 0.3  # Axles before and behind the middle of the footprint, as a share of the length
+EMERGENCY, CHANGE = 0, 1  # Counters: bodies stopped at once because they would have touched another; lane changes
 
 
 MOVER = np.dtype([
@@ -43,31 +39,24 @@ right_to_m: distance travelled up to which it may enter gates. waited_s: at a ga
 """
 
 
-CHANGE_S = 3.5
-"""How long a change of lanes takes."""
+CHANGE_S = 3.5  # How long a change of lanes takes
 
 
 class State(NamedTuple):
     """N movers; compiled code changes the arrays."""
 
-    movers: Array
-    """(N,) of `MOVER`."""
+    movers: Array  # (N,) of `MOVER`
     way: Array
     """(N, WINDOW) lanes in the order of travel; -1 far behind where the first one has none that leads to it. Movers
     begin wholly on their lane, so no body is there.
     """
-    choices: Float64
-    """(N, NUM_CHOICES) from 0 to below 1."""
-    counters: Array
-    """(2,): `EMERGENCY`, `CHANGE`."""
+    choices: Float64  # (N, NUM_CHOICES) from 0 to below 1
+    counters: Array  # (2,): `EMERGENCY`, `CHANGE`
 
 
-_WIDTH_M = 2.55
-"""Of trucks and buses (the European limit)."""
-_INSIDE_M, _OUTSIDE_M = 0.15, 0.3
-"""How far beyond its lane a body may reach."""
-_SHORT_M, _STEP_M = 7.0, 0.25
-"""All lanes are made for vehicles up to here."""
+_WIDTH_M = 2.55  # Of trucks and buses (the European limit)
+_INSIDE_M, _OUTSIDE_M = 0.15, 0.3  # How far beyond its lane a body may reach
+_SHORT_M, _STEP_M = 7.0, 0.25  # All lanes are made for vehicles up to here
 
 
 def usable_lengths(lanes: tuple[Lane, ...], along: list[Float64], tangents: list[Float64]) -> Float64:
@@ -106,13 +95,11 @@ DRIVE, BIKE, WALK = 0, 1, 2
 KINDS = {"drive": DRIVE, "bike": BIKE, "walk": WALK}
 _LATERAL_MPS2 = 2.8
 """Lateral acceleration that drivers accept in curves (chosen; about 2 is comfortable, 3 and more is felt as brisk)."""
-_SLOWING_MPS2 = 1.2
-"""How hard they brake before a curve."""
+_SLOWING_MPS2 = 1.2  # How hard they brake before a curve
 _CRAWL_MPS = 1.0
 
 
-ALONG, CURVE = 5, 6
-"""Columns of `Network.path`."""
+ALONG, CURVE = 5, 6  # Columns of `Network.path`
 
 LANE = np.dtype([
     ("length_m", "f8"), ("speed_mps", "f8"), ("longest_m", "f8"), ("kind", "i8"), ("left", "i8"), ("right", "i8"),
@@ -121,8 +108,7 @@ LANE = np.dtype([
 ])  # fmt: skip
 """A lane; -1 for no neighbor and no signal; `_from` and `_to` are rows of the other arrays. turns_left: crosses
 oncoming traffic, which goes first."""
-NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])
-"""A successor, and how often it is chosen."""
+NEXT = np.dtype([("lane", "i8"), ("weight", "f8")])  # A successor, and how often it is chosen
 GROUP = np.dtype([("green_from_s", "f8"), ("green_s", "f8")])
 
 
@@ -141,18 +127,12 @@ class Network(NamedTuple):
 
     path: Float64
     """(P, 7) points of all lanes: x, y, z, unit tangent in x and y, length up to there, speed that the curves allow."""
-    lanes: Array
-    """(L,) of `LANE`."""
-    nexts: Array
-    """(S,) of `NEXT`."""
-    splits: Array
-    """Of `SPLIT`: lanes that begin where a lane begins."""
-    gates: Array
-    """Of `GATE`: stretches of lanes that others cross or join; nobody enters one without the right to it."""
-    conflicts: Array
-    """Of `CONFLICT`: what meets a gate."""
-    groups: Array
-    """Of `GROUP`: signals."""
+    lanes: Array  # (L,) of `LANE`
+    nexts: Array  # (S,) of `NEXT`
+    splits: Array  # Of `SPLIT`: lanes that begin where a lane begins
+    gates: Array  # Of `GATE`: stretches of lanes that others cross or join; nobody enters one without the right to it
+    conflicts: Array  # Of `CONFLICT`: what meets a gate
+    groups: Array  # Of `GROUP`: signals
     cycle_s: float
     yellow_s: float
 

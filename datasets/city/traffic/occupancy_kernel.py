@@ -9,18 +9,15 @@ from fbench.datasets.city.traffic.path_kernel import segment, sideways
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.geometry.kernels import kernel
 
-_BESIDE_M = 0.3
-"""Who is less than this beside the new lane's middle has left the old one."""
+_BESIDE_M = 0.3  # Who is less than this beside the new lane's middle has left the old one
 
 
 class Occupancy(NamedTuple):
     """Bodies on lanes, by lane and then along it. A body is on each lane that it reaches into."""
 
-    first: Array
-    """(L + 1,)."""
+    first: Array  # (L + 1,)
     who: Array
-    at_m: Float64
-    """Its middle, counted from the lane's beginning; may be before it or beyond the end."""
+    at_m: Float64  # Its middle, counted from the lane's beginning; may be before it or beyond the end
 
 
 @kernel

@@ -164,8 +164,7 @@ def choose_next(lanes: Array, nexts: Array, lane: int, length_m: float, drawn: f
 
 
 MARGIN_M = 0.05
-_DRIVES_MPS = 0.3
-"""Who is slower hardly notices that it is stopped."""
+_DRIVES_MPS = 0.3  # Who is slower hardly notices that it is stopped
 
 
 @kernel

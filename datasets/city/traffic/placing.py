@@ -77,14 +77,11 @@ def draw_driver(label: str, height_m: float, spread: float, draw: np.random.Gene
 
 
 _TRIES = 300
-_START = 0.7
-"""Share of the desired speed at first."""
+_START = 0.7  # Share of the desired speed at first
 _FREE_M = {0: 6.0, 1: 3.0, 2: 1.0}
-_FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}
-"""Least gap to others: in meters, and in seconds of one's speed on top."""
+_FREE_S = {0: 0.8, 1: 0.5, 2: 0.5}  # Least gap to others: in meters, and in seconds of one's speed on top
 _LEAST_LANE_M = 6.0
-_LEAVING_MPS2 = 1.5
-"""One can brake so gently and stop at the end of the lane."""
+_LEAVING_MPS2 = 1.5  # One can brake so gently and stop at the end of the lane
 
 
 @dataclass
@@ -214,11 +211,7 @@ HIGHWAY_MIX: Mapping[str, float] = MappingProxyType(
 
 @dataclass(frozen=True)
 class TrafficParams:
-    """Densities and kinds.
-
-    Raises:
-        ConfigError: where a number is negative or above 1000, or a share above 1.
-    """
+    """Densities and kinds. Raises ConfigError where a number is negative or above 1000, or a share above 1."""
 
     vehicles_per_km: float = 16.0
     """Moving motor vehicles on each km of drive lane outside junctions."""

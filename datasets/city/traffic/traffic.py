@@ -63,21 +63,15 @@ class PlayedMotion:
 
     net: Network
     signals: SignalPlan
-    states: tuple[State, ...]
-    """One for each step, as decided at its beginning."""
+    states: tuple[State, ...]  # One for each step, as decided at its beginning
     first_step: int
     step_s: float
     from_s: float
     to_s: float
-    parked: Float64
-    """(K, 4) x, y, z, yaw."""
+    parked: Float64  # (K, 4) x, y, z, yaw
 
     def at(self, time_s: float) -> BodyStates:
-        """Return the bodies at a time from `from_s` to `to_s`.
-
-        Raises:
-            ConfigError: at another time.
-        """
+        """Return the bodies at a time from `from_s` to `to_s`. Raises ConfigError at another time."""
         if not self.from_s - 1e-9 <= time_s <= self.to_s + 1e-9:
             raise ConfigError(f"motion: expected a time from {self.from_s:g} to {self.to_s:g} s, got {time_s:g} s")
         step = step_of(time_s, self.step_s)
@@ -119,11 +113,9 @@ _TRIAL_S, _START_S, _EVERY = 10.0, 5.0, 5
 """How long the trial is, for how long one should not stop, and steps between looks around."""
 _AHEAD_M, _BEHIND_M, _AT_ONCE_M = 50.0, 20.0, 40.0
 """Whom one sees: ahead, within 45 degrees on both sides, and behind; whom one must see at first."""
-_ENOUGH = 5.0
-"""More company than this doesn't count."""
+_ENOUGH = 5.0  # More company than this doesn't count
 _MOVING_MPS = 2.0
-_FREE_M = 1.5
-"""Room before and behind, so that its body may be longer."""
+_FREE_M = 1.5  # Room before and behind, so that its body may be longer
 _LONGEST_M = 12.0
 
 
@@ -188,19 +180,13 @@ def _has_room(net: Network, state: State, cars: Array) -> Array:
 __all__ = ["Traffic", "TrafficParams"]
 
 STEP_S: Final = 0.1
-_WARM_UP_STEPS: Final = 450
-"""Steps before the log begins, so that queues and gaps are as they always are."""
-_WALKERS: Final = 24
-"""Different pedestrians in a world: each has the meshes of a whole gait."""
+_WARM_UP_STEPS: Final = 450  # Steps before the log begins, so that queues and gaps are as they always are
+_WALKERS: Final = 24  # Different pedestrians in a world: each has the meshes of a whole gait
 _EGO_LENGTH_M: Final = (4.3, 4.7)
 
 
 class Traffic:
-    """Simulates everybody.
-
-    Raises:
-        ConfigError: where the map has no room for a car.
-    """
+    """Simulates everybody. Raises ConfigError where the map has no room for a car."""
 
     def __init__(self, layout: Layout, params: TrafficParams, seed: int) -> None:
         self._signals = layout.map.signals
@@ -235,10 +221,8 @@ class Traffic:
         return int(self._state.counters[CHANGE])
 
     def motion(self, from_s: float, to_s: float) -> Motion:
-        """Simulate up to `to_s` and return what happens from `from_s` on, which never goes back.
-
-        Raises:
-            ConfigError: where `from_s` is negative, after `to_s`, or before that of an earlier call.
+        """Simulate up to `to_s` and return what happens from `from_s` on, which never goes back. Raises ConfigError
+        where `from_s` is negative, after `to_s`, or before that of an earlier call.
         """
         first, last = step_of(from_s, STEP_S), step_of(to_s, STEP_S)
         oldest = self._step - len(self._steps)
@@ -300,11 +284,7 @@ def _bodies(net: Network, params: TrafficParams, seed: int) -> list[Body]:
 
 
 def _body(kind: str, longest_m: float, seed: int, i: int) -> Body:
-    """Draw a body that isn't too long.
-
-    Raises:
-        ConfigError: where bodies of this kind always are.
-    """
+    """Draw a body that isn't too long. Raises ConfigError where bodies of this kind always are."""
     for k in range(50):
         body = make_body(kind, generator(seed, "traffic", "body", i, k))
         if body.size_lwh_m[0] <= longest_m:

@@ -19,21 +19,16 @@ class Lane:
     """(P, 3) center line in the world, from the first point to the last, at most 1 m apart; smooth, and continued
     smoothly by the first point of each successor, which is equal to its last."""
     width_m: float
-    speed_mps: float
-    """How fast one may go."""
+    speed_mps: float  # How fast one may go
     kind: LaneKind
-    successors: tuple[int, ...]
-    """Indices of the lanes that go on from its end; never empty: networks are closed."""
+    successors: tuple[int, ...]  # Indices of the lanes that go on from its end; never empty: networks are closed
     left: int | None = None
     """Index of the parallel lane on the left with the same direction, where one may change to it: both have the same
     number of points, which lie beside each other."""
     right: int | None = None
-    signal: int | None = None
-    """Index of the group of signals at its end, where one must stop unless it is green."""
-    in_junction: bool = False
-    """Whether it crosses a junction: nobody may stop on it."""
-    longest_m: float = float("inf")
-    """Longer vehicles may not use it: turning, they would need more room than there is."""
+    signal: int | None = None  # Index of the group of signals at its end, where one must stop unless it is green
+    in_junction: bool = False  # Whether it crosses a junction: nobody may stop on it
+    longest_m: float = float("inf")  # Longer vehicles may not use it: turning, they would need more room than there is
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +36,8 @@ class SignalPlan:
     """Fixed-time signals: every group has one green a cycle."""
 
     cycle_s: float
-    green_from_s: Float64
-    """(G,) when in the cycle a group's green begins, from 0 to below the cycle."""
-    green_s: Float64
-    """(G,) how long it lasts; infinite: always."""
+    green_from_s: Float64  # (G,) when in the cycle a group's green begins, from 0 to below the cycle
+    green_s: Float64  # (G,) how long it lasts; infinite: always
     yellow_s: float = 3.0
 
     @property
@@ -79,8 +72,7 @@ class Polygon:
     """An outline in the ground plane, counter-clockwise, not closed, without holes."""
 
     kind: Literal["road", "sidewalk"]
-    points_m: Float64
-    """(P, 2) x, y in the world."""
+    points_m: Float64  # (P, 2) x, y in the world
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +82,9 @@ class CityMap:
     name: str
     lanes: tuple[Lane, ...]
     signals: SignalPlan
-    polygons: tuple[Polygon, ...]
-    """Roads and sidewalks: the region of interest. May overlap."""
+    polygons: tuple[Polygon, ...]  # Roads and sidewalks: the region of interest. May overlap.
     parkings: tuple[Parking, ...]
-    street_lamps_m: Float64
-    """(L, 3) where street lamps shine from."""
+    street_lamps_m: Float64  # (L, 3) where street lamps shine from
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +92,7 @@ class Draft:
     """One lane; other lanes are named by their keys."""
 
     key: Hashable
-    points_m: Float64
-    """(P, 3)."""
+    points_m: Float64  # (P, 3)
     kind: LaneKind
     width_m: float
     speed_mps: float
@@ -116,11 +105,7 @@ class Draft:
 
 
 def join_points(drafts: list[Draft]) -> tuple[Lane, ...]:
-    """Number the lanes in their order.
-
-    Raises:
-        KeyError: where a lane names one that isn't there.
-    """
+    """Number the lanes in their order. Raises KeyError where a lane names one that isn't there."""
     index = {draft.key: i for i, draft in enumerate(drafts)}
     return tuple(_lane(draft, index) for draft in drafts)
 
@@ -135,17 +120,13 @@ def _lane(draft: Draft, index: dict[Hashable, int]) -> Lane:
     )  # fmt: skip
 
 
-STEP_M = 1.0
-"""Points are at most so far apart."""
-TURN_RAD = 0.08
-"""The heading changes by at most so much from one piece between two points to the next."""
+STEP_M = 1.0  # Points are at most so far apart
+TURN_RAD = 0.08  # The heading changes by at most so much from one piece between two points to the next
 
 
 def round_corners(corners_m: Float64, radii_m: list[float]) -> Float64:
     """Follow a polyline (K, 2) whose K - 2 inner corners are rounded by arcs of these radii; returns points (P, 2).
-
-    Raises:
-        ValueError: where a straight is too short for the arcs at its ends.
+    Raises ValueError where a straight is too short for the arcs at its ends.
     """
     start, pieces = corners_m[0], [corners_m[:1]]
     for a, b, c, radius in zip(corners_m[:-2], corners_m[1:-1], corners_m[2:], radii_m, strict=True):
@@ -208,8 +189,7 @@ def _unit(vector: Float64) -> Float64:
     return unit
 
 
-GROUND_Z_M = -0.02
-"""Height of the meadow all around, just below roads."""
+GROUND_Z_M = -0.02  # Height of the meadow all around, just below roads
 Kind: TypeAlias = Literal[
     "building", "tree", "bush", "lamp_post", "signal", "sign", "bench", "bin", "hydrant", "barrier", "gantry", "fence"
 ]
@@ -219,15 +199,11 @@ Kind: TypeAlias = Literal[
 class Patch:
     """A flat piece of ground: a road, a sidewalk, a marking."""
 
-    material: str
-    """Name in `MATERIALS`."""
-    points_m: Float64
-    """(P, 2) outline in the world, counter-clockwise, not closed, without holes; may be concave."""
-    z_m: float
-    """Its height; where it is above the ground and has a kerb, its sides go down to 0."""
+    material: str  # Name in `MATERIALS`
+    points_m: Float64  # (P, 2) outline in the world, counter-clockwise, not closed, without holes; may be concave
+    z_m: float  # Its height; where it is above the ground and has a kerb, its sides go down to 0
     has_kerb: bool = False
-    shade: float = 1.0
-    """Factor on the material's usual color."""
+    shade: float = 1.0  # Factor on the material's usual color
 
 
 @dataclass(frozen=True)
@@ -235,18 +211,15 @@ class Placement:
     """One thing that stands."""
 
     kind: Kind
-    position_m: tuple[float, float, float]
-    """The middle of its foot."""
-    yaw_rad: float
-    """Where its front looks; along a barrier or fence."""
+    position_m: tuple[float, float, float]  # The middle of its foot
+    yaw_rad: float  # Where its front looks; along a barrier or fence
     size_lwh_m: tuple[float, float, float]
     """Length along its front's direction, width, height; a tree's crown is as wide as it is.
 
     A lamp post's length is the reach of its arm from the foot, a barrier's or fence's how far it goes on both sides of
     its foot together; a gantry spans the road by its width.
     """
-    variant: int = 0
-    """Seed of its looks."""
+    variant: int = 0  # Seed of its looks
     signal: int | None = None
     """Group of signals that a signal shows: its lamps are 3 * group + 0 red, 1 yellow, 2 green."""
 

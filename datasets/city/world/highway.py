@@ -20,8 +20,7 @@ from fbench.replay.conditions.generators import generator
 from fbench.replay.data.arrays import Float64
 
 LANE_M, NUM_LANES = 3.5, 3
-SPEEDS_MPS = (36.0, 32.0, 25.0)
-"""From left to right: about 130, 115 and 90 km/h."""
+SPEEDS_MPS = (36.0, 32.0, 25.0)  # From left to right: about 130, 115 and 90 km/h
 MEDIAN_M, INNER_SHOULDER_M, SHOULDER_M = 3.0, 1.0, 2.5
 """Widths of the whole median, and of the strips on the left and on the right of each carriageway's lanes."""
 LEFT_EDGE_M = MEDIAN_M / 2 + INNER_SHOULDER_M
@@ -32,8 +31,7 @@ _STRAIGHT_M, RADIUS_M, _SEGMENT_M = 900.0, 500.0, 200.0
 """In the curves 36 m/s are a lateral acceleration of 2.6 m/s^2: nobody need brake for them."""
 
 
-LENGTH_M = 2 * _STRAIGHT_M + 2 * np.pi * RADIUS_M
-"""Once around the middle of the median."""
+LENGTH_M = 2 * _STRAIGHT_M + 2 * np.pi * RADIUS_M  # Once around the middle of the median
 NUM_SEGMENTS = round(LENGTH_M / _SEGMENT_M)
 
 
@@ -79,13 +77,11 @@ def _lane(way: int, segment: int, k: int) -> Draft:
     )  # fmt: skip
 
 
-BAY_M, BAY_WIDTH_M = 40.0, 1.8
-"""Emergency bays: the shoulder is wider there."""
+BAY_M, BAY_WIDTH_M = 40.0, 1.8  # Emergency bays: the shoulder is wider there
 _PAINT_Z_M = 0.005
 _DASH_M, _PERIOD_M = 6.0, 18.0
 _LINE_M, _WIDE_M = 0.15, 0.30
-_BEND_M = 6.0
-"""Distance between corners of outlines: within 15 mm of the curve."""
+_BEND_M = 6.0  # Distance between corners of outlines: within 15 mm of the curve
 
 
 def highway_regions(bays_m: Float64) -> tuple[Polygon, ...]:
@@ -148,10 +144,8 @@ def _strip(from_m: float, to_m: float, right_m: float, left_m: float) -> Float64
 
 
 LAMP_REACH_M, LAMP_HEIGHT_M = 3.0, 11.0
-BARRIER_M = 11.9
-"""Pieces of barrier: their chord is within 50 mm of the curve."""
-_MEDIAN_BARRIER_M, _RAIL_M, _FENCE_M = 0.6, 0.7, 4.0
-"""From the median's middle; from the asphalt's end."""
+BARRIER_M = 11.9  # Pieces of barrier: their chord is within 50 mm of the curve
+_MEDIAN_BARRIER_M, _RAIL_M, _FENCE_M = 0.6, 0.7, 4.0  # From the median's middle; from the asphalt's end
 _LIT_SHARE, _LAMP_SPACING_M = 0.3, 40.0
 
 
@@ -293,10 +287,8 @@ def _variant(draw: np.random.Generator) -> int:
     return int(draw.integers(1 << 30))
 
 
-_BAYS = 4
-"""Emergency bays of each carriageway."""
-_STANDING_M = 14.0
-"""Length of a place in a bay: even a bus may have broken down."""
+_BAYS = 4  # Emergency bays of each carriageway
+_STANDING_M = 14.0  # Length of a place in a bay: even a bus may have broken down
 
 
 def highway_layout(seed: int) -> Layout:

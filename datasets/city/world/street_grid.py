@@ -36,21 +36,14 @@ class Arm:
     """
 
     node: Node
-    way: int
-    """EAST, NORTH, WEST or SOUTH."""
-    far: Node
-    """Where it leads."""
-    origin_m: Float64
-    """(2,) the junction's middle."""
-    num_lanes: int
-    """Drive lanes for each direction."""
-    edge_m: float
-    """Half the width of the crossing street's drive lanes."""
+    way: int  # EAST, NORTH, WEST or SOUTH
+    far: Node  # Where it leads
+    origin_m: Float64  # (2,) the junction's middle
+    num_lanes: int  # Drive lanes for each direction
+    edge_m: float  # Half the width of the crossing street's drive lanes
     left_extra_m: float
-    right_extra_m: float
-    """Width of bike lane, parking strip or margin between drive lanes and kerb."""
-    has_bikes: bool
-    """Whether there is a bike lane on its left."""
+    right_extra_m: float  # Width of bike lane, parking strip or margin between drive lanes and kerb
+    has_bikes: bool  # Whether there is a bike lane on its left
 
     @property
     def out(self) -> Float64:
@@ -99,14 +92,11 @@ class Grid:
     """Streets along both axes; junctions where they cross."""
 
     x_m: tuple[float, ...]
-    y_m: tuple[float, ...]
-    """Where streets along y, and along x, lie."""
+    y_m: tuple[float, ...]  # Where streets along y, and along x, lie
     lanes: tuple[tuple[int, ...], tuple[int, ...]]
     """Drive lanes a direction of streets along x (by their place in `y_m`) and along y."""
-    bikes: frozenset[Cell]
-    """Blocks that bicycles circle."""
-    parkings: frozenset[tuple[Cell, int]]
-    """Sides of blocks with a parking strip."""
+    bikes: frozenset[Cell]  # Blocks that bicycles circle
+    parkings: frozenset[tuple[Cell, int]]  # Sides of blocks with a parking strip
 
     def is_inner(self, cell: Cell) -> bool:
         """Whether a block is surrounded by streets."""

@@ -36,12 +36,9 @@ from fbench.replay.data.arrays import Float64
 
 Phases = dict[int, tuple[float, float]]
 """By arm: when in its junction's cycle the green of its approach begins, and how long it lasts."""
-_MPS, _STARTS_S = 10.0, 3.0
-"""How fast one goes to the next junction, and how much longer that takes from a standstill."""
-_STRAIGHT, _TURN = 4.0, 1.0
-"""How many go where."""
-_SAMPLES = np.linspace(0.05, 0.95, 10)
-"""Of those who leave during a green."""
+_MPS, _STARTS_S = 10.0, 3.0  # How fast one goes to the next junction, and how much longer that takes from a standstill
+_STRAIGHT, _TURN = 4.0, 1.0  # How many go where
+_SAMPLES = np.linspace(0.05, 0.95, 10)  # Of those who leave during a green
 _ROUNDS = 8
 
 
@@ -52,10 +49,8 @@ class _Flow:
     before: Node
     after: Node
     weight: float
-    came: tuple[float, float]
-    """Their green at the junction before, as in `Phases`."""
-    goes: tuple[float, float]
-    """Their green at the junction after it."""
+    came: tuple[float, float]  # Their green at the junction before, as in `Phases`
+    goes: tuple[float, float]  # Their green at the junction after it
     travel_s: float
 
 
@@ -105,8 +100,7 @@ def _waits_s(flow: _Flow, earlier_s: Float64, cycle_s: float) -> Float64:
 
 
 YELLOW_S = 3.0
-SLOW_WALK_MPS, _SETS_OFF_S = 1.0, 1.5
-"""The slowest walker, and how much longer because nobody is at full speed at once."""
+SLOW_WALK_MPS, _SETS_OFF_S = 1.0, 1.5  # The slowest walker, and how much longer because nobody is at full speed at once
 _CLEAR_MPS, _LENGTH_M = 10.0, 6.0
 """Speed and length of the vehicle that clears a junction, in turns as fast as these allow: those of RiLSA 2010."""
 _ALL_RED_S = 2.0
@@ -117,10 +111,8 @@ _GREEN_S, _WALK_GREEN_S = (12.0, 14.0), 5.0
 class Groups:
     """Numbers of signal groups."""
 
-    approaches: dict[tuple[Node, int], int]
-    """By junction and arm, for drive and bike lanes."""
-    walks: dict[Node, int]
-    """By junction, for all its crossings."""
+    approaches: dict[tuple[Node, int], int]  # By junction and arm, for drive and bike lanes
+    walks: dict[Node, int]  # By junction, for all its crossings
 
 
 def signal_groups(grid: Grid) -> Groups:
@@ -195,8 +187,7 @@ def _needed_s(way: Draft) -> float:
 LAMP_REACH_M, LAMP_HEIGHT_M = 2.2, 8.0
 _KERB_M = 0.4
 _LAMP_SPACING_M, _TREE_SPACING_M = 27.0, 9.0
-_SIGNAL_M, _FROM_M = 12.0, 16.0
-"""Along an arm: signals, and where other things begin."""
+_SIGNAL_M, _FROM_M = 12.0, 16.0  # Along an arm: signals, and where other things begin
 
 Facing: TypeAlias = Literal["out", "road", "house"]
 Size: TypeAlias = tuple[float, float, float]

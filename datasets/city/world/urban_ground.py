@@ -36,8 +36,7 @@ from fbench.replay.data.arrays import Float64
 PAINT_Z_M, ARROW_Z_M = 0.005, 0.008
 _LINE_M, _THIN_M = 0.15, 0.10
 _DASH_M, _GAP_M = 3.0, 4.0
-_STOP_LINE_M = (11.8, 12.2)
-"""Along an arm, just beyond the lanes' ends."""
+_STOP_LINE_M = (11.8, 12.2)  # Along an arm, just beyond the lanes' ends
 
 
 def marking_patches(grid: Grid) -> list[Patch]:
@@ -124,8 +123,7 @@ def _bar(arm: Arm, along_m: tuple[float, float], left_m: tuple[float, float]) ->
     return np.array([arm.at(a, right), arm.at(b, right), arm.at(b, left), arm.at(a, left)])
 
 
-_CORNER_M = 1.2
-"""Houses at corners stand back from both streets, so that they don't reach into the sidewalk's bend."""
+_CORNER_M = 1.2  # Houses at corners stand back from both streets, so that they don't reach into the sidewalk's bend
 _PARK_SHARE, _GAP_SHARE = 0.2, 0.25
 _WIDTH_M, _DEPTH_M, _HEIGHT_M = (9.0, 24.0), (9.0, 14.0), (6.0, 25.0)
 
@@ -136,8 +134,7 @@ class _Front:
 
     arm: Arm
     from_m: float
-    to_m: float
-    """Along the arm."""
+    to_m: float  # Along the arm
     depth_m: float
 
 
@@ -235,11 +232,9 @@ def _around_the_world(seed: int, grid: Grid) -> list[Placement]:
     return placements
 
 
-OUTSKIRTS_M = 45.0
-"""How far the ground of the blocks goes on around the world, from the outer sidewalk."""
+OUTSKIRTS_M = 45.0  # How far the ground of the blocks goes on around the world, from the outer sidewalk
 _YARDS = ("grass", "soil", "concrete")
-_CUT_M = CROSSING_M[0]
-"""Along an arm, all kerbs and sidewalks are straight from here on."""
+_CUT_M = CROSSING_M[0]  # Along an arm, all kerbs and sidewalks are straight from here on
 
 
 def regions(grid: Grid) -> tuple[Polygon, ...]:

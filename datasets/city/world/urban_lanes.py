@@ -13,18 +13,13 @@ from fbench.datasets.city.world.city_map import Draft, LaneKind, Parking, lift, 
 from fbench.datasets.city.world.street_grid import BIKE_M, CORNER_M, LANE_M, PARKING_M, STOP_M, Arm, Grid
 from fbench.replay.data.arrays import Float64
 
-AVENUE_LONGEST_M = 7.0
-"""Longer vehicles stay off avenues: turning, they would swing into the lane beside them."""
-BESIDE_BIKES_LONGEST_M = 8.0
-"""Longer vehicles don't turn left beside a bike lane: their rear would swing into it."""
+AVENUE_LONGEST_M = 7.0  # Longer vehicles stay off avenues: turning, they would swing into the lane beside them
+BESIDE_BIKES_LONGEST_M = 8.0  # Longer vehicles don't turn left beside a bike lane: their rear would swing into it
 _STREET_MPS, _AVENUE_MPS, _BIKE_MPS = 13.9, 13.9, 5.0
-_LATERAL_MPS2 = 2.0
-"""Comfortable lateral acceleration in turns: v = sqrt(a R)."""
-_ARC_END_M = 7.5
-"""Arcs end at most so far from the crossing street's lanes."""
+_LATERAL_MPS2 = 2.0  # Comfortable lateral acceleration in turns: v = sqrt(a R)
+_ARC_END_M = 7.5  # Arcs end at most so far from the crossing street's lanes
 
-Groups = dict[tuple[tuple[int, int], int], int]
-"""Signal groups of approaches by junction and arm."""
+Groups = dict[tuple[tuple[int, int], int], int]  # Signal groups of approaches by junction and arm
 
 
 def drive_lanes(grid: Grid, groups: Groups) -> list[Draft]:
@@ -126,16 +121,11 @@ def _bike(grid: Grid, ring: list[Arm], k: int, groups: Groups) -> list[Draft]:
 
 
 SIDEWALK_Z_M = 0.12
-KERB_LANE_M, HOUSE_LANE_M = 1.15, 2.4
-"""Middle of the two lanes of a sidewalk of 3 m, from the kerb."""
-CROSSING_M = (7.2, 10.8)
-"""Where along an arm people cross."""
-OUTER_CORNER_M = 6.0
-"""Radius of the kerb at the world's corners."""
-_THERE_M, _BACK_M = 8.2, 9.8
-"""Where along an arm people cross from its left to its right, and back."""
-_TURN_M, _WAIT_M = 0.75, 0.3
-"""Radius of the turn onto a crossing; where they wait, from the kerb."""
+KERB_LANE_M, HOUSE_LANE_M = 1.15, 2.4  # Middle of the two lanes of a sidewalk of 3 m, from the kerb
+CROSSING_M = (7.2, 10.8)  # Where along an arm people cross
+OUTER_CORNER_M = 6.0  # Radius of the kerb at the world's corners
+_THERE_M, _BACK_M = 8.2, 9.8  # Where along an arm people cross from its left to its right, and back
+_TURN_M, _WAIT_M = 0.75, 0.3  # Radius of the turn onto a crossing; where they wait, from the kerb
 _WALK: LaneKind = "walk"
 _WIDTH_M, _SPEED_MPS = 1.0, 1.6
 
@@ -237,8 +227,7 @@ def _walk(key: Hashable, points_m: Float64, successors: tuple[Hashable, ...], si
 
 
 SPACE_M = 5.6
-_FROM_M = 14.5
-"""Along an arm; nearer to the junction, parked cars would hide people who cross."""
+_FROM_M = 14.5  # Along an arm; nearer to the junction, parked cars would hide people who cross
 
 
 def parkings(grid: Grid) -> tuple[Parking, ...]:

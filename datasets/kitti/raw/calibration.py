@@ -35,10 +35,8 @@ class Numbers:
     texts: Mapping[str, str]
 
     def array(self, name: str, *shape: int) -> Float64:
-        """Return the numbers of a line.
-
-        Raises:
-            LogError: where it is missing, or hasn't as many finite numbers as `shape` needs.
+        """Return the numbers of a line. Raises LogError where it is missing, or hasn't as many finite numbers as
+        `shape` needs.
         """
         if name not in self.texts:
             raise LogError(f"{self.path}: no line '{name}:'")
@@ -51,11 +49,7 @@ class Numbers:
         return values.reshape(shape)
 
     def rotation(self, name: str) -> Float64:
-        """Return a matrix (3, 3).
-
-        Raises:
-            LogError: as `array`, and where it isn't a rotation.
-        """
+        """Return a matrix (3, 3). Raises LogError as `array`, and where it isn't a rotation."""
         R = self.array(name, 3, 3)
         if not is_rotation(R):
             raise LogError(f"{self.path}: {name}: isn't a rotation")
@@ -75,11 +69,7 @@ class Numbers:
         return int(width), int(height)
 
     def pinhole(self, name: str, *shape: int) -> Float64:
-        """Return a matrix that begins with K (3, 3).
-
-        Raises:
-            LogError: as `array`, and where K can't be one.
-        """
+        """Return a matrix that begins with K (3, 3). Raises LogError as `array`, and where K can't be one."""
         matrix = self.array(name, *shape)
         if not is_pinhole(matrix[:, :3]):
             raise LogError(f"{self.path}: {name}: isn't of the form fx s cx / 0 fy cy / 0 0 1")
@@ -91,10 +81,8 @@ class DriveCalibration:
     """What the files of a drive's date say."""
 
     rig: Rig
-    calibration: Calibration
-    """Of the rectified cameras, by which the body's pose follows from that of the IMU."""
-    made: str
-    """When the cameras were calibrated, as it is written; empty where it isn't."""
+    calibration: Calibration  # Of the rectified cameras, by which the body's pose follows from that of the IMU
+    made: str  # When the cameras were calibrated, as it is written; empty where it isn't
 
     @property
     def body_T_velo(self) -> Float64 | None:
@@ -106,10 +94,8 @@ class DriveCalibration:
 
 
 def read_calibration(drive: Drive) -> DriveCalibration:
-    """Read the calibration of the sensors that a drive has.
-
-    Raises:
-        LogError: naming the file that is missing or wrong; `calib_imu_to_velo.txt` may be missing.
+    """Read the calibration of the sensors that a drive has. Raises LogError naming the file that is missing or wrong;
+    `calib_imu_to_velo.txt` may be missing.
     """
     folder = drive.calibration_folder
     cameras = _read(folder / CAMERAS)

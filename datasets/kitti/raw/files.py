@@ -21,8 +21,7 @@ _MAX_STAMPS_BYTES = 2**25
 _YEARS = range(1970, 2262)
 CAMERAS = {camera_name(number): number for number in range(4)}
 _IMAGES = ("png", "jpg", "jpeg")
-_FOLDERS = {LIDAR: "velodyne_points"}
-"""Of sensors whose folders have other names."""
+_FOLDERS = {LIDAR: "velodyne_points"}  # Of sensors whose folders have other names
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,8 @@ class Series:
 
     sensor: str
     folder: Path
-    paths: Mapping[int, Path]
-    """By the number in the file's name, ascending."""
-    others: tuple[str, ...] = ()
-    """Names in the folder that aren't those of measurements."""
+    paths: Mapping[int, Path]  # By the number in the file's name, ascending
+    others: tuple[str, ...] = ()  # Names in the folder that aren't those of measurements
 
     @property
     def stamps_path(self) -> Path:
@@ -48,8 +45,7 @@ class Drive:
 
     name: str
     folder: Path
-    series: Mapping[str, Series]
-    """By sensor; sensors without a file are absent."""
+    series: Mapping[str, Series]  # By sensor; sensors without a file are absent
 
     @property
     def calibration_folder(self) -> Path:
@@ -74,10 +70,8 @@ class Drive:
 
 
 def find_drives(source: Path) -> dict[str, Path]:
-    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive.
-
-    Raises:
-        LogError: where a folder can't be read.
+    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive. Raises
+    LogError where a folder can't be read.
     """
     here = source.resolve()
     if not here.is_dir():
@@ -90,11 +84,7 @@ def find_drives(source: Path) -> dict[str, Path]:
 
 
 def open_drive(name: str, folder: Path) -> Drive:
-    """List the files of a drive.
-
-    Raises:
-        LogError: where a folder can't be read, or there is no measurement.
-    """
+    """List the files of a drive. Raises LogError where a folder can't be read, or there is no measurement."""
     endings = {LIDAR: ("bin",) if name.endswith("_sync") else ("txt", "bin"), OXTS: ("txt",)}
     found = [
         _series(sensor, folder / _FOLDERS.get(sensor, sensor), endings.get(sensor, _IMAGES))
@@ -125,14 +115,11 @@ class Stamps:
     """The stamps of one sensor, by number of the file."""
 
     path: Path
-    texts: tuple[str, ...]
-    """Empty where a measurement was lost."""
+    texts: tuple[str, ...]  # Empty where a measurement was lost
 
     def stamp_ns(self, number: int) -> int:
-        """Return the stamp of a file; KITTI writes no time zone, it is taken as UTC.
-
-        Raises:
-            LogError: where there is none, or it is malformed.
+        """Return the stamp of a file; KITTI writes no time zone, it is taken as UTC. Raises LogError where there is
+        none, or it is malformed.
         """
         if number >= len(self.texts):
             raise LogError(f"{self.path}: {len(self.texts)} lines, no stamp for file {number}")
@@ -150,18 +137,13 @@ class Stamps:
 
 
 def read_stamps(path: Path) -> Stamps:
-    """Return the stamps of a file; empty lines at its end are no matter.
-
-    Raises:
-        LogError: where it can't be read.
-    """
+    """Return the stamps of a file; empty lines at its end are no matter. Raises LogError where it can't be read."""
     text = read_text(path, _MAX_STAMPS_BYTES).rstrip()
     return Stamps(path, tuple(line.strip() for line in text.split("\n")) if text else ())
 
 
 Met = Callable[[LogError], None]
-_END_NS = 2**63
-"""Behind all stamps, which aren't negative."""
+_END_NS = 2**63  # Behind all stamps, which aren't negative
 
 
 class Entry(NamedTuple):

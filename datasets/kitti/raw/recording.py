@@ -58,15 +58,13 @@ _LISTED = 20
 class Findings:
     """What the import met."""
 
-    frames: FrameRange
-    """Which ones were asked for."""
+    frames: FrameRange  # Which ones were asked for
     numbers: dict[str, list[int]] = field(default_factory=dict)
     """Of the files of each sensor that were imported, in the order of their stamps."""
     first_ns: int | None = None
     last_ns: int = 0
     tracklets: Tracklets | None = None
-    boxes: Counter[str] = field(default_factory=Counter)
-    """By their source label."""
+    boxes: Counter[str] = field(default_factory=Counter)  # By their source label
     states: Counter[str] = field(default_factory=Counter)
     odd: list[str] = field(default_factory=list)
 
@@ -164,19 +162,14 @@ _STAMPS = (
 
 def names(source: Path) -> list[str]:
     """Names of the drives in `source`, sorted, which holds dates, is one, or is a drive; empty where there are none.
-
-    Raises:
-        LogError: where a folder can't be read.
+    Raises LogError where a folder can't be read.
     """
     return list(find_drives(source))
 
 
 def recording(name: str, source: Path, wish: ImportWish, params: KittiParams) -> Recording:
-    """Open a drive of `names`.
-
-    Raises:
-        ConfigError: for results of another system, which other formats of KITTI have.
-        LogError: where a folder can't be read.
+    """Open a drive of `names`. Raises ConfigError for results of another system, which other formats of KITTI have.
+    Raises LogError where a folder can't be read.
     """
     if params.detections is not None:
         raise ConfigError(f"{params.detections}: raw drives can't take detections, whose files are those of benchmarks")
@@ -314,10 +307,8 @@ class RawRecording:
 
 
 def _read_rows(path: Path) -> Float32:
-    """Return rows (N, 4) of a text: x, y, z [m], reflectance.
-
-    Raises:
-        LogError: where it can't be read, or a row hasn't four numbers.
+    """Return rows (N, 4) of a text: x, y, z [m], reflectance. Raises LogError where it can't be read, or a row hasn't
+    four numbers.
     """
     text = read_text(path)
     if not text.strip():

@@ -39,8 +39,7 @@ class Element:
     path: Path
     line: int
     tag: str
-    texts: dict[str, str] = field(default_factory=dict)
-    """Texts of the elements within that hold no others."""
+    texts: dict[str, str] = field(default_factory=dict)  # Texts of the elements within that hold no others
 
     @property
     def where(self) -> str:
@@ -48,32 +47,20 @@ class Element:
         return f"{self.path}: line {self.line}: <{self.tag[:40]}>"
 
     def text(self, tag: str) -> str:
-        """Return the text of an element within.
-
-        Raises:
-            LogError: where it is missing.
-        """
+        """Return the text of an element within. Raises LogError where it is missing."""
         if tag not in self.texts:
             raise LogError(f"{self.where}: no <{tag}>")
         return self.texts[tag]
 
     def real(self, tag: str) -> float:
-        """Return a number.
-
-        Raises:
-            LogError: where it is missing, isn't finite, or is beyond all reason.
-        """
+        """Return a number. Raises LogError where it is missing, isn't finite, or is beyond all reason."""
         value = parse_number(self.text(tag), self.where, f"<{tag}>")
         if not abs(value) < _MAX_MAGNITUDE:
             raise LogError(f"{self.where}: <{tag}> is '{self.text(tag)[:40]}', expected a finite number")
         return value
 
     def count(self, tag: str) -> int:
-        """Return a whole number that isn't negative.
-
-        Raises:
-            LogError: where it is missing, or isn't one.
-        """
+        """Return a whole number that isn't negative. Raises LogError where it is missing, or isn't one."""
         value = whole(self.text(tag), self.where, f"<{tag}>")
         if not 0 <= value < _MAX_MAGNITUDE:
             raise LogError(f"{self.where}: <{tag}> is {value}, expected 0 or more, and not beyond all reason")
@@ -85,8 +72,7 @@ class TrackletElement(Element):
     """One tracklet, as it is written."""
 
     poses: list[Element] = field(default_factory=list)
-    num_poses: Element | None = None
-    """Holds `count`."""
+    num_poses: Element | None = None  # Holds `count`
 
 
 class TrackletsXml:
@@ -103,11 +89,7 @@ class TrackletsXml:
         self._parser = expat.ParserCreate("utf-8")
 
     def tracklets(self, content: bytes) -> Iterator[TrackletElement]:
-        """Read the document; there are as many tracklets as it says.
-
-        Raises:
-            LogError: where it isn't such a document.
-        """
+        """Read the document; there are as many tracklets as it says. Raises LogError where it isn't such a document."""
         parser = self._parser
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.CharacterDataHandler, parser.buffer_text = self._add_text, True
@@ -177,8 +159,7 @@ class TrackletsXml:
 FILE = "tracklet_labels.xml"
 STATES = {0: "", 1: "interpolated", 2: "labelled"}
 """`attribute` of boxes by <state>: whether a person placed the box, or it lies between two which one placed."""
-_CLASSES = {"Person (sitting)": "Person_sitting"}
-"""Names that other benchmarks of KITTI write differently."""
+_CLASSES = {"Person (sitting)": "Person_sitting"}  # Names that other benchmarks of KITTI write differently
 _UNKNOWN = -1
 _MAX_BYTES = 2**26
 
@@ -187,10 +168,8 @@ _MAX_BYTES = 2**26
 class Tracklets:
     """All boxes of a drive, by frame."""
 
-    boxes: Boxes3D
-    """In body coordinates, those of one frame after those of another, in the order of the file."""
-    frame: Int64
-    """(N,) of each box, ascending."""
+    boxes: Boxes3D  # In body coordinates, those of one frame after those of another, in the order of the file
+    frame: Int64  # (N,) of each box, ascending
     num_tracks: int
 
     def of(self, frame: int) -> Boxes3D:
@@ -206,8 +185,7 @@ class _Track:
     source_label: str
     first_frame: int
     size_lwh_m: tuple[float, float, float]
-    poses: Float64
-    """(M, 9): position of the bottom's middle [m], rx, ry, rz [rad], state, occlusion, truncation."""
+    poses: Float64  # (M, 9): position of the bottom's middle [m], rx, ry, rz [rad], state, occlusion, truncation
 
 
 def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], None]) -> Tracklets:

@@ -12,8 +12,7 @@ from fbench.metrics.core.similarity import image_overlaps
 from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome, Ranked
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 
-_ALMOST_ONE = 1 - 1e-10
-"""Overlap that suffices where the threshold is 1 (pycocotools)."""
+_ALMOST_ONE = 1 - 1e-10  # Overlap that suffices where the threshold is 1 (pycocotools)
 
 
 def measure(sequence: Sequence, rules: CocoRules, classes: tuple[str, ...]) -> CocoStatistics:

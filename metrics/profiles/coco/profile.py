@@ -39,10 +39,8 @@ class Kind:
     """One of COCO's numbers."""
 
     name: str
-    area: int
-    """Index of the range of area."""
-    thresholds: tuple[int, ...]
-    """Indices of the thresholds that are averaged."""
+    area: int  # Index of the range of area
+    thresholds: tuple[int, ...]  # Indices of the thresholds that are averaged
     max_estimates: int
     is_recall: bool
 
@@ -173,8 +171,7 @@ class CocoProfile:
     """
 
     rules: CocoRules = field(default_factory=CocoRules)
-    classes: tuple[str, ...] = ()
-    """Labels that count; empty: all that truth has."""
+    classes: tuple[str, ...] = ()  # Labels that count; empty: all that truth has
     name: str = "coco"
     summary: str = "average precision and recall in images, as pycocotools 2.0.11 (bbox)"
 
@@ -184,11 +181,7 @@ class CocoProfile:
         return frozenset(self.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with a single threshold.
-
-        Raises:
-            ConfigError: where it isn't an overlap in images.
-        """
+        """Return the profile with a single threshold. Raises ConfigError where it isn't an overlap in images."""
         if match.likeness != "iou2d":
             raise ConfigError(f"profile coco: can't match by {match.likeness}, use iou2d")
         return replace(self, rules=replace(self.rules, thresholds=(match.threshold,)))
@@ -197,9 +190,7 @@ class CocoProfile:
         """Return outcomes of the estimates of one sequence.
 
         Estimates that aren't finite or have a negative size are false alarms, such truth is left out and counted.
-
-        Raises:
-            MetricError: where boxes have no rectangles in images.
+        Raises MetricError where boxes have no rectangles in images.
         """
         return measure(sequence, self.rules, self.classes)
 

@@ -22,12 +22,9 @@ class Ranked:
     """M estimates of one class of one sequence."""
 
     sequence: str
-    place: Int64
-    """(M, 3) frame, number of the camera, and place in the image by score: no two are equal."""
-    score: Float64
-    """(M,)"""
-    outcome: Array
-    """(A, T, M) uint8 `Outcome` for A ranges of area and T thresholds."""
+    place: Int64  # (M, 3) frame, number of the camera, and place in the image by score: no two are equal
+    score: Float64  # (M,)
+    outcome: Array  # (A, T, M) uint8 `Outcome` for A ranges of area and T thresholds
 
     def __post_init__(self) -> None:
         freeze_fields(self, place=("i8", ("M", 3)), score=("f8", ("M",)), outcome=("u1", ("A", "T", "M")))
@@ -37,11 +34,9 @@ class Ranked:
 class ClassStatistics:
     """One class over some sequences."""
 
-    num_truth: tuple[int, ...]
-    """Boxes to be found in each range of area."""
+    num_truth: tuple[int, ...]  # Boxes to be found in each range of area
     num_crowds: int
-    parts: tuple[Ranked, ...]
-    """One a sequence, in any order."""
+    parts: tuple[Ranked, ...]  # One a sequence, in any order
 
     def __add__(self, other: "ClassStatistics") -> "ClassStatistics":
         num_truth = tuple(a + b for a, b in zip(self.num_truth, other.num_truth, strict=True))
@@ -65,10 +60,8 @@ class CocoStatistics:
 
     classes: Mapping[str, ClassStatistics]
     num_images: int
-    num_invalid_truth: int
-    """Boxes that aren't finite or have a negative size; left out."""
-    num_invalid_estimates: int
-    """Counted as false alarms."""
+    num_invalid_truth: int  # Boxes that aren't finite or have a negative size; left out
+    num_invalid_estimates: int  # Counted as false alarms
 
     def __add__(self, other: "CocoStatistics") -> "CocoStatistics":
         classes = dict(self.classes)
@@ -86,11 +79,9 @@ class CocoStatistics:
 class AreaRange:
     """Sizes of boxes that count; others are ignored."""
 
-    name: str
-    """As in `aps`: empty for all."""
+    name: str  # As in `aps`: empty for all
     low_px2: float
-    high_px2: float
-    """Both ends belong to it."""
+    high_px2: float  # Both ends belong to it
 
     def holds(self, area_px2: Float64) -> Bool:
         """Tell which areas (N,) lie in it; unknown ones (NaN) do."""
@@ -104,10 +95,8 @@ class CocoRules:
 
     thresholds: tuple[float, ...] = tuple(np.linspace(0.5, 0.95, 10).tolist())
     """Least intersection over union; results are averaged over them."""
-    num_recalls: int = 101
-    """Precision is read at as many recalls from 0 to 1."""
-    max_estimates: tuple[int, ...] = (1, 10, 100)
-    """Of one class in one image, the best scores first; ascending."""
+    num_recalls: int = 101  # Precision is read at as many recalls from 0 to 1
+    max_estimates: tuple[int, ...] = (1, 10, 100)  # Of one class in one image, the best scores first; ascending
     areas: tuple[AreaRange, ...] = (
         AreaRange("", 0.0, 1e10),
         AreaRange("s", 0.0, 32.0**2),

@@ -58,8 +58,7 @@ def match_frame(  # noqa: C901  # apart it compiles twice as long
             matched[i], likeness[i] = estimate_first + j, 1.0 - cost[r, j]
 
 
-COUNTS, IGNORED, LEFT_OUT = 0, 1, -1
-"""What a result is for a class and difficulty."""
+COUNTS, IGNORED, LEFT_OUT = 0, 1, -1  # What a result is for a class and difficulty
 
 
 @kernel

@@ -30,12 +30,9 @@ NUM_RECALLS = 40
 class Curve:
     """Counts at the thresholds of recalls 0, 1/40 ...; those that weren't reached are missing."""
 
-    num_truth: int
-    """Truth boxes of the difficulty."""
-    counts: Int64
-    """(K, 3) hits, false positives, misses."""
-    similarity: Float64
-    """(K,) sum over hits of (1 + cos) / 2 of the difference of observation angles."""
+    num_truth: int  # Truth boxes of the difficulty
+    counts: Int64  # (K, 3) hits, false positives, misses
+    similarity: Float64  # (K,) sum over hits of (1 + cos) / 2 of the difference of observation angles
     has_alpha: bool
     missing: str
     num_bad_truth: int
@@ -199,10 +196,8 @@ class KittiObject:
         return frozenset(kind.label for kind in self.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one overlap for all classes.
-
-        Raises:
-            ConfigError: where it isn't an intersection over union.
+        """Return the profile with one overlap for all classes. Raises ConfigError where it isn't an intersection over
+        union.
         """
         if match.likeness not in _LIKENESSES:
             raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou2d, ioubev or iou3d")

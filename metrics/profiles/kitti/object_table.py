@@ -27,8 +27,7 @@ class Difficulty:
     """Which truth must be found; results lower than the height are excused."""
 
     name: str
-    min_height_px: float
-    """Truth must be higher."""
+    min_height_px: float  # Truth must be higher
     max_occlusion: int
     max_truncation: float
 
@@ -76,24 +75,15 @@ class ObjectTable:
     """N truth boxes and M results at D difficulties."""
 
     pairs: Pairs
-    truth_ignored: Array
-    """(D, N) bool: of a neighbouring class, or too low, occluded or truncated for the difficulty."""
-    state: Array
-    """(D, M) int64: `COUNTS`, `IGNORED` or `LEFT_OUT`."""
-    score: Float64
-    """(M,)"""
-    covered: Float64
-    """(M,) share that a "don't care" region covers; 0 where they don't matter."""
-    truth_alpha: Float64
-    """(N,) observation angle [rad], NaN where unknown."""
-    alpha: Float64
-    """(M,)"""
-    num_bad_truth: int
-    """Left out; what the source left out already is of any class."""
-    num_bad_results: int
-    """They are false positives at every threshold."""
-    missing: str
-    """What the boxes lack, so that they can't be matched in this way; empty where nothing."""
+    truth_ignored: Array  # (D, N) bool: of a neighbouring class, or too low, occluded or truncated for the difficulty
+    state: Array  # (D, M) int64: `COUNTS`, `IGNORED` or `LEFT_OUT`
+    score: Float64  # (M,)
+    covered: Float64  # (M,) share that a "don't care" region covers; 0 where they don't matter
+    truth_alpha: Float64  # (N,) observation angle [rad], NaN where unknown
+    alpha: Float64  # (M,)
+    num_bad_truth: int  # Left out; what the source left out already is of any class
+    num_bad_results: int  # They are false positives at every threshold
+    missing: str  # What the boxes lack, so that they can't be matched in this way; empty where nothing
 
     def __post_init__(self) -> None:
         truth, results = ("N",), ("M",)

@@ -40,11 +40,7 @@ def _content(objects: Objects) -> list[Array]:
 
 
 def unique_ids(objects: Objects, sequence: Sequence, side: str) -> None:
-    """Check that no id is twice in a step.
-
-    Raises:
-        MetricError: naming frame and id (GT003).
-    """
+    """Check that no id is twice in a step. Raises MetricError naming frame and id (GT003)."""
     order = np.lexsort((objects.track_id, objects.step))
     step, ids = objects.step[order], objects.track_id[order]
     twice = np.flatnonzero((step[1:] == step[:-1]) & (ids[1:] == ids[:-1]))
@@ -106,16 +102,11 @@ def track_numbers(objects: Objects, sequence: Sequence) -> Int64:
 class Pairs:
     """P pairs of N truth rows with M results over S steps; those of row i are `start[i]:start[i + 1]`."""
 
-    truth_start: Int64
-    """(S + 1,)"""
-    estimate_start: Int64
-    """(S + 1,)"""
-    start: Int64
-    """(N + 1,)"""
-    estimate: Int64
-    """(P,) ascending within a row."""
-    likeness: Float64
-    """(P,)"""
+    truth_start: Int64  # (S + 1,)
+    estimate_start: Int64  # (S + 1,)
+    start: Int64  # (N + 1,)
+    estimate: Int64  # (P,) ascending within a row
+    likeness: Float64  # (P,)
 
     def __post_init__(self) -> None:
         steps, one = ("i8", ("S1",)), ("f8", ("P",))

@@ -44,15 +44,11 @@ class TrackRules:
     """Thresholds of `trackingEvaluation` in scripts/KITTI/evaluate.py, AB3DMOT 61f3bd7."""
 
     match: Match
-    min_height_px: float = 25.0
-    """Results up to this height are excused where they match nothing."""
-    max_occlusion: int = 2
-    """Truth above is ignored; in KITTI 3 is unknown."""
+    min_height_px: float = 25.0  # Results up to this height are excused where they match nothing
+    max_occlusion: int = 2  # Truth above is ignored; in KITTI 3 is unknown
     max_truncation: int = 0
-    max_covered: float = 0.5
-    """Results of which a "don't care" region covers more are excused where they match nothing."""
-    num_recalls: int = 40
-    """Recalls 1/40 to 1 over which sAMOTA, AMOTA and AMOTP are averaged."""
+    max_covered: float = 0.5  # Results of which a "don't care" region covers more are excused where they match nothing
+    num_recalls: int = 40  # Recalls 1/40 to 1 over which sAMOTA, AMOTA and AMOTP are averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,24 +57,17 @@ class TrackTable:
 
     num_frames: int
     pairs: Pairs
-    truth_ignored: Bool
-    """(N,) occluded, truncated or of a neighbouring class."""
+    truth_ignored: Bool  # (N,) occluded, truncated or of a neighbouring class
     track_start: Int64
     """(K + 1,) track k has the truth rows `track_rows[track_start[k]:track_start[k + 1]]`, in the order of time."""
-    track_rows: Int64
-    """(N,)"""
-    estimate_track: Int64
-    """(M,)"""
+    track_rows: Int64  # (N,)
+    estimate_track: Int64  # (M,)
     excusable: Bool
     """(M,) low, of a neighbouring class or in a "don't care" region: no false positive where it matches nothing."""
-    track_size: Int64
-    """(T,) boxes of the track."""
-    track_score: Float64
-    """(T,) mean score of the track."""
-    num_bad_truth: int
-    """Left out; what the source left out already is of any class."""
-    num_bad_results: int
-    """They are false positives at every threshold."""
+    track_size: Int64  # (T,) boxes of the track
+    track_score: Float64  # (T,) mean score of the track
+    num_bad_truth: int  # Left out; what the source left out already is of any class
+    num_bad_results: int  # They are false positives at every threshold
 
     def __post_init__(self) -> None:
         truth, estimates, tracks = ("N",), ("M",), ("T",)
@@ -95,10 +84,8 @@ class TrackTable:
 
 
 def track_table(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> TrackTable:
-    """Select what counts for one class.
-
-    Raises:
-        MetricError: where an id is twice in a frame (GT003), or boxes lack what is matched.
+    """Select what counts for one class. Raises MetricError where an id is twice in a frame (GT003), or boxes lack what
+    is matched.
     """
     truth, num_bad_truth = _truth(sequence, kind, rules)
     results, num_bad_results = _results(sequence, kind, rules)
@@ -152,8 +139,7 @@ def _excusable(results: Objects, sequence: Sequence, kind: TrackClass, rules: Tr
     return np.asarray(excusable, np.bool_)
 
 
-ALL_RESULTS = -10000.0
-"""AB3DMOT's threshold for everything."""
+ALL_RESULTS = -10000.0  # AB3DMOT's threshold for everything
 
 
 @dataclass(frozen=True)
@@ -161,14 +147,11 @@ class Pass:
     """Raw counts at one confidence threshold; names and rules are AB3DMOT's."""
 
     threshold: float
-    recall: float
-    """The recall that the threshold was chosen for; 1 where it wasn't."""
-    tp: int
-    """With ignored ones."""
+    recall: float  # The recall that the threshold was chosen for; 1 where it wasn't
+    tp: int  # With ignored ones
     itp: int
     fp: int
-    fn: int
-    """Without ignored ones."""
+    fn: int  # Without ignored ones
     ifn: int
     ids: int
     frag: int
@@ -176,14 +159,11 @@ class Pass:
     pt: int
     ml: int
     ignored_tracks: int
-    gt: int
-    """Truth boxes that count."""
+    gt: int  # Truth boxes that count
     results: int
     ignored_results: int
-    likeness: float
-    """Sum over `tp`."""
-    frame_likeness: float
-    """Sum over frames of the mean over matches that count, 1 where there are none."""
+    likeness: float  # Sum over `tp`
+    frame_likeness: float  # Sum over frames of the mean over matches that count, 1 where there are none
 
     @property
     def mota(self) -> float | None:
@@ -208,10 +188,8 @@ class Pass:
 class Passes:
     """All that the rows of one class are made of."""
 
-    recalls: tuple[Pass, ...]
-    """By rising recall; recalls that weren't reached are missing."""
-    best: Pass
-    """At the threshold with the highest MOTA above 0, else with all results."""
+    recalls: tuple[Pass, ...]  # By rising recall; recalls that weren't reached are missing
+    best: Pass  # At the threshold with the highest MOTA above 0, else with all results
 
 
 def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:

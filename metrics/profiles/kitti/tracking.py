@@ -22,8 +22,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.scores import Score
 
 _NO_TRUTH = "no truth boxes that count (AB3DMOT prints {})"
-_Value = tuple[str, float | None, str, str]
-"""Metric, value, unit, and why it is undefined."""
+_Value = tuple[str, float | None, str, str]  # Metric, value, unit, and why it is undefined
 
 
 @dataclass(frozen=True)
@@ -186,20 +185,14 @@ class Kitti3dMot:
         return frozenset(label for kind in self.classes for label in kind.labels)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another threshold, on `iou3d` or `iou2d`.
-
-        Raises:
-            ConfigError: for other likenesses.
-        """
+        """Return the profile with another threshold, on `iou3d` or `iou2d`. Raises ConfigError for other likenesses."""
         if match.likeness not in ("iou3d", "iou2d"):
             raise ConfigError(f"{self.name}: --match {match.likeness}: expected iou3d or iou2d")
         return replace(self, rules=replace(self.rules, match=match))
 
     def measure(self, sequence: Sequence) -> TrackStatistics:
-        """Return what counts in one sequence.
-
-        Raises:
-            MetricError: where an id is twice in a frame (GT003), or boxes lack what is matched.
+        """Return what counts in one sequence. Raises MetricError where an id is twice in a frame (GT003), or boxes lack
+        what is matched.
         """
         return TrackStatistics((tuple(track_table(sequence, kind, self.rules) for kind in self.classes),))
 

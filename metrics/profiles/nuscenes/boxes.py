@@ -14,11 +14,9 @@ from fbench.replay.data.boxes import MAX_MAGNITUDE
 
 
 def check_sequence(sequence: Sequence, max_boxes: int) -> None:
-    """Check what both benchmarks take for granted.
-
-    Raises:
-        MetricError: where boxes have no solid, an id is twice in a sample, a sample has too many results, or nobody
-            tells where the ego is in a sample with boxes, while it is known in others.
+    """Check what both benchmarks take for granted. Raises MetricError where boxes have no solid, an id is twice in a
+    sample, a sample has too many results, or nobody tells where the ego is in a sample with boxes, while it is known in
+    others.
     """
     for side, boxes in (("truth", sequence.truth), ("results", sequence.estimates)):
         _check_solids(sequence, side, boxes)
@@ -31,11 +29,7 @@ def check_sequence(sequence: Sequence, max_boxes: int) -> None:
 
 
 def check_tracked(sequence: Sequence, side: str, boxes: Objects) -> None:
-    """Check that each box belongs to a track.
-
-    Raises:
-        MetricError: where one doesn't.
-    """
+    """Check that each box belongs to a track. Raises MetricError where one doesn't."""
     if (boxes.track_id < 0).any():
         step = int(boxes.step[np.argmax(boxes.track_id < 0)])
         raise MetricError(
@@ -77,12 +71,9 @@ def _place(sequence: Sequence, step: int) -> str:
 class Solids(NamedTuple):
     """N boxes."""
 
-    center_m: Float64
-    """(N, 3)"""
-    size_lwh_m: Float64
-    """(N, 3)"""
-    yaw_rad: Float64
-    """(N,)"""
+    center_m: Float64  # (N, 3)
+    size_lwh_m: Float64  # (N, 3)
+    yaw_rad: Float64  # (N,)
 
 
 def solids(boxes: Objects) -> Solids:
@@ -119,24 +110,19 @@ def _any_equal(x: Array, step: Array) -> bool:
 class LeftOut:
     """Boxes that neither side is judged on, except `invalid`, which are false positives; for reports."""
 
-    unknown_class: int = 0
-    """Results of a class that the benchmark doesn't have."""
+    unknown_class: int = 0  # Results of a class that the benchmark doesn't have
     unknown_class_truth: int = 0
     out_of_range: int = 0
     out_of_range_truth: int = 0
-    no_points: int = 0
-    """Results said to have no point in them."""
+    no_points: int = 0  # Results said to have no point in them
     no_points_truth: int = 0
     in_rack: int = 0
     in_rack_truth: int = 0
-    ignored: int = 0
-    """Results outside the region of interest, where there is one."""
-    ignored_truth: int = 0
-    """Truth boxes outside of it, or marked as to be ignored."""
+    ignored: int = 0  # Results outside the region of interest, where there is one
+    ignored_truth: int = 0  # Truth boxes outside of it, or marked as to be ignored
     invalid: int = 0
     """Results with a score or box that isn't finite, or without extent (PRD001): counted as false positives."""
-    invalid_truth: int = 0
-    """Truth boxes that aren't finite or have no extent (GT004)."""
+    invalid_truth: int = 0  # Truth boxes that aren't finite or have no extent (GT004)
 
     def __add__(self, other: "LeftOut") -> "LeftOut":
         mine, theirs = asdict(self), asdict(other)
@@ -148,10 +134,8 @@ class Side:
     """N boxes that count, in the order of `content_order`."""
 
     boxes: Objects
-    kind: Int64
-    """(N,) index of the class in the rules."""
-    invalid: Bool
-    """(N,) never match; truth has none."""
+    kind: Int64  # (N,) index of the class in the rules
+    invalid: Bool  # (N,) never match; truth has none
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,11 +148,7 @@ class Counted:
 
 
 def counted(sequence: Sequence, rules: BoxRules) -> Counted:
-    """Return the boxes of a sequence that count.
-
-    Raises:
-        MetricError: where it can't be scored.
-    """
+    """Return the boxes of a sequence that count. Raises MetricError where it can't be scored."""
     check_sequence(sequence, rules.max_boxes)
     racks = sequence.truth[sequence.truth.label == rules.rack_label]
     racks = racks[~_invalid(racks)]

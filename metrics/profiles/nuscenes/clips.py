@@ -17,18 +17,13 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
 class TrackPoints:
     """N points of K tracks."""
 
-    step: Int64
-    """(N,)"""
+    step: Int64  # (N,)
     track: Int64
     """(N,) 0 to K - 1, numbered by first sample, place there and what follows; an id in two streams is two tracks."""
-    kind: Int64
-    """(N,) index of the class, which may change along a track."""
-    xy: Float64
-    """(N, 2) [m]"""
-    score: Float64
-    """(N,)"""
-    invalid: Bool
-    """(N,) results that match nothing; each is a track of its own."""
+    kind: Int64  # (N,) index of the class, which may change along a track
+    xy: Float64  # (N, 2) [m]
+    score: Float64  # (N,)
+    invalid: Bool  # (N,) results that match nothing; each is a track of its own
 
     @property
     def columns(self) -> tuple[Array, ...]:
@@ -44,10 +39,8 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
     """Return the points of one side: scores are means over their track, and gaps are filled in.
 
     Gaps are filled between boxes before and after, as nuscenes-devkit 1.2.0 does (eval/tracking/loaders.py,
-    `create_tracks`), in results too. That uses the future; nothing but this profile does it.
-
-    Raises:
-        MetricError: where samples of a stream don't follow each other in time.
+    `create_tracks`), in results too. That uses the future; nothing but this profile does it. Raises MetricError where
+    samples of a stream don't follow each other in time.
     """
     points = _points(sequence, side)
     points = points[np.lexsort((points.step, points.track))]
@@ -108,25 +101,16 @@ class Clip:
     """
 
     sequence: str
-    kind: int
-    """Index of the class."""
+    kind: int  # Index of the class
     num_truth_tracks: int
-    truth_start: Array
-    """(S + 1,) offsets of steps."""
-    truth_track: Array
-    """(N,)"""
-    estimate_start: Array
-    """(S + 1,)"""
-    estimate_track: Array
-    """(M,)"""
-    score: Float64
-    """(M,) mean of the track; infinite for a result that isn't valid and has no finite score."""
-    pair_start: Array
-    """(N + 1,) offsets of the pairs of each truth box."""
-    pair_estimate: Array
-    """(P,) rows."""
-    pair_m: Float64
-    """(P,) distances."""
+    truth_start: Array  # (S + 1,) offsets of steps
+    truth_track: Array  # (N,)
+    estimate_start: Array  # (S + 1,)
+    estimate_track: Array  # (M,)
+    score: Float64  # (M,) mean of the track; infinite for a result that isn't valid and has no finite score
+    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
+    pair_estimate: Array  # (P,) rows
+    pair_m: Float64  # (P,) distances
     matched_score: Float64 = field(default_factory=lambda: np.zeros(0))
     """(K,) of the results that match, without a switch, when all are taken."""
 

@@ -35,10 +35,8 @@ class _Class:
 
     name: str
     ranking: ClassRanking
-    ap: Float64
-    """(D,)"""
-    errors: Float64
-    """(5,) NaN where the benchmark defines none."""
+    ap: Float64  # (D,)
+    errors: Float64  # (5,) NaN where the benchmark defines none
 
     @property
     def has_truth(self) -> bool:
@@ -132,20 +130,16 @@ class NuscenesDetection:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with one distance for AP and errors.
-
-        Raises:
-            ConfigError: where it isn't a distance between centres in the ground plane.
+        """Return the profile with one distance for AP and errors. Raises ConfigError where it isn't a distance between
+        centres in the ground plane.
         """
         distance_m = center_distance(self.name, match)
         settings = replace(self.settings, distances_m=(distance_m,), error_distance_m=distance_m)
         return replace(self, settings=settings)
 
     def measure(self, sequence: Sequence) -> DetectionStatistics:
-        """Return what each result of one sequence hit.
-
-        Raises:
-            MetricError: where it can't be scored: an id twice in a sample (GT003), no boxes in space, too many results.
+        """Return what each result of one sequence hit. Raises MetricError where it can't be scored: an id twice in a
+        sample (GT003), no boxes in space, too many results.
         """
         boxes = counted(sequence, self.settings.rules)
         order, partner = self._matches(boxes, len(sequence.steps))

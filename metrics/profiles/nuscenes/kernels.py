@@ -55,30 +55,21 @@ def match_nearest(
 class Candidates(NamedTuple):
     """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
 
-    truth_start: Array
-    """(S + 1,) offsets of steps."""
-    truth_track: Array
-    """(N,)"""
-    estimate_start: Array
-    """(S + 1,)"""
-    estimate_track: Array
-    """(M,)"""
-    score: Array
-    """(M,)"""
-    pair_start: Array
-    """(N + 1,) offsets of the pairs of each truth box."""
-    pair_estimate: Array
-    """(P,) rows."""
-    pair_m: Array
-    """(P,) distances."""
+    truth_start: Array  # (S + 1,) offsets of steps
+    truth_track: Array  # (N,)
+    estimate_start: Array  # (S + 1,)
+    estimate_track: Array  # (M,)
+    score: Array  # (M,)
+    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
+    pair_estimate: Array  # (P,) rows
+    pair_m: Array  # (P,) distances
 
 
 TP, IDS, FP, FN, FRAMES, MT, ML, FRAG, FOUND, LATE, GAP = range(11)
 """Columns of counts: matches without switches, switches, false positives, misses, samples with any box; tracks
 matched in at least 80 % of their samples, in less than 20 %; returns to unmatched between matches; tracks ever matched,
 and summed over these the samples before the first match and the samples of the longest gap."""
-COUNTS = ("tp", "ids", "fp", "fn", "frames", "mt", "ml", "frag", "found", "late", "gap")
-"""Their names."""
+COUNTS = ("tp", "ids", "fp", "fn", "frames", "mt", "ml", "frag", "found", "late", "gap")  # Their names
 NUM_COUNTS = 11
 _NUM_KNOWN = 9
 _BOXES, _MATCHES, _FIRST, _FIRST_MATCH, _NEXT, _GAP, _LONGEST, _MISSES, _BREAKS = range(9)

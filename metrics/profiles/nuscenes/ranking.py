@@ -14,22 +14,14 @@ class Ranking:
     """M results of one sequence that count, of all classes."""
 
     sequence: str
-    num_truth: Int64
-    """(C,) truth boxes of each class."""
-    frame: Int64
-    """(M,) of the sequence."""
-    place: Int64
-    """(M,) among the results of the frame, in the order of their content."""
-    kind: Array
-    """(M,) int8 index of the class."""
-    score: Float64
-    """(M,) NaN where it isn't finite."""
-    hit: Bool
-    """(M, D) at each distance."""
-    error: Float64
-    """(K, 5) of the K results that hit at the distance for errors, in their order."""
-    has_error: Bool
-    """(M,) which ones these are."""
+    num_truth: Int64  # (C,) truth boxes of each class
+    frame: Int64  # (M,) of the sequence
+    place: Int64  # (M,) among the results of the frame, in the order of their content
+    kind: Array  # (M,) int8 index of the class
+    score: Float64  # (M,) NaN where it isn't finite
+    hit: Bool  # (M, D) at each distance
+    error: Float64  # (K, 5) of the K results that hit at the distance for errors, in their order
+    has_error: Bool  # (M,) which ones these are
 
     def __post_init__(self) -> None:
         freeze_fields(
@@ -54,12 +46,9 @@ class ClassRanking:
     """M results of one class over all sequences, the best score first."""
 
     num_truth: int
-    score: Float64
-    """(M,) finite: a result without a score ranks first, and has the best score of the others."""
-    hit: Bool
-    """(M, D)"""
-    error: Float64
-    """(M, 5) NaN for what hit nothing."""
+    score: Float64  # (M,) finite: a result without a score ranks first, and has the best score of the others
+    hit: Bool  # (M, D)
+    error: Float64  # (M, 5) NaN for what hit nothing
 
 
 def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[ClassRanking]:
@@ -92,8 +81,7 @@ def _filled(score: Float64) -> Float64:
     return np.where(unknown, score[~unknown][0] if not unknown.all() else 0.0, score)
 
 
-NUM_RECALLS = 101
-"""Precision is read at recalls 0, 0.01 ... 1."""
+NUM_RECALLS = 101  # Precision is read at recalls 0, 0.01 ... 1.
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +148,7 @@ ERRORS = ("ate", "ase", "aoe", "ave", "aae")
 UNITS = {"ate": "m", "ase": "1", "aoe": "rad", "ave": "m/s", "aae": "1"}
 UNDEFINED = {"traffic_cone": ("aoe", "ave", "aae"), "barrier": ("ave", "aae")}
 """nuscenes-devkit 1.2.0, eval/detection/evaluate.py: cones have no orientation, neither moves or has attributes."""
-HALF_TURN = ("barrier",)
-"""Their two ends look alike: orientation counts modulo pi."""
+HALF_TURN = ("barrier",)  # Their two ends look alike: orientation counts modulo pi
 
 
 def match_errors(truth: Objects, estimates: Objects) -> Float64:

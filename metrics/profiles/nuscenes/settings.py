@@ -12,8 +12,7 @@ class BoxRules:
 
     class_range_m: tuple[tuple[str, float], ...]
     """Classes with the distance from the ego, in the ground plane, from which on their boxes don't count."""
-    max_boxes: int = 500
-    """Results with more boxes than this in one sample are refused."""
+    max_boxes: int = 500  # Results with more boxes than this in one sample are refused
     rack_label: str = "static_object.bicycle_rack"
     rack_classes: tuple[str, ...] = ("bicycle", "motorcycle")
     """Their boxes don't count where the centre is in a bicycle rack of the truth."""
@@ -111,10 +110,8 @@ class TrackingSettings:
 
 
 def center_distance(profile: str, match: Match) -> float:
-    """Return the distance [m] of a match by centre distance in the ground plane.
-
-    Raises:
-        ConfigError: for any other match.
+    """Return the distance [m] of a match by centre distance in the ground plane. Raises ConfigError for any other
+    match.
     """
     if match.likeness != "bev":
         raise ConfigError(f"{profile} matches by centre distance only, such as bev:2, not {match}")

@@ -20,12 +20,9 @@ from fbench.replay.data.scores import Score
 class Sweep:
     """Counts of one class over all sequences at the T thresholds that are reached, highest recall first."""
 
-    threshold: Float64
-    """(T,)"""
-    counts: Array
-    """(T, 11), columns as in `fbench.metrics.profiles.nuscenes.kernels`."""
-    total_m: Float64
-    """(T,) sum of the distances of all pairs."""
+    threshold: Float64  # (T,)
+    counts: Array  # (T, 11), columns as in `fbench.metrics.profiles.nuscenes.kernels`
+    total_m: Float64  # (T,) sum of the distances of all pairs
 
     def num(self, name: str) -> Float64:
         """One of the counts (T,)."""
@@ -79,16 +76,12 @@ UNITS = {
 class ClassValues:
     """One class over all sequences."""
 
-    num_truth: int
-    """Truth boxes, those filled in included."""
-    num_reached: int
-    """Thresholds whose recall is reached."""
+    num_truth: int  # Truth boxes, those filled in included
+    num_reached: int  # Thresholds whose recall is reached
     threshold: float | None
     """Score from which on results are taken for all but AMOTA and AMOTP: the one of the best MOTA."""
-    frames: int
-    """Samples with any box of the class at that score."""
-    values: Mapping[str, float]
-    """All of `UNITS`."""
+    frames: int  # Samples with any box of the class at that score
+    values: Mapping[str, float]  # All of `UNITS`
 
 
 def class_values(clips: Sequence[Clip], settings: TrackingSettings) -> ClassValues:
@@ -243,19 +236,14 @@ class NuscenesTracking:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another distance.
-
-        Raises:
-            ConfigError: where it isn't a distance between centres in the ground plane.
+        """Return the profile with another distance. Raises ConfigError where it isn't a distance between centres in the
+        ground plane.
         """
         return replace(self, settings=replace(self.settings, distance_m=center_distance(self.name, match)))
 
     def measure(self, sequence: Sequence_of_sequence) -> TrackingStatistics:
-        """Return what is near what in one sequence.
-
-        Raises:
-            MetricError: where it can't be scored: an id twice in a sample (GT003), boxes without track, no boxes in
-                space, too many results.
+        """Return what is near what in one sequence. Raises MetricError where it can't be scored: an id twice in a
+        sample (GT003), boxes without track, no boxes in space, too many results.
         """
         boxes = counted(sequence, self.settings.rules)
         check_tracked(sequence, "truth", boxes.truth.boxes)

@@ -41,8 +41,7 @@ class ClassCounts:
 class TrackingCounts:
     """Statistics of all classes."""
 
-    classes: Mapping[str, ClassCounts]
-    """By name, in the profile's order."""
+    classes: Mapping[str, ClassCounts]  # By name, in the profile's order
 
     def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
         names = dict.fromkeys((*self.classes, *other.classes))
@@ -65,13 +64,11 @@ class Field(NamedTuple):
 
     metric: str
     value: float | None
-    why: str = ""
-    """Why it is undefined, and what the reference prints then."""
+    why: str = ""  # Why it is undefined, and what the reference prints then
     printed: float = 0.0
     """What the reference prints, also where it is undefined: its means over classes and thresholds contain that."""
     unit: str = "1"
-    is_count: bool = False
-    """Counts are summed over classes, all else is averaged."""
+    is_count: bool = False  # Counts are summed over classes, all else is averaged
 
     def score(self, class_: str, part: str, matching: str, counts: Mapping[str, int | float]) -> Score:
         """Return it as a row."""

@@ -20,8 +20,7 @@ class ClassRule:
     """One class that is scored."""
 
     name: str
-    labels: frozenset[str] = frozenset()
-    """Labels that belong to it; empty: all."""
+    labels: frozenset[str] = frozenset()  # Labels that belong to it; empty: all
     distractors: frozenset[str] = frozenset()
     """Labels of truth that results may take for it: those are neither hits nor false alarms."""
 
@@ -35,20 +34,16 @@ class Preparation:
     """What is excused and left out before anything is counted."""
 
     classes: tuple[ClassRule, ...]
-    drops_missing_ids: bool = False
-    """Boxes with an id below 0 are left out; else they are an error."""
+    drops_missing_ids: bool = False  # Boxes with an id below 0 are left out; else they are an error
     matches_all_truth: bool = False
     """Results are matched with truth of any label before distractors excuse them; else with class and distractors."""
     excuse_floor: float | None = 0.5
     """Results that match a distractor, or truth too hard to count, with this intersection over union are left out
     (other likenesses: with the threshold of the match); `None`: no result is excused."""
-    max_truncation: float | None = None
-    """Truth beyond this level, rounded towards 0, is too hard to count."""
+    max_truncation: float | None = None  # Truth beyond this level, rounded towards 0, is too hard to count
     max_occlusion: float | None = None
-    drops_ignored: bool = False
-    """Truth marked `ignore` doesn't count, and excuses nothing."""
-    min_height_px: float | None = None
-    """Unmatched results up to this height are left out."""
+    drops_ignored: bool = False  # Truth marked `ignore` doesn't count, and excuses nothing
+    min_height_px: float | None = None  # Unmatched results up to this height are left out
     region_label: str = ""
     """Truth of this label is regions: unmatched results of which more than `region_share` lies in one are left out."""
     region_share: float = 0.5
@@ -66,8 +61,7 @@ class Preparation:
         return self.only_labels or frozenset().union(*(rule.labels for rule in self.classes))
 
 
-HALF = Match("iou2d", 0.5)
-"""What all of these benchmarks match by."""
+HALF = Match("iou2d", 0.5)  # What all of these benchmarks match by
 
 KITTI = Preparation(
     (
@@ -105,10 +99,8 @@ _EPS = float(np.finfo(float).eps)
 
 
 def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iterator[Problem]:
-    """Yield what counts of each class.
-
-    Raises:
-        MetricError: where an id is missing or twice in a step (GT003), or labels are of another benchmark.
+    """Yield what counts of each class. Raises MetricError where an id is missing or twice in a step (GT003), or labels
+    are of another benchmark.
     """
     _check_labels(sequence, preparation)
     truth, estimates = _tracked(sequence, preparation)

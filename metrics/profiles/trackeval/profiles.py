@@ -30,8 +30,7 @@ from fbench.replay.data.scores import Score
 
 CLASS_MEAN, CLASS_SUM = "cls_comb_cls_av", "cls_comb_det_av"
 """TrackEval's names for the mean over classes and for all classes as one."""
-Group = tuple[list[Field], Mapping[str, int | float], str]
-"""Fields, counts and matching."""
+Group = tuple[list[Field], Mapping[str, int | float], str]  # Fields, counts and matching
 
 
 def tracking_scores(statistics: TrackingCounts, part: str, match: Match) -> list[Score]:
@@ -130,8 +129,7 @@ class TrackEvalProfile:
     summary: str
     preparation: Preparation
     match: Match = HALF
-    rules: ClearRules = TRACKEVAL_RULES
-    """Floor and offset come from `match`."""
+    rules: ClearRules = TRACKEVAL_RULES  # Floor and offset come from `match`
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -147,10 +145,8 @@ class TrackEvalProfile:
         return replace(self, match=match)
 
     def measure(self, sequence: Sequence) -> TrackingCounts:
-        """Return the statistics of one sequence.
-
-        Raises:
-            MetricError: where an id is missing or twice in a frame (GT003), or labels are of another benchmark.
+        """Return the statistics of one sequence. Raises MetricError where an id is missing or twice in a frame (GT003),
+        or labels are of another benchmark.
         """
         found = problems(sequence, self.preparation, self.match)
         names = (rule.name for rule in self.preparation.classes)

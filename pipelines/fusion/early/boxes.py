@@ -15,13 +15,10 @@ from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.geometry.transforms import wrap_angle
 
-_SIDE = 1.25
-"""An edge is a side where it is so many times longer than the object is wide."""
-_WIDEST = 1.6
-"""So many times as wide as typical an object may be at most."""
+_SIDE = 1.25  # An edge is a side where it is so many times longer than the object is wide
+_WIDEST = 1.6  # So many times as wide as typical an object may be at most
 _TALLEST_M = 4.5
-_RAY_PENALTY = 0.05
-"""By so much a guess along the line of sight must cover a camera's box better than one by shape."""
+_RAY_PENALTY = 0.05  # By so much a guess along the line of sight must cover a camera's box better than one by shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +27,9 @@ class Shapes:
 
     rectangles: Float64
     """(M, 6) as `fit_rectangles` gives them, around LiDAR and stereo where there are enough points of them."""
-    by_shape: Bool
-    """(M,) whether there were."""
-    top_m: Float64
-    """(M,) height of the highest LiDAR point above the ground [m], 0 without."""
-    bottom_m: Float64
-    """(M,) height of the lowest [m]."""
+    by_shape: Bool  # (M,) whether there were
+    top_m: Float64  # (M,) height of the highest LiDAR point above the ground [m], 0 without
+    bottom_m: Float64  # (M,) height of the lowest [m]
 
 
 def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) -> Shapes:
@@ -56,14 +50,10 @@ def fit_shapes(cloud: FusedCloud, groups: Groups, counts: Counts, least: float) 
 class GroupBoxes:
     """Boxes of groups (M,)."""
 
-    center_m: Float64
-    """(M, 3) [m]."""
-    size_lwh_m: Float64
-    """(M, 3) [m]."""
-    yaw_rad: Float64
-    """(M,) [rad]."""
-    overlap: Float64
-    """(M,) IoU of the projected box with the camera's, NaN without."""
+    center_m: Float64  # (M, 3) [m]
+    size_lwh_m: Float64  # (M, 3) [m]
+    yaw_rad: Float64  # (M,) [rad]
+    overlap: Float64  # (M,) IoU of the projected box with the camera's, NaN without
 
 
 def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, label: Text) -> GroupBoxes:

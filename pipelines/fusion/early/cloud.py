@@ -27,18 +27,13 @@ from fbench.replay.geometry.stereo_pairs import pairs
 class FusedCloud:
     """Points of all sensors in body coordinates: LiDAR, then stereo, then radar, each in its own canonical order."""
 
-    xyz: Float64
-    """(N, 3) [m]."""
-    source: Array
-    """(N,) uint8 bits of `Source`: which sensor saw the point."""
+    xyz: Float64  # (N, 3) [m]
+    source: Array  # (N,) uint8 bits of `Source`: which sensor saw the point
     range_rate_mps: Float64
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where nothing measured it."""
-    period_mps: Float64
-    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
-    is_moving: Bool
-    """(N,) whether a radar saw it move."""
-    height_m: Float64
-    """(N,) above the ground [m], 0 where that isn't known."""
+    period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
+    is_moving: Bool  # (N,) whether a radar saw it move
+    height_m: Float64  # (N,) above the ground [m], 0 where that isn't known
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -99,8 +94,7 @@ class DepthView:
     stereo: Obstacles
     plane: Plane | None
     """The ground, as LiDAR sees it, else stereo, else as it was seen last; `None` where it never was."""
-    noisy: tuple[str, ...] = ()
-    """Cameras whose depth is taken for noise."""
+    noisy: tuple[str, ...] = ()  # Cameras whose depth is taken for noise
 
 
 def no_obstacles() -> Obstacles:
@@ -109,22 +103,16 @@ def no_obstacles() -> Obstacles:
 
 
 def stereo_stage(rig: Rig, log_name: str, choice: Choice, params: StereoParams) -> StereoStage | None:
-    """Return the stage of the pair that is to be used, if any: with `auto`, where the rig has one and no LiDAR.
-
-    Raises:
-        ConfigError: where a camera that is named isn't there.
-        LogError: where a pair is to be used and the rig has none, or what it has can't be rectified.
+    """Return the stage of the pair that is to be used, if any: with `auto`, where the rig has one and no LiDAR. Raises
+    ConfigError where a camera that is named isn't there. Raises LogError where a pair is to be used and the rig has
+    none, or what it has can't be rectified.
     """
     is_used = choice == "on" or (choice == "auto" and not rig.sensors("lidar") and bool(pairs(rig)))
     return StereoStage(rig, log_name, params) if is_used else None
 
 
 def require_depth(rig: Rig, log_name: str, stereo: StereoStage | None) -> None:
-    """Refuse a rig without anything that sees depth.
-
-    Raises:
-        LogError: naming the log and the sensors that are there.
-    """
+    """Refuse a rig without anything that sees depth. Raises LogError naming the log and the sensors that are there."""
     if rig.sensors("lidar", "radar") or stereo is not None:
         return
     present = ", ".join(f"{rig.mounts[name].kind} {name}" for name in sorted(rig.mounts)) or "no sensors"
@@ -180,14 +168,9 @@ class Scene:
     """SensorViews of one frame."""
 
     rig: Rig
-    cameras: Mapping[str, CameraDetections]
-    """By camera name; a camera that failed isn't in it."""
+    cameras: Mapping[str, CameraDetections]  # By camera name; a camera that failed isn't in it
     cloud: FusedCloud
-    plane: Plane | None
-    """The ground, where it is known."""
-    tall: Float64
-    """(K, 3) LiDAR points above the height of cars [m]."""
-    eye_m: Float64
-    """(2,) from where the cloud is seen [m]."""
-    shapes: LidarParams
-    """How shapes are classified, and what partly seen cars are completed to."""
+    plane: Plane | None  # The ground, where it is known
+    tall: Float64  # (K, 3) LiDAR points above the height of cars [m]
+    eye_m: Float64  # (2,) from where the cloud is seen [m]
+    shapes: LidarParams  # How shapes are classified, and what partly seen cars are completed to

@@ -176,8 +176,7 @@ class DensityParams:
 
 
 _FARTHEST_M = 1e6
-_SPACINGS = 2.0
-"""Moving echoes reach so many times as far as the second next cell of such echoes lies."""
+_SPACINGS = 2.0  # Moving echoes reach so many times as far as the second next cell of such echoes lies
 _PACE_MPS, _MOST_PACE = 1.0, 1000
 """Moving echoes in one cell are taken together where their velocities are in one step of this."""
 

@@ -47,8 +47,7 @@ class Observed:
     """Observations of cameras, and which points of a cloud they show."""
 
     observations: tuple[CameraObservation, ...]
-    instance: Int64
-    """(N,) which of them a point belongs to, -1: none."""
+    instance: Int64  # (N,) which of them a point belongs to, -1: none
     height_px: Float64
     """(N,) how high a car at the point looks in a working camera [px], the best of several; 0 out of view and behind
     what the camera sees."""
@@ -139,20 +138,16 @@ class _View:
         return result
 
 
-_LARGER = 1.3
-"""So many times as long as the diagonal of a typical object a cluster of one may be."""
+_LARGER = 1.3  # So many times as long as the diagonal of a typical object a cluster of one may be
 
 
 @dataclass(frozen=True, eq=False)
 class Groups:
     """Candidates for objects; the points of each are rows of a cloud."""
 
-    rows: Int64
-    """(P,) rows of the cloud, sorted by group."""
-    first: Int64
-    """(M + 1,) where in `rows` groups begin."""
-    observation: Int64
-    """(M,) number of the camera's observation that a group shows, -1: no camera's box took it."""
+    rows: Int64  # (P,) rows of the cloud, sorted by group
+    first: Int64  # (M + 1,) where in `rows` groups begin
+    observation: Int64  # (M,) number of the camera's observation that a group shows, -1: no camera's box took it
 
     def __len__(self) -> int:
         return len(self.observation)
@@ -225,14 +220,10 @@ def _diagonals(cloud: FusedCloud, cluster: Int64) -> Float64:
 class Counts:
     """Numbers of points of groups (M,)."""
 
-    dense: Float64
-    """Points of LiDAR and stereo."""
-    moving: Float64
-    """Moving radar echoes."""
-    standing: Float64
-    """Other radar echoes."""
-    sources: Array
-    """uint8 bits of `Source`: of points, and of cameras."""
+    dense: Float64  # Points of LiDAR and stereo
+    moving: Float64  # Moving radar echoes
+    standing: Float64  # Other radar echoes
+    sources: Array  # uint8 bits of `Source`: of points, and of cameras
 
 
 def count_points(groups: Groups, cloud: FusedCloud) -> Counts:

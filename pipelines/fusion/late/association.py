@@ -20,8 +20,7 @@ from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import wrap_angle
 
 NEVER = -np.inf
-FEWEST = 3
-"""With fewer points of a cluster in its box a camera and the cluster have nothing to do with each other."""
+FEWEST = 3  # With fewer points of a cluster in its box a camera and the cluster have nothing to do with each other
 _LEAST_SHARE = 0.05
 _TAILS = 3.0
 _SHAPELESS, _SHAPELY = 0.5, 10.0
@@ -32,14 +31,10 @@ _LOOKS_WHOLE = 0.3
 class Association:
     """The observations of one object: at most one of each camera, of LiDAR and of radar."""
 
-    cameras: tuple[int, ...]
-    """Rows of the cameras' observations, in order."""
-    lidar: int = -1
-    """Row of the LiDAR cluster, -1: none."""
-    is_cut: bool = False
-    """Whether only what the camera's box holds of that cluster belongs to the object."""
-    radar: int = -1
-    """Row of the radar cluster, -1: none."""
+    cameras: tuple[int, ...]  # Rows of the cameras' observations, in order
+    lidar: int = -1  # Row of the LiDAR cluster, -1: none
+    is_cut: bool = False  # Whether only what the camera's box holds of that cluster belongs to the object
+    radar: int = -1  # Row of the radar cluster, -1: none
 
 
 def associate(

@@ -101,14 +101,10 @@ class Witness:
 
     name: str
     kind: str
-    seen: Bool
-    """(N,) whether it sees them."""
-    odds: Float64
-    """(N,) what it adds to their log-odds where it does, if nothing else is known."""
-    confirmed_odds: Float64
-    """(N,) the same where a camera sees them, too."""
-    could: Float64
-    """(N,) probability that a sensor that works sees them."""
+    seen: Bool  # (N,) whether it sees them
+    odds: Float64  # (N,) what it adds to their log-odds where it does, if nothing else is known
+    confirmed_odds: Float64  # (N,) the same where a camera sees them, too
+    could: Float64  # (N,) probability that a sensor that works sees them
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +113,8 @@ class Evidence:
 
     observations: Observations
     associations: list[Association]
-    targets: Boxes3D
-    """(N) what may be there, in body coordinates."""
-    standing: Float64
-    """(N,) number of stationary echoes at the place of each object."""
+    targets: Boxes3D  # (N) what may be there, in body coordinates
+    standing: Float64  # (N,) number of stationary echoes at the place of each object
 
     @property
     def distance_m(self) -> Float64:

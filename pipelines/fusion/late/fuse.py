@@ -22,22 +22,17 @@ from fbench.replay.data.rig import Kind, Rig
 from fbench.replay.geometry.camera import project_body
 from fbench.replay.geometry.iou import iou_bev
 
-_PART = 0.5
-"""Up to this share of a box may lie in a surer one without consequence: objects hide each other."""
-_LEAST = 0.01
-"""Left of the score of a box that lies in a surer one as a whole."""
-_SURE, _NEARLY = 0.5, 0.9
-"""A camera alone reports a box whose score is still this high, or this share of what it was."""
-_IN_FRONT_PX = 1.0
-"""A box whose lower edge is by more than this lower in the image stands in front of the other."""
+_PART = 0.5  # Up to this share of a box may lie in a surer one without consequence: objects hide each other
+_LEAST = 0.01  # Left of the score of a box that lies in a surer one as a whole
+_SURE, _NEARLY = 0.5, 0.9  # A camera alone reports a box whose score is still this high, or this share of what it was
+_IN_FRONT_PX = 1.0  # A box whose lower edge is by more than this lower in the image stands in front of the other
 _MARGIN_M = 0.5
 _FEWEST = 4
 _DEPTH_M = 3.0
 _GATE = 2.5
 _COVERED = 0.15
 """Solid things don't share their place: where a footprint covers more of another than this share, one is wrong."""
-_TWICE = 0.25
-"""Distances whose logarithms differ by less may be guesses of one."""
+_TWICE = 0.25  # Distances whose logarithms differ by less may be guesses of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +40,9 @@ class SensorViews:
     """Detections of the sensors that worked in one frame."""
 
     rig: Rig
-    cameras: Mapping[str, CameraDetections]
-    """By camera name; a camera that failed isn't in it."""
-    lidar: LidarView
-    """Empty where no LiDAR delivered."""
-    radar: RadarView
-    """Empty where no radar delivered."""
+    cameras: Mapping[str, CameraDetections]  # By camera name; a camera that failed isn't in it
+    lidar: LidarView  # Empty where no LiDAR delivered
+    radar: RadarView  # Empty where no radar delivered
 
 
 class LateFusion:

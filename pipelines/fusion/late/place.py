@@ -27,16 +27,13 @@ class Observations:
     """Observations of all sensors in one frame."""
 
     rig: Rig
-    working: tuple[str, ...]
-    """Cameras that worked."""
+    working: tuple[str, ...]  # Cameras that worked
     cameras: list[CameraObservation]
     lidar: Clusters
     radar: Clusters
     plane: Plane | None
-    lidar_eye_m: Float64
-    """(2,) where the LiDARs look from [m]."""
-    radar_eye_m: Float64
-    """(2,) where the radars do [m]."""
+    lidar_eye_m: Float64  # (2,) where the LiDARs look from [m]
+    radar_eye_m: Float64  # (2,) where the radars do [m]
     standing_m: list[float]
     """Distance of the near side of each of `cameras` by stationary echoes [m]; NaN where there are none."""
 
@@ -45,34 +42,24 @@ class Observations:
 class FusedObject:
     """One object in body coordinates."""
 
-    center_m: Float64
-    """(3,) [m]."""
-    size_lwh_m: Float64
-    """(3,) length, width, height [m]."""
-    yaw_rad: float
-    """Heading [rad]."""
-    velocity_mps: Float64
-    """(3,) over ground [m/s]; NaN where no radar measured it."""
-    label: str
-    """One of `LABELS`."""
-    score: float = 0.0
-    """How sure it is that the object exists, 0 to 1."""
-    sources: int = 0
-    """Bits of `Source`."""
+    center_m: Float64  # (3,) [m]
+    size_lwh_m: Float64  # (3,) length, width, height [m]
+    yaw_rad: float  # Heading [rad]
+    velocity_mps: Float64  # (3,) over ground [m/s]; NaN where no radar measured it
+    label: str  # One of `LABELS`
+    score: float = 0.0  # How sure it is that the object exists, 0 to 1
+    sources: int = 0  # Bits of `Source`
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
     """Box on the ground by LiDAR."""
 
-    xy_m: Float64
-    """(2,) middle [m]."""
+    xy_m: Float64  # (2,) middle [m]
     size_lwh_m: Float64
     yaw_rad: float
-    std_m: Float64
-    """(2,) error of the middle along and across the heading [m], a share of what isn't seen of the size."""
-    has_heading: bool
-    """Whether enough of a side is seen."""
+    std_m: Float64  # (2,) error of the middle along and across the heading [m], a share of what isn't seen of the size
+    has_heading: bool  # Whether enough of a side is seen
 
 
 def place(group: Association, seen: Observations, params: AssociationParams) -> FusedObject:

@@ -29,10 +29,8 @@ class Thresholds:
 
 
 def thresholds(asked: Mapping[str, float | None], metadata: Mapping[str, str]) -> Thresholds:
-    """Return what is asked for by name, else what the weights' metadata say under that name, else the defaults.
-
-    Raises:
-        ModelError: where metadata aren't numbers between 0 and 1; it names the entry, not the file.
+    """Return what is asked for by name, else what the weights' metadata say under that name, else the defaults. Raises
+    ModelError where metadata aren't numbers between 0 and 1; it names the entry, not the file.
     """
     said = {f.name: _share(f.name, metadata[f.name]) for f in fields(Thresholds) if f.name in metadata}
     return Thresholds(**(said | {name: value for name, value in asked.items() if value is not None}))
@@ -48,14 +46,11 @@ def _share(name: str, text: str) -> float:
     return value
 
 
-Window = tuple[int, int, int, int]
-"""Left, top, right, bottom [px] of a part of an image; right and bottom are outside."""
+Window = tuple[int, int, int, int]  # Left, top, right, bottom [px] of a part of an image; right and bottom are outside
 
-MAX_WINDOWS = 8
-"""A longer image is cut into windows that are wider instead, so that a strip can't fill the memory."""
+MAX_WINDOWS = 8  # A longer image is cut into windows that are wider instead, so that a strip can't fill the memory
 
-MAX_BOXES = 1000
-"""Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory."""
+MAX_BOXES = 1000  # Candidates beyond the best 1000 of one image are dropped, so that a bad model can't fill the memory
 
 
 def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
@@ -167,12 +162,9 @@ class CameraParams:
 class CameraDetections:
     """N boxes of one image, by falling score."""
 
-    xyxy_px: Float64
-    """(N, 4) left, top, right, bottom [px]; pixel centres at integers."""
-    score: Float64
-    """(N,) 0 to 1."""
-    label: Text
-    """(N,) of `LABELS`."""
+    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]; pixel centres at integers
+    score: Float64  # (N,) 0 to 1
+    label: Text  # (N,) of `LABELS`
     min_score: float = 0.0
     """Boxes from this score on are reported by a camera alone; those below are for others to confirm."""
 
@@ -193,11 +185,8 @@ class Prepared:
 
 
 class CameraDetector:
-    """Finds road users in images with one ONNX model.
-
-    Raises:
-        ConfigError: where no weights are named, or the file is missing.
-        ModelError: where the weights can't be used.
+    """Finds road users in images with one ONNX model. Raises ConfigError where no weights are named, or the file is
+    missing. Raises ModelError where the weights can't be used.
     """
 
     def __init__(self, params: CameraParams) -> None:
@@ -221,9 +210,7 @@ class CameraDetector:
 
     def infer(self, prepared: Prepared, share: float = 1.0) -> CameraDetections:
         """Run the model and merge what it found, down to this share of the score from which on boxes are reported.
-
-        Raises:
-            ModelError: where the model fails, or its outputs aren't as its header says.
+        Raises ModelError where the model fails, or its outputs aren't as its header says.
         """
         least = share * self._thresholds.min_score
         found = [boxes for batch in prepared.batches for boxes in self._model.run(batch, least)]

@@ -41,8 +41,7 @@ class Detr:
 
     image_input: str
     size_input: str
-    output_order: tuple[int, int, int]
-    """Where labels, boxes and scores stand among the outputs."""
+    output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
     input_wh: Size
     labels: ClassLabels
     batch: int | None
@@ -69,11 +68,9 @@ class Torchvision:
     """Input (3, H, W) or (1, 3, H, W) RGB 0..1; outputs boxes (N, 4) in input pixels, labels (N,), scores (N,)."""
 
     image_input: str
-    input_wh: Size | None
-    """`None`: any size, images are fed as they are."""
+    input_wh: Size | None  # `None`: any size, images are fed as they are
     batch_axis: bool
-    output_order: tuple[int, int, int]
-    """Where labels, boxes and scores stand among the outputs."""
+    output_order: tuple[int, int, int]  # Where labels, boxes and scores stand among the outputs
     labels: ClassLabels
     batch: int = 1
 
@@ -205,16 +202,13 @@ def decode_grid(raw: Float64, cells: Float64) -> Float64:
 
 DEFAULT_SIDE_PX = 640
 STRIDES = ((8, 16, 32), (8, 16, 32, 64))
-MAX_CALL_PX = 1 << 26
-"""Pixels of all images of one call: 800 MB as float32."""
+MAX_CALL_PX = 1 << 26  # Pixels of all images of one call: 800 MB as float32
 _FLOATS = ("tensor(float)",)
 
 
 def recognise(header: ModelHeader, input_wh: Size | None = None) -> Layout:
-    """Return the layout of a model; `input_wh` sets the input's size where the header leaves it free.
-
-    Raises:
-        ModelError: where inputs or outputs aren't understood, or `input_wh` contradicts the header.
+    """Return the layout of a model; `input_wh` sets the input's size where the header leaves it free. Raises ModelError
+    where inputs or outputs aren't understood, or `input_wh` contradicts the header.
     """
     image = _image_input(header)
     _check_size(image, input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX))

@@ -22,12 +22,9 @@ class Candidates:
     scaling an image scales its boxes.
     """
 
-    xyxy: Float64
-    """(N, 4) left, top, right, bottom [px]."""
-    score: Float64
-    """(N,) 0 to 1."""
-    label: Text
-    """(N,) of `LABELS`."""
+    xyxy: Float64  # (N, 4) left, top, right, bottom [px]
+    score: Float64  # (N,) 0 to 1
+    label: Text  # (N,) of `LABELS`
 
     def __len__(self) -> int:
         return len(self.score)
@@ -64,8 +61,7 @@ def join(parts: Sequence[Candidates]) -> Candidates:
     )
 
 
-PAD_VALUE = 114
-"""Grey of the border, as YOLO models are trained."""
+PAD_VALUE = 114  # Grey of the border, as YOLO models are trained
 
 
 @dataclass(frozen=True)
@@ -121,8 +117,7 @@ def planes(images: list[Pixels], *, rgb: bool, unit: bool) -> np.ndarray:
     return values
 
 
-MAX_CLASS = 1_000_000
-"""Largest class id that is believed."""
+MAX_CLASS = 1_000_000  # Largest class id that is believed
 
 ClassLabels = Mapping[int, str]
 
@@ -135,11 +130,7 @@ _SYNONYMS = {"person": "pedestrian", "motorbike": "motorcycle", "bike": "bicycle
 
 
 def labels_by_name(names: Mapping[int, str]) -> ClassLabels:
-    """Translate class names to labels.
-
-    Raises:
-        ModelError: where no class is one that fbench knows.
-    """
+    """Translate class names to labels. Raises ModelError where no class is one that fbench knows."""
     lowered = {index: name.strip().lower() for index, name in names.items()}
     labels = {index: _SYNONYMS.get(name, name) for index, name in lowered.items()}
     known = {index: label for index, label in sorted(labels.items()) if label in LABELS}
@@ -150,10 +141,8 @@ def labels_by_name(names: Mapping[int, str]) -> ClassLabels:
 
 
 def parse_names(text: str) -> dict[int, str]:
-    """Read the `names` entry of Ultralytics metadata: a Python dict or list, written as text.
-
-    Raises:
-        ModelError: where it is anything else.
+    """Read the `names` entry of Ultralytics metadata: a Python dict or list, written as text. Raises ModelError where
+    it is anything else.
     """
     try:
         value = ast.literal_eval(text)
@@ -180,8 +169,7 @@ def translate(class_id: Int64, labels: ClassLabels) -> tuple[Text, Bool]:
 
 Size = tuple[int, int]
 
-SIDE_PX = (32, 8192)
-"""Shortest and longest side of an input that is believed."""
+SIDE_PX = (32, 8192)  # Shortest and longest side of an input that is believed
 _MAX_PX = 1e12
 
 
@@ -190,10 +178,8 @@ class Port:
     """One input or output of a model, as its header describes it."""
 
     name: str
-    dtype: str
-    """As onnxruntime writes it, for example `tensor(float)`."""
-    shape: tuple[int | None, ...]
-    """`None` where the header leaves the size free."""
+    dtype: str  # As onnxruntime writes it, for example `tensor(float)`
+    shape: tuple[int | None, ...]  # `None` where the header leaves the size free
 
 
 @dataclass(frozen=True)

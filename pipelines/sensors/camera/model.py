@@ -33,8 +33,7 @@ _CHILDREN: Mapping[str, Mapping[int, str]] = {
 def refers_to_files(data: bytes) -> bool:
     """Tell whether any tensor of the model is stored outside of `data`.
 
-    Raises:
-        ModelError: where `data` isn't protobuf.
+    Raises ModelError where `data` isn't protobuf.
     """
     todo = [("model", memoryview(data))]
     while todo:
@@ -94,11 +93,8 @@ ORT_ERRORS = (
 
 
 def load(path: Path, threads: int) -> Any:
-    """Open weights on the CPU.
-
-    Raises:
-        ConfigError: where the file is missing.
-        ModelError: where it isn't an ONNX model, refers to other files, or can't be run.
+    """Open weights on the CPU. Raises ConfigError where the file is missing. Raises ModelError where it isn't an ONNX
+    model, refers to other files, or can't be run.
     """
     data = _content(path)
     if refers_to_files(data):
@@ -153,8 +149,7 @@ def _options(threads: int) -> Any:
     return options
 
 
-MAX_BATCH_PX = 1 << 24
-"""Pixels of the inputs of one call, where the model leaves their number free: 200 MB as float32."""
+MAX_BATCH_PX = 1 << 24  # Pixels of the inputs of one call, where the model leaves their number free: 200 MB as float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,21 +157,16 @@ class Batch:
     """The inputs of one call."""
 
     feeds: dict[str, Array]
-    sizes_wh: Sequence[Size]
-    """Sizes of the images [px], those that only fill the batch included."""
-    num: int
-    """How many images come first that count."""
+    sizes_wh: Sequence[Size]  # Sizes of the images [px], those that only fill the batch included
+    num: int  # How many images come first that count
 
 
 class Model:
     """Runs one ONNX file on the CPU.
 
-    It is tried on blank images when it is loaded, because headers don't tell everything: a graph can be made for
-    one image although its header leaves their number free.
-
-    Raises:
-        ConfigError: where the file is missing.
-        ModelError: where it can't be used.
+    It is tried on blank images when it is loaded, because headers don't tell everything: a graph can be made for one
+    image although its header leaves their number free. Raises ConfigError where the file is missing. Raises ModelError
+    where it can't be used.
     """
 
     def __init__(self, path: Path, threads: int, input_wh: Size | None) -> None:
@@ -196,10 +186,8 @@ class Model:
         return [self._batch(images[i : i + self._num], self._num) for i in range(0, len(images), self._num)]
 
     def run(self, batch: Batch, min_score: float) -> list[Candidates]:
-        """Candidates of each image, in pixels from its upper left corner.
-
-        Raises:
-            ModelError: where the model fails, or its outputs aren't as its header says.
+        """Candidates of each image, in pixels from its upper left corner. Raises ModelError where the model fails, or
+        its outputs aren't as its header says.
         """
         try:
             outputs = self._session.run(None, batch.feeds)

@@ -16,8 +16,7 @@ from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.geometry.camera import require_projection
 
-CITY_WEIGHTS = Path(__file__).with_name("city.onnx")
-"""See `docs/detector.md`."""
+CITY_WEIGHTS = Path(__file__).with_name("city.onnx")  # See `docs/detector.md`
 
 
 def with_builtin(own: Mapping[str, CameraParams], log_info: LogInfo) -> dict[str, CameraParams]:
@@ -39,11 +38,8 @@ def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> di
 
 
 class CameraDetectors:
-    """One detector for each distinct set of parameters; those of the kind are loaded at once.
-
-    Raises:
-        ConfigError: where the file with the weights is missing.
-        ModelError: where the weights can't be used.
+    """One detector for each distinct set of parameters; those of the kind are loaded at once. Raises ConfigError where
+    the file with the weights is missing. Raises ModelError where the weights can't be used.
     """
 
     def __init__(self, params: CameraParams) -> None:
@@ -83,10 +79,7 @@ def look(
 
     With a `share` below 1 also those that other sensors may confirm: down to that share of the camera's `min_score`.
 
-    Timed as `decode`, `preprocess` and `detect.camera`.
-
-    Raises:
-        ModelError: where the model fails.
+    Timed as `decode`, `preprocess` and `detect.camera`. Raises ModelError where the model fails.
     """
     with clock.stage("decode"):
         pixels = decode(image)
@@ -99,18 +92,14 @@ def look(
         return detector.infer(prepared, share)
 
 
-NO_WEIGHTS = "no weights"
-"""Why a camera for which no detector is named isn't used."""
+NO_WEIGHTS = "no weights"  # Why a camera for which no detector is named isn't used
 
 
 class CameraStage:
     """Loads the weights that parameters name, once for all logs.
 
     With a `share` below 1 boxes down to that share of a camera's `min_score` are found, for other sensors to confirm.
-
-    Raises:
-        ConfigError: where the file with the weights is missing.
-        ModelError: where the weights can't be used.
+    Raises ConfigError where the file with the weights is missing. Raises ModelError where the weights can't be used.
     """
 
     def __init__(self, params: CameraParams, share: float = 1.0) -> None:
@@ -133,10 +122,8 @@ class CameraStage:
         self.missing = {name: NO_WEIGHTS for name in cameras if name not in self.used}
 
     def require_projections(self) -> None:
-        """Refuse cameras that are used where points can't be projected into their images.
-
-        Raises:
-            LogError: naming the first such camera, and why.
+        """Refuse cameras that are used where points can't be projected into their images. Raises LogError naming the
+        first such camera, and why.
         """
         for name in self.used:
             require_projection(self._rig, name)
@@ -144,11 +131,8 @@ class CameraStage:
     def view(self, frame: Frame, clock: StageClock, faults: list[Fault]) -> dict[str, CameraDetections]:
         """Detect in the images of one frame, by camera in the order of their names.
 
-        Cameras without an image in the frame are left out; so are those whose image is corrupt, which is a fault.
-        Timed as `decode`, `preprocess` and `detect.camera`.
-
-        Raises:
-            ModelError: where a model fails.
+        Cameras without an image in the frame are left out; so are those whose image is corrupt, which is a fault. Timed
+        as `decode`, `preprocess` and `detect.camera`. Raises ModelError where a model fails.
         """
         found: dict[str, CameraDetections] = {}
         for name in self.used:

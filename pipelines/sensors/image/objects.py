@@ -20,32 +20,23 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project_body
 
-_TALL = 2.5
-"""Points up to so many times the height of vehicles tell what goes on above it."""
+_TALL = 2.5  # Points up to so many times the height of vehicles tell what goes on above it
 
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
     """Points of all sensors of a kind that are no ground."""
 
-    plane: Plane | None
-    """The ground; `None` where too few points tell."""
-    xyz: Float64
-    """(N, 3) [m] in body coordinates."""
-    height_m: Float64
-    """(N,) above ground [m]."""
-    tall: Float64
-    """(K, 3) [m] points above the height of vehicles."""
-    viewpoint: Float64
-    """(2,) where the sensors look from [m] in body coordinates."""
-    moves: Bool
-    """(N,) whether a point is known to move over ground."""
+    plane: Plane | None  # The ground; `None` where too few points tell
+    xyz: Float64  # (N, 3) [m] in body coordinates
+    height_m: Float64  # (N,) above ground [m]
+    tall: Float64  # (K, 3) [m] points above the height of vehicles
+    viewpoint: Float64  # (2,) where the sensors look from [m] in body coordinates
+    moves: Bool  # (N,) whether a point is known to move over ground
     over_ground_mps: Float64
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where it isn't measured."""
-    own_mps: Float64
-    """(N,) the sensor's own velocity towards the points [m/s]; NaN where that isn't known."""
-    period_mps: Float64
-    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
+    own_mps: Float64  # (N,) the sensor's own velocity towards the points [m/s]; NaN where that isn't known
+    period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
 
     def rows(self, rows: Array) -> "Cloud":
         """Select points by mask or index array."""
@@ -111,12 +102,9 @@ _CAR = VehicleSize()
 class Groups:
     """M groups of points, one after another."""
 
-    cloud: Cloud
-    """Their points (N)."""
-    first: Int64
-    """(M + 1,) rows where groups begin, and the end."""
-    rectangles: Float64
-    """(M, 6) around them as seen from above, as `fit_rectangles` gives them."""
+    cloud: Cloud  # Their points (N)
+    first: Int64  # (M + 1,) rows where groups begin, and the end
+    rectangles: Float64  # (M, 6) around them as seen from above, as `fit_rectangles` gives them
 
     @classmethod
     def of(cls, cloud: Cloud, cluster: Int64) -> "Groups":
@@ -147,10 +135,8 @@ class Groups:
 class Whole:
     """M whole vehicles in body coordinates."""
 
-    center_m: Float64
-    """(M, 3) [m]."""
-    size_lwh_m: Float64
-    """(M, 3) length, width, height [m]."""
+    center_m: Float64  # (M, 3) [m]
+    size_lwh_m: Float64  # (M, 3) length, width, height [m]
 
 
 def footprints(groups: Groups) -> Whole:
@@ -228,14 +214,10 @@ _BESIDE = 0.5
 class Points:
     """Points of a cloud as one camera sees them, those of a cluster one after another, those of none first."""
 
-    uv_px: Float64
-    """(N, 2) [px], in the image or beside it."""
-    depth_m: Float64
-    """(N,) along the optical axis [m]."""
-    cluster: Int64
-    """(N,) number of the cluster, a row of `Spots`; -1: none."""
-    cloud: Cloud
-    """The same points (N) in space."""
+    uv_px: Float64  # (N, 2) [px], in the image or beside it
+    depth_m: Float64  # (N,) along the optical axis [m]
+    cluster: Int64  # (N,) number of the cluster, a row of `Spots`; -1: none
+    cloud: Cloud  # The same points (N) in space
 
     def rows(self, rows: Array) -> "Points":
         """Select points by mask or index array."""
@@ -246,20 +228,13 @@ class Points:
 class Spots:
     """M objects in one image."""
 
-    xyxy_px: Float64
-    """(M, 4) left, top, right, bottom [px]; NaN where nothing of it is in the image."""
-    score: Float64
-    """(M,) 0 to 1: how much it looks like a vehicle."""
-    center_m: Float64
-    """(M, 3) middle of the vehicle [m] in body coordinates."""
-    size_lwh_m: Float64
-    """(M, 3) its length, width and height [m]."""
-    depth_m: Float64
-    """(M,) of its near side along the optical axis [m]."""
-    rate_mps: Float64
-    """(M,) change of its distance [m/s], positive when receding; NaN where unknown."""
-    num_points: Int64
-    """(M,)."""
+    xyxy_px: Float64  # (M, 4) left, top, right, bottom [px]; NaN where nothing of it is in the image
+    score: Float64  # (M,) 0 to 1: how much it looks like a vehicle
+    center_m: Float64  # (M, 3) middle of the vehicle [m] in body coordinates
+    size_lwh_m: Float64  # (M, 3) its length, width and height [m]
+    depth_m: Float64  # (M,) of its near side along the optical axis [m]
+    rate_mps: Float64  # (M,) change of its distance [m/s], positive when receding; NaN where unknown
+    num_points: Int64  # (M,)
 
     def __len__(self) -> int:
         return len(self.score)

@@ -15,8 +15,7 @@ from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import project_body, project_boxes
 from fbench.replay.geometry.iou import corners
 
-SURE = 0.5
-"""A camera alone reports what it believes so far."""
+SURE = 0.5  # A camera alone reports what it believes so far
 
 
 def relative(score: Float64, min_score: float) -> Float64:
@@ -30,36 +29,26 @@ def relative(score: Float64, min_score: float) -> Float64:
 
 _GUESS_STD = 0.25
 _EDGE_PX = 3.0
-_MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2
-"""Error of measured depths, as a share of the depth and [m]."""
+_MEASURED_STD, _MEASURED_STD_M = 0.04, 1.2  # Error of measured depths, as a share of the depth and [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
     """N boxes in one image, of one or several kinds of sensors."""
 
-    source: Array
-    """(N,) uint8, one bit of `Source`."""
-    xyxy_px: Float64
-    """(N, 4) left, top, right, bottom [px]."""
+    source: Array  # (N,) uint8, one bit of `Source`
+    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]
     score: Float64
     """(N,) 0 to 1: by cameras how likely each is, from `SURE` on those that a camera alone reports; by others how much
     it looks like a vehicle.
     """
-    label: Text
-    """(N,)."""
-    depth_m: Float64
-    """(N,) of the near side along the optical axis [m]; NaN where unknown."""
-    depth_std: Float64
-    """(N,) relative error of the depth."""
-    distance_m: Float64
-    """(N,) from the body's origin to the middle [m]; NaN where unknown."""
-    rate_mps: Float64
-    """(N,) change of the distance [m/s], positive when receding; NaN where unknown."""
-    spot: Int64
-    """(N,) row of the `Spots` that it is; -1: none."""
-    upright: Bool
-    """(N,) whether its upper and lower edge are known; sparse radars don't tell heights."""
+    label: Text  # (N,)
+    depth_m: Float64  # (N,) of the near side along the optical axis [m]; NaN where unknown
+    depth_std: Float64  # (N,) relative error of the depth
+    distance_m: Float64  # (N,) from the body's origin to the middle [m]; NaN where unknown
+    rate_mps: Float64  # (N,) change of the distance [m/s], positive when receding; NaN where unknown
+    spot: Int64  # (N,) row of the `Spots` that it is; -1: none
+    upright: Bool  # (N,) whether its upper and lower edge are known; sparse radars don't tell heights
 
     def __len__(self) -> int:
         return len(self.score)

@@ -22,10 +22,8 @@ from fbench.replay.geometry.camera import in_image, not_projectable, project_bod
 
 
 def projectable(pipeline: str, rig: Rig, log_info: LogInfo) -> tuple[str, ...]:
-    """Names of the cameras of a rig that can be projected into; their images aren't needed.
-
-    Raises:
-        LogError: where there is none, saying why.
+    """Names of the cameras of a rig that can be projected into; their images aren't needed. Raises LogError where there
+    is none, saying why.
     """
     names = rig.sensors("camera")
     if not names:
@@ -59,22 +57,17 @@ def _boxes(camera: str, seen: Sightings) -> Boxes2D:
     )
 
 
-_INSET = 0.15
-"""This share of a box is left out on each side, since a box is wider than what it shows."""
-_WINDOW_M = 3.0
-"""Depth [m] of a window that holds the points of one object."""
-_DENSE = 0.5
-"""Of several windows the nearest counts that has this share of the points of the fullest."""
+_INSET = 0.15  # This share of a box is left out on each side, since a box is wider than what it shows
+_WINDOW_M = 3.0  # Depth [m] of a window that holds the points of one object
+_DENSE = 0.5  # Of several windows the nearest counts that has this share of the points of the fullest
 
 
 @dataclass(frozen=True, eq=False)
 class Rays:
     """All points of one kind of sensor in an image, those on the ground too; sorted by depth."""
 
-    uv_px: Float64
-    """(N, 2) [px]."""
-    depth_m: Float64
-    """(N,) along the optical axis [m]."""
+    uv_px: Float64  # (N, 2) [px]
+    depth_m: Float64  # (N,) along the optical axis [m]
 
     @classmethod
     def of(cls, rig: Rig, camera: str, xyz: Float64 | None) -> "Rays":
@@ -127,10 +120,8 @@ class InImages:
     """What one kind of sensor sees, by camera; nothing of it where no sensor delivered."""
 
     seen: Mapping[str, Sightings] = field(default_factory=dict)
-    points: Mapping[str, Points] = field(default_factory=dict)
-    """Those over the ground."""
-    rays: Mapping[str, Rays] = field(default_factory=dict)
-    """All points."""
+    points: Mapping[str, Points] = field(default_factory=dict)  # Those over the ground
+    rays: Mapping[str, Rays] = field(default_factory=dict)  # All points
 
 
 class LidarInImages:

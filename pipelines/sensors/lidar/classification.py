@@ -83,10 +83,8 @@ class Standing:
 
     xy_height: Float64
     """(N, 3) x and y in body coordinates and height above ground [m], sorted by cluster, those of none first."""
-    first: Int64
-    """(M + 1,) rows where the clusters begin, and the end."""
-    tall: Float64
-    """(K, 3) the same of points above the height up to which they are clustered."""
+    first: Int64  # (M + 1,) rows where the clusters begin, and the end
+    tall: Float64  # (K, 3) the same of points above the height up to which they are clustered
 
 
 def features(standing: Standing, rectangles: Float64) -> Float64:
@@ -126,14 +124,11 @@ FITTED = Path(__file__).with_name("road_users.json")
 class RoadUserModel:
     """Log-odds of each class against everything else, the sum of one piecewise linear function of each feature."""
 
-    labels: Text
-    """(C,) classes."""
+    labels: Text  # (C,) classes
     knots: tuple[Float64, ...]
     """For each feature of `FEATURES` the values (K,) between which its function is linear; beyond them it is level."""
-    log_odds: tuple[Float64, ...]
-    """For each feature what it adds at its knots for each class (C, K)."""
-    offset: Float64
-    """(C,) what is added to the sum."""
+    log_odds: tuple[Float64, ...]  # For each feature what it adds at its knots for each class (C, K)
+    offset: Float64  # (C,) what is added to the sum
 
     def probabilities(self, features: Float64) -> Float64:
         """Probabilities (M, C) that clusters with features (M, F) are one road user each of these classes.
@@ -235,22 +230,17 @@ def plausibility(
 
 
 _TOP = FEATURES.index("top_m")
-_HIGHEST_M = 4.5
-"""No road user is higher [m]: what is seen above that is a tree or a bridge."""
+_HIGHEST_M = 4.5  # No road user is higher [m]: what is seen above that is a tree or a bridge
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Clusters of one frame, M of them."""
 
-    standing: Standing
-    """Their points, and those beside and above them."""
-    rectangles: Float64
-    """(M, 6) as `fit_rectangles` gives them."""
-    plane: Plane
-    """The ground."""
-    viewpoint: Float64
-    """(2,) where the LiDAR is [m]."""
+    standing: Standing  # Their points, and those beside and above them
+    rectangles: Float64  # (M, 6) as `fit_rectangles` gives them
+    plane: Plane  # The ground
+    viewpoint: Float64  # (2,) where the LiDAR is [m]
 
 
 def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:

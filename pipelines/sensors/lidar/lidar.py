@@ -101,26 +101,19 @@ class LidarParams:
 class Obstacles:
     """What stands on the ground and what hangs over it."""
 
-    plane: Plane | None
-    """The ground; `None` where too few points tell, and then there are no obstacles."""
-    xyz: Float64
-    """(N, 3) [m] in body coordinates."""
-    height_m: Float64
-    """(N,) above ground [m]."""
-    tall: Float64
-    """(M, 3) [m] points above the height of cars."""
+    plane: Plane | None  # The ground; `None` where too few points tell, and then there are no obstacles
+    xyz: Float64  # (N, 3) [m] in body coordinates
+    height_m: Float64  # (N,) above ground [m]
+    tall: Float64  # (M, 3) [m] points above the height of cars
 
 
 @dataclass(frozen=True, eq=False)
 class LidarView:
     """What the LiDAR sees: points that stand on the ground, their clusters, one box for each."""
 
-    plane: Plane | None
-    """The ground; `None` where too few points tell."""
-    xyz: Float64
-    """(N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first."""
-    cluster: Int64
-    """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
+    plane: Plane | None  # The ground; `None` where too few points tell
+    xyz: Float64  # (N, 3) [m] in body coordinates, sorted by cluster, those of no cluster first
+    cluster: Int64  # (N,) number of the cluster, -1: none; those numbers are rows of `boxes`
     boxes: Boxes3D
     """One for each cluster. Judged by the model, with its likeliest class as label, and as score the probability that
     it is one road user; by rules, without labels, and the score says how much it looks like a passenger car."""

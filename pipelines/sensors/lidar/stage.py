@@ -18,27 +18,18 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
 
 _LABEL = "truck"
-_LEAST_SCORE = 0.2
-"""What is less likely a road user doesn't take other clusters."""
-_GAP_M = 1.8
-"""Stripes of one side are at most this far apart."""
+_LEAST_SCORE = 0.2  # What is less likely a road user doesn't take other clusters
+_GAP_M = 1.8  # Stripes of one side are at most this far apart
 _COLUMN_RAD = np.radians(1.3)
 """Columns of points are at most this far apart, seen from the LiDAR: farther ahead, or from nearly behind, such columns
 hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck, or right behind."""
-_OFF_SIDE_M = 0.5
-"""Such columns lie at most this far off the side that is seen."""
-_HIGH_M = 2.0
-"""No car is as high above the ground."""
-_ASIDE_M = 0.3
-"""Points of a vehicle lie at most this far beside the box that what is seen of it was completed to."""
-_LONGEST_M = 18.0
-"""No vehicle is longer."""
-_MOST = 0.8
-"""A cluster of which at least this share lies where the vehicle goes on is a part of it."""
-_SOLID = ("car", "van", "truck")
-"""What doesn't look like a column of points, as people and two-wheelers do."""
-_ROUNDS = 3
-"""The more of a side is known, the better its heading, and the more of it is found."""
+_OFF_SIDE_M = 0.5  # Such columns lie at most this far off the side that is seen
+_HIGH_M = 2.0  # No car is as high above the ground
+_ASIDE_M = 0.3  # Points of a vehicle lie at most this far beside the box that what is seen of it was completed to
+_LONGEST_M = 18.0  # No vehicle is longer
+_MOST = 0.8  # A cluster of which at least this share lies where the vehicle goes on is a part of it
+_SOLID = ("car", "van", "truck")  # What doesn't look like a column of points, as people and two-wheelers do
+_ROUNDS = 3  # The more of a side is known, the better its heading, and the more of it is found
 _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 
 
@@ -46,10 +37,8 @@ _TURN_RAD = np.radians(np.arange(-10.0, 10.5, 1.0))
 class _Box:
     """A vehicle on the ground."""
 
-    center_m: Float64
-    """(2,) [m]."""
-    size_lw_m: Float64
-    """(2,) [m]."""
+    center_m: Float64  # (2,) [m]
+    size_lw_m: Float64  # (2,) [m]
     yaw_rad: float
 
 

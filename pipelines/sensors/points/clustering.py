@@ -114,28 +114,22 @@ def _by_appearance(label: Int64) -> Int64:
     return np.maximum(rank, -1)[inverse]
 
 
-METHODS = ("dbscan", *CLUSTERERS)
-"""Names of all methods."""
+METHODS = ("dbscan", *CLUSTERERS)  # Names of all methods
 
 
 @dataclass(frozen=True)
 class Grouping:
     """How points of a sensor are grouped."""
 
-    method: str
-    """One of `METHODS`."""
-    eps: float
-    """Radius, in the unit of the points."""
-    min_points: int
-    """Points within the radius that make a core point, itself included."""
+    method: str  # One of `METHODS`
+    eps: float  # Radius, in the unit of the points
+    min_points: int  # Points within the radius that make a core point, itself included
     adaptive_from_m: float | None = None
     """Beyond this distance from the vehicle [m] the radius of DBSCAN grows in proportion to it; none: it doesn't."""
 
     def check(self, prefix: str) -> None:
-        """Refuse unknown methods and distances that make no sense; `prefix` is what precedes the names.
-
-        Raises:
-            ConfigError: naming the parameter.
+        """Refuse unknown methods and distances that make no sense; `prefix` is what precedes the names. Raises
+        ConfigError naming the parameter.
         """
         if self.method not in METHODS:
             raise ConfigError(f"{prefix}.method: there is no '{self.method}'{did_you_mean(self.method, METHODS)}")

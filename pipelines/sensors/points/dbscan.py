@@ -17,8 +17,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-SMALL = 4
-"""Of cells with so few points it is cheaper to look at the points than at bounds first."""
+SMALL = 4  # Of cells with so few points it is cheaper to look at the points than at bounds first
 
 
 @kernel
@@ -179,8 +178,7 @@ def _lower(points: Float64, core: Bool, first: Int64, a: int, b: int, number: in
 
 _SHRUNK = 1 - 1e-9
 """Cells are a hair smaller than need be, so that rounding hardly ever makes their points more than a radius apart."""
-_LEAST_EPS, _MOST_EPS = 1e-150, 1e150
-"""Radii are clipped here, where squares still are numbers."""
+_LEAST_EPS, _MOST_EPS = 1e-150, 1e150  # Radii are clipped here, where squares still are numbers
 
 
 def dbscan(points: Array, eps: float | Float64, min_points: int) -> Int64:
@@ -193,11 +191,9 @@ def dbscan(points: Array, eps: float | Float64, min_points: int) -> Int64:
     of their radii. Points that aren't finite are noise.
 
     The grid is that of Gunawan, 2013, and de Berg et al., ISAAC 2017: in cells with a diagonal of `eps` at least
-    `min_points` points are core without being looked at, and clusters are joined cell by cell. Radii that vary by
-    more than a factor of two have a grid for each doubling.
-
-    Raises:
-        ConfigError: where an `eps` isn't positive or `min_points` is below 1.
+    `min_points` points are core without being looked at, and clusters are joined cell by cell. Radii that vary by more
+    than a factor of two have a grid for each doubling. Raises ConfigError where an `eps` isn't positive or `min_points`
+    is below 1.
     """
     radii = np.asarray(eps, np.float64)
     if not np.all(radii > 0) or min_points < 1:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 
-Pairs = NDArray[np.int32]
-"""(P, 2) rows of cells."""
+Pairs = NDArray[np.int32]  # (P, 2) rows of cells
 FARTHEST_CELL = 2.0**50
 """Numbers of cells are clipped here, where rounding moves a point by an eighth of a cell at most."""
 _DIGIT = 11
@@ -115,8 +114,7 @@ def cell_bounds(points: Float64, first: Int64) -> tuple[Float64, Bool]:
     return bounds, small
 
 
-ROUNDING = 0.25
-"""The numbers of two points' cells are off by less than this together."""
+ROUNDING = 0.25  # The numbers of two points' cells are off by less than this together
 
 
 @kernel

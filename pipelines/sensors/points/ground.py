@@ -133,14 +133,10 @@ class Plane:
 class Surroundings:
     """Points that tell of the ground, and in which cells they lie."""
 
-    xyz: Float64
-    """(N, 3) [m] in body coordinates, all points."""
-    is_near: Bool
-    """(N,) which of them lie within `range_m`."""
-    near: Float64
-    """(M, 3) those."""
-    cell: Int64
-    """(M, 2) their cells."""
+    xyz: Float64  # (N, 3) [m] in body coordinates, all points
+    is_near: Bool  # (N,) which of them lie within `range_m`
+    near: Float64  # (M, 3) those
+    cell: Int64  # (M, 2) their cells
 
 
 def surroundings(xyz: Float64, params: GroundParams) -> Surroundings:

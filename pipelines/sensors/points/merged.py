@@ -17,8 +17,7 @@ from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.geometry.kernels import kernel
 from fbench.replay.geometry.transforms import transform
 
-_SMALL = 1e-3
-"""Below this angle [rad] series are more exact than quotients."""
+_SMALL = 1e-3  # Below this angle [rad] series are more exact than quotients
 
 
 @kernel
@@ -68,24 +67,18 @@ def _fill(move: Float64, t: float, rate: float, turn: Float64, speed: Float64) -
 
 FROZEN = "frozen at the stamp"
 """So the metadata `lidar.NAME.motion` say that nothing moved in a sweep, or that its points are compensated."""
-_MOST_BETWEEN_NS = 1_000_000_000
-"""Between poses farther apart the motion isn't steady."""
-_HOLDS_NS = 500_000_000
-"""So long after its last pose a motion goes on."""
-_MOST_AWAY_NS = 1_000_000_000
-"""Points measured farther from the frame's instant have wrong times."""
-_MOST_MPS, _MOST_RADPS = 100.0, 5.0
-"""No vehicle moves faster: such poses jumped."""
+_MOST_BETWEEN_NS = 1_000_000_000  # Between poses farther apart the motion isn't steady
+_HOLDS_NS = 500_000_000  # So long after its last pose a motion goes on
+_MOST_AWAY_NS = 1_000_000_000  # Points measured farther from the frame's instant have wrong times
+_MOST_MPS, _MOST_RADPS = 100.0, 5.0  # No vehicle moves faster: such poses jumped
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """How the body moves, steadily, in its own axes."""
 
-    turn_radps: Float64
-    """(3,)"""
-    speed_mps: Float64
-    """(3,)"""
+    turn_radps: Float64  # (3,)
+    speed_mps: Float64  # (3,)
 
 
 class Deskew:
@@ -149,18 +142,12 @@ def motion(before: Pose, after: Pose) -> Motion | None:
 class Echoes:
     """Radar points; rows in lexicographic order of their coordinates."""
 
-    xyz: Float64
-    """(N, 3) [m] in body coordinates."""
-    direction: Float64
-    """(N, 3) unit vectors from the sensor to the points, in body axes."""
-    radial_velocity_mps: Float64
-    """(N,) [m/s] as measured, positive when receding; NaN where the sensor gives none."""
-    magnitude_db: Float64
-    """(N,) radar cross section or uncalibrated magnitude; NaN where the sensor gives none."""
-    period_mps: float = 0.0
-    """Velocities alias with this period [m/s]; 0: unambiguous."""
-    sensor: str = ""
-    """Name of the radar."""
+    xyz: Float64  # (N, 3) [m] in body coordinates
+    direction: Float64  # (N, 3) unit vectors from the sensor to the points, in body axes
+    radial_velocity_mps: Float64  # (N,) [m/s] as measured, positive when receding; NaN where the sensor gives none
+    magnitude_db: Float64  # (N,) radar cross section or uncalibrated magnitude; NaN where the sensor gives none
+    period_mps: float = 0.0  # Velocities alias with this period [m/s]; 0: unambiguous
+    sensor: str = ""  # Name of the radar
 
     def __getitem__(self, rows: Bool) -> "Echoes":
         """Select rows by mask."""
@@ -241,10 +228,8 @@ def body_pose(rig: Rig, frame: Frame) -> Pose | None:
 
 
 def require(pipeline: str, kinds: tuple[Kind, ...], rig: Rig, log_info: LogInfo) -> None:
-    """Refuse a rig that has no sensor of these kinds.
-
-    Raises:
-        LogError: naming pipeline, log and the sensors that are there.
+    """Refuse a rig that has no sensor of these kinds. Raises LogError naming pipeline, log and the sensors that are
+    there.
     """
     if rig.sensors(*kinds):
         return

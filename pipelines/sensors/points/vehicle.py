@@ -14,18 +14,13 @@ from fbench.replay.geometry.kernels import kernel
 class VehicleSize:
     """Size of a typical car, to which partly seen vehicles are completed."""
 
-    length_m: float = SIZES["car"].lidar_lwh_m[0]
-    """Length [m]."""
-    width_m: float = SIZES["car"].lidar_lwh_m[1]
-    """Width [m]."""
-    height_m: float = SIZES["car"].lidar_lwh_m[2]
-    """Height [m]."""
+    length_m: float = SIZES["car"].lidar_lwh_m[0]  # Length [m]
+    width_m: float = SIZES["car"].lidar_lwh_m[1]  # Width [m]
+    height_m: float = SIZES["car"].lidar_lwh_m[2]  # Height [m]
 
     def check(self, prefix: str) -> None:
-        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters.
-
-        Raises:
-            ConfigError: naming the parameter.
+        """Refuse sizes that no vehicle has; `prefix` is the dotted name of these parameters. Raises ConfigError naming
+        the parameter.
         """
         require_ranges(prefix, self, dict.fromkeys(("length_m", "width_m", "height_m"), (0.1, 50.0)))
 
@@ -34,10 +29,8 @@ class VehicleSize:
 class OtherSizes:
     """Sizes of typical road users that are no cars."""
 
-    van: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["van"].lidar_lwh_m))
-    """Van."""
-    truck: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["truck"].lidar_lwh_m))
-    """Truck or bus."""
+    van: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["van"].lidar_lwh_m))  # Van
+    truck: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["truck"].lidar_lwh_m))  # Truck or bus
     motorcycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["motorcycle"].lidar_lwh_m))
     """Motorcycle with its rider."""
     bicycle: VehicleSize = field(default_factory=lambda: VehicleSize(*SIZES["bicycle"].lidar_lwh_m))
@@ -46,10 +39,8 @@ class OtherSizes:
     """Person on foot."""
 
     def check(self, prefix: str) -> None:
-        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters.
-
-        Raises:
-            ConfigError: naming the parameter.
+        """Refuse sizes that nobody has; `prefix` is the dotted name of these parameters. Raises ConfigError naming the
+        parameter.
         """
         for one in fields(self):
             getattr(self, one.name).check(f"{prefix}.{one.name}")
@@ -59,12 +50,9 @@ class OtherSizes:
 class Footprints:
     """Rectangles on the ground in body coordinates."""
 
-    center_m: Float64
-    """(N, 2) [m]."""
-    size_lw_m: Float64
-    """(N, 2) length and width [m]."""
-    yaw_rad: Float64
-    """(N,) heading [rad] in [-pi/2, pi/2): front and back look the same."""
+    center_m: Float64  # (N, 2) [m]
+    size_lw_m: Float64  # (N, 2) length and width [m]
+    yaw_rad: Float64  # (N,) heading [rad] in [-pi/2, pi/2): front and back look the same
 
 
 def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Footprints:
@@ -130,8 +118,7 @@ def _unit(angle_rad: Float64) -> Float64:
 
 HEADINGS_RAD = np.radians(np.arange(0.0, 90.0, 2.0))
 """Headings of rectangles in space that are tried; by then a rectangle looks as at the first again [rad]."""
-NEAR_M = 0.05
-"""Distances from an edge below this [m] are noise."""
+NEAR_M = 0.05  # Distances from an edge below this [m] are noise
 
 
 @kernel

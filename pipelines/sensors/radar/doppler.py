@@ -16,10 +16,8 @@ from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import kernel
 
-_ACROSS = 1e-6
-"""Forward share of directions across the way, along which no speed forward can be told."""
-_MARGIN_MPS = 1e-6
-"""More than rounding does to the limits of what is searched."""
+_ACROSS = 1e-6  # Forward share of directions across the way, along which no speed forward can be told
+_MARGIN_MPS = 1e-6  # More than rounding does to the limits of what is searched
 
 
 @kernel
@@ -93,11 +91,9 @@ class DopplerParams:
 def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerParams) -> dict[str, float]:
     """Period [m/s] with which the velocities of each radar alias, by name; 0 where they are unambiguous.
 
-    Parameters go before what the log says about one radar, and that before what it says about all. Nothing is
-    guessed from the velocities: a radar that rounds them looks like one that aliases.
-
-    Raises:
-        LogError: where the log says something that isn't a period.
+    Parameters go before what the log says about one radar, and that before what it says about all. Nothing is guessed
+    from the velocities: a radar that rounds them looks like one that aliases. Raises LogError where the log says
+    something that isn't a period.
     """
     if params.period_mps is not None:
         return dict.fromkeys(radars, params.period_mps)
@@ -107,10 +103,8 @@ def velocity_periods(radars: Sequence[str], log_info: LogInfo, params: DopplerPa
 
 
 def with_logged_ego_motion(radar: str, log_info: LogInfo, params: DopplerParams) -> DopplerParams:
-    """Return parameters that say whether a radar's velocities hold the vehicle's own motion.
-
-    Raises:
-        LogError: where the log says something else.
+    """Return parameters that say whether a radar's velocities hold the vehicle's own motion. Raises LogError where the
+    log says something else.
     """
     key = f"radar.{radar}.ego_motion"
     text = log_info.metadata.get(key, log_info.metadata.get("radar.ego_motion", "included"))

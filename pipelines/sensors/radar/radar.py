@@ -30,8 +30,7 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 _ECHO_HEIGHT_M = 0.3
 """Where most echoes of a vehicle come from [m above ground]: bumpers, wheels and the gap under the floor."""
-_SPREADING_FROM_M = 20.0
-"""See `RadarParams.full_score_within_m`; chosen on development seeds of the simulated city."""
+_SPREADING_FROM_M = 20.0  # See `RadarParams.full_score_within_m`; chosen on development seeds of the simulated city
 
 
 @dataclass(frozen=True)
@@ -104,28 +103,21 @@ class RadarParams:
 class RadarView:
     """What the radars see."""
 
-    xyz: Float64
-    """(N, 3) [m] in body coordinates, all echoes within range."""
-    cluster: Int64
-    """(N,) number of the cluster, -1: none; those numbers are rows of `boxes`."""
-    boxes: Boxes3D
-    """One for each cluster, with score and velocity along the line of sight."""
+    xyz: Float64  # (N, 3) [m] in body coordinates, all echoes within range
+    cluster: Int64  # (N,) number of the cluster, -1: none; those numbers are rows of `boxes`
+    boxes: Boxes3D  # One for each cluster, with score and velocity along the line of sight
 
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
     """Echoes of all radars with the radars' own motion taken out."""
 
-    xyz: Float64
-    """(N, 3) [m] in body coordinates."""
-    direction: Float64
-    """(N, 3) unit vectors from the radar to the points, in body axes."""
+    xyz: Float64  # (N, 3) [m] in body coordinates
+    direction: Float64  # (N, 3) unit vectors from the radar to the points, in body axes
     range_rate_mps: Float64
     """(N,) radial velocity over ground [m/s], positive when receding; NaN where the sensor gives none."""
-    period_mps: Float64
-    """(N,) velocities alias with this period [m/s]; 0: unambiguous."""
-    is_strong: Bool
-    """(N,) whether an echo is among the strongest of its scan."""
+    period_mps: Float64  # (N,) velocities alias with this period [m/s]; 0: unambiguous
+    is_strong: Bool  # (N,) whether an echo is among the strongest of its scan
     own_mps: Float64
     """(N,) the radar's own velocity towards the points [m/s]: range_rate_mps less this is how fast their distance from
     it changes. NaN where velocities were recorded without the ego motion.
@@ -248,10 +240,8 @@ def median_rate(rate_mps: Float64, period_mps: Float64) -> float:
 
 
 class RadarStage:
-    """Knows with which period the velocities of each radar alias.
-
-    Raises:
-        LogError: where the log's metadata give a period that is none.
+    """Knows with which period the velocities of each radar alias. Raises LogError where the log's metadata give a
+    period that is none.
     """
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: RadarParams, settings: SensorSettings) -> None:

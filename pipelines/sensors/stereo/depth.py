@@ -64,8 +64,7 @@ def gather(
     return sums[:num] / counts[:num].reshape(-1, 1), counts[:num]
 
 
-_HEIGHT_M = 6.0
-"""Points farther above or below the camera [m] are left out."""
+_HEIGHT_M = 6.0  # Points farther above or below the camera [m] are left out
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,7 @@ def points(disparity: Float32, how: Rectifier, nearest_m: float, params: DepthPa
     return xyz[np.lexsort(xyz.T[::-1])]
 
 
-_STEP = 16
-"""OpenCV searches a multiple of so many disparities, and gives them in units of 1/16 px."""
+_STEP = 16  # OpenCV searches a multiple of so many disparities, and gives them in units of 1/16 px
 
 
 @dataclass(frozen=True)
@@ -199,8 +197,7 @@ class Matcher:
 
 _BELOW_HORIZON = 0.025
 """The ground begins this share of the image's height below the horizon: farther ground has hardly any disparity."""
-_QUALITY_HEIGHT_M = (0.3, 4.0)
-"""Cameras of vehicles are this high above the ground."""
+_QUALITY_HEIGHT_M = (0.3, 4.0)  # Cameras of vehicles are this high above the ground
 
 
 @dataclass(frozen=True)

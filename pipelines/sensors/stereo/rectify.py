@@ -13,16 +13,13 @@ from fbench.replay.geometry.camera import is_pinhole, require_projection
 from fbench.replay.geometry.stereo_pairs import MAX_ANGLE_DEG, Pair, Rectified, pairs, rectified
 from fbench.replay.geometry.transforms import inverse
 
-_STRAIGHT_PX = 0.05
-"""Rows that differ by less than this count as the same: images were rectified before."""
+_STRAIGHT_PX = 0.05  # Rows that differ by less than this count as the same: images were rectified before
 
 
 def chosen_pair(rig: Rig, log_name: str, left: str | None, right: str | None) -> Pair:
-    """Return the pair with the longest baseline, the first by name of equally long ones, or of those named.
-
-    Raises:
-        ConfigError: where a name isn't that of a camera.
-        LogError: where the rig has no such pair, or a camera of it can't be projected into.
+    """Return the pair with the longest baseline, the first by name of equally long ones, or of those named. Raises
+    ConfigError where a name isn't that of a camera. Raises LogError where the rig has no such pair, or a camera of it
+    can't be projected into.
     """
     cameras = rig.sensors("camera")
     for side, name in (("left", left), ("right", right)):
@@ -53,13 +50,10 @@ class Rectifier:
     """Makes grey rectified images of one size from those of a pair, with maps that are computed once."""
 
     pair: Pair
-    camera: CameraModel
-    """The left camera, shrunk and rectified; the right one is the same, `baseline_m` to its right."""
+    camera: CameraModel  # The left camera, shrunk and rectified; the right one is the same, `baseline_m` to its right
     baseline_m: float
-    body_T_camera: Float64
-    """(4, 4) pose of the rectified left camera in body coordinates."""
-    maps: Rectified | None
-    """How shrunk images are rectified; `None` where they are already."""
+    body_T_camera: Float64  # (4, 4) pose of the rectified left camera in body coordinates
+    maps: Rectified | None  # How shrunk images are rectified; `None` where they are already
 
     def images(self, left: Pixels, right: Pixels) -> tuple[Pixels, Pixels]:
         """Shrink and rectify two grey images (H, W), to (h, w)."""
@@ -68,10 +62,8 @@ class Rectifier:
 
 
 def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
-    """Compute how the images of a pair are shrunk and rectified.
-
-    Raises:
-        LogError: where lens distortion isn't modelled, or images are too small to be matched.
+    """Compute how the images of a pair are shrunk and rectified. Raises LogError where lens distortion isn't modelled,
+    or images are too small to be matched.
     """
     small = Rig(rig.mounts, {name: _shrunk(rig.cameras[name], shrink) for name in (pair.left, pair.right)})
     how = rectified(small, pair)

@@ -38,8 +38,7 @@ class StereoParams:
     """What depth becomes."""
 
 
-NOISE = "stereo depth is noise"
-"""Why stereo is left out of a frame whose images match too badly."""
+NOISE = "stereo depth is noise"  # Why stereo is left out of a frame whose images match too badly
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +49,13 @@ class StereoView:
     """(N, 3) [m] in body coordinates, in lexicographic order; none where stereo is off, or an image is missing."""
     sure_share: float | None = None
     """Share of pixels on the ground and what stands there that are surely matched; `None` where an image is missing."""
-    is_off: bool = False
-    """Whether both images are there but their depth is taken for noise."""
+    is_off: bool = False  # Whether both images are there but their depth is taken for noise
 
 
 class StereoStage:
-    """Finds depth with one pair of cameras; a frame's depth depends on that frame alone.
-
-    Raises:
-        ConfigError: where a camera that is named isn't there.
-        LogError: where the rig has no stereo pair, or what it has can't be rectified.
+    """Finds depth with one pair of cameras; a frame's depth depends on that frame alone. Raises ConfigError where a
+    camera that is named isn't there. Raises LogError where the rig has no stereo pair, or what it has can't be
+    rectified.
     """
 
     def __init__(self, rig: Rig, log_name: str, params: StereoParams) -> None:

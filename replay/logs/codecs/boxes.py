@@ -21,26 +21,17 @@ _UUID = re.compile(r"[0-9a-fA-F]{8}[0-9a-fA-F-]{8,}", re.ASCII)
 _NUMBERED = re.compile(r"[a-zA-Z][\w ./:#-]{0,126}[0-9]", re.ASCII)
 """A name with a number of its own; without one it may as well be a class."""
 
-_MAX_BOXES = 10_000
-"""As of programs' answers; many more than any stack gives, and few enough to compare each with each."""
+_MAX_BOXES = 10_000  # As of programs' answers; many more than any stack gives, and few enough to compare each with each
 
 
 def require_few(num: int) -> None:
-    """Refuse what no stack gives.
-
-    Raises:
-        DecodeError: where a message has too many boxes.
-    """
+    """Refuse what no stack gives. Raises DecodeError where a message has too many boxes."""
     if num > _MAX_BOXES:
         raise DecodeError(f"{num} boxes in one message, more than {_MAX_BOXES}")
 
 
 def matrix(parts: Sequence[Any], names: str) -> Float64:
-    """Attributes of each part (N, len(names)), such as `x`, `y`, `z`.
-
-    Raises:
-        DecodeError: where a part lacks one.
-    """
+    """Attributes of each part (N, len(names)), such as `x`, `y`, `z`. Raises DecodeError where a part lacks one."""
     try:
         rows = [[getattr(part, name) for name in names] for part in parts]
     except AttributeError as error:
@@ -95,11 +86,7 @@ def track_ids(ids: Sequence[object]) -> Int64 | None:
 
 
 def checked(boxes: B) -> B:
-    """Return the boxes as they are.
-
-    Raises:
-        DecodeError: where a box isn't finite, or there are too many.
-    """
+    """Return the boxes as they are. Raises DecodeError where a box isn't finite, or there are too many."""
     require_few(len(boxes))
     good, scored = finite(boxes)
     if not (good & scored).all():
@@ -125,10 +112,8 @@ def scene_boxes(entities: Sequence[Any]) -> tuple[Boxes3D, tuple[str, ...]]:
 
     Keys of metadata count whatever their case, spaces and dashes. Scores, velocities and ids are there where all boxes
     have them; an entity whose metadata have no id may end in its number. Without a class in the metadata the entity's
-    text, then its id, tells it. Speeds are along the heading.
-
-    Raises:
-        DecodeError: where a box isn't finite, or there are too many.
+    text, then its id, tells it. Speeds are along the heading. Raises DecodeError where a box isn't finite, or there are
+    too many.
     """
     require_few(sum(len(entity.cubes) for entity in entities))
     cubes = [(entity, cube) for entity in entities for cube in entity.cubes]

@@ -15,8 +15,7 @@ class TruthPart:
 
     truth: Truth
     is_2d: bool
-    expects_2d: bool = False
-    """Whether 2D boxes of the same instant follow."""
+    expects_2d: bool = False  # Whether 2D boxes of the same instant follow
     frame_id: str = ""
     """Coordinate frame of the boxes, of 2D boxes that of the camera; empty: the body, and cameras by name."""
     frame_ids: tuple[str, ...] = ()
@@ -42,18 +41,15 @@ class Origin:
     log_ns: int
     publish_ns: int
     frame_number: int | None = None
-    size_wh: tuple[int, int] | None = None
-    """Of images whose channel states it, as those that fbench wrote do."""
+    size_wh: tuple[int, int] | None = None  # Of images whose channel states it, as those that fbench wrote do
 
 
 class Probe(NamedTuple):
     """What a message says about its channel."""
 
     kind: str
-    frame_id: str
-    """Coordinate frame of the sensor, or the one whose pose is given."""
-    world: str = ""
-    """Coordinate frame in which poses are given."""
+    frame_id: str  # Coordinate frame of the sensor, or the one whose pose is given
+    world: str = ""  # Coordinate frame in which poses are given
 
 
 class Codec(Protocol):

@@ -59,12 +59,9 @@ def entries_from(container: Container, channels: frozenset[int], start_ns: int) 
     return (entry for entry in container.entries(channels) if entry.log_ns >= start_ns)
 
 
-MAX_HELD = 256 * 1024 * 1024
-"""Blocks that overlap in time are in memory together; so much they may always take [byte]."""
-MAX_RATIO = 32
-"""Beyond that they may take so many times what they take in the file: real data don't compress better."""
-_ENTRY = 400
-"""What telling a message apart takes [byte]."""
+MAX_HELD = 256 * 1024 * 1024  # Blocks that overlap in time are in memory together; so much they may always take [byte]
+MAX_RATIO = 32  # Beyond that they may take so many times what they take in the file: real data don't compress better
+_ENTRY = 400  # What telling a message apart takes [byte]
 
 
 class Held:

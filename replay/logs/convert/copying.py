@@ -19,10 +19,8 @@ from fbench.replay.logs.roles import STORED, Role
 
 
 class Decoding:
-    """Measurements, poses, truth and rigs in canonical order; what else there is gets counted in `left_out`.
-
-    Raises:
-        LogError: naming the sensor that has no transform, or the camera that isn't calibrated.
+    """Measurements, poses, truth and rigs in canonical order; what else there is gets counted in `left_out`. Raises
+    LogError naming the sensor that has no transform, or the camera that isn't calibrated.
     """
 
     def __init__(self, reader: LogReader, window: Window) -> None:
@@ -93,10 +91,8 @@ def candidates(container: Container, roles: dict[int, Role]) -> frozenset[int]:
 
 
 def exactly_decoded(role: Role, channel: Channel, entry: Entry, encoder: Encoder) -> Message | TruthPart:
-    """Decode a message of a channel that fbench wrote.
-
-    Raises:
-        InexactError: where it isn't what fbench would write today.
+    """Decode a message of a channel that fbench wrote. Raises InexactError where it isn't what fbench would write
+    today.
     """
     try:
         content = _decoded(role, entry)
@@ -125,8 +121,7 @@ def _decoded(role: Role, entry: Entry) -> Message | TruthPart:
 
 
 _KINDS = ("transform", "calibration")
-_MAX_RIGS = 1000
-"""Rigs that change all the time stay messages, which are streamed."""
+_MAX_RIGS = 1000  # Rigs that change all the time stay messages, which are streamed
 
 
 def rig_channels(roles: Mapping[int, Role]) -> frozenset[int]:
@@ -189,11 +184,7 @@ class Copying:
         self.rigs = [rig._replace(rig=rig.rig.without(source.gone)) for rig in cut_rigs(self.rigs, source.window)]
 
     def items(self) -> Iterator[Item]:
-        """Read the log once.
-
-        Raises:
-            InexactError: where a channel can't become columns.
-        """
+        """Read the log once. Raises InexactError where a channel can't become columns."""
         entries = self._source.container.entries(self._channels)
         yield from _with_rigs(self.rigs, self._converted(cut(entries, self._source.window, self._source.reader.roles)))
 

@@ -14,8 +14,7 @@ from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
 
-_EVERY = 64
-"""Progress is told after so many messages."""
+_EVERY = 64  # Progress is told after so many messages
 Progress = Callable[[int], None]
 
 
@@ -26,12 +25,9 @@ class Converted:
     path: Path
     log_id: str
     num_bytes: int
-    messages: Mapping[str, int]
-    """By topic; a rig that is stored as data isn't among them."""
-    num_rigs: int
-    """How many rigs are stored as data."""
-    parts: tuple[str, ...] = ()
-    """Names of the files of a log in parts."""
+    messages: Mapping[str, int]  # By topic; a rig that is stored as data isn't among them
+    num_rigs: int  # How many rigs are stored as data
+    parts: tuple[str, ...] = ()  # Names of the files of a log in parts
     left_out: Mapping[str, int] = field(default_factory=dict)
     """Messages that fbench doesn't understand, by topic; only where they were decoded."""
 
@@ -65,14 +61,10 @@ def _size(path: Path) -> int:
 class Wish:
     """What of a log is wanted, and how."""
 
-    topics: tuple[str, ...] = ()
-    """Patterns."""
-    excerpt: Excerpt = field(default_factory=Excerpt)
-    """A range of time, by `log_ns`."""
-    decode: bool = False
-    """Everything becomes fbench's own messages; what fbench doesn't understand is left out."""
-    setup: Setup = field(default_factory=Setup)
-    """What the user says about the log, where it is decoded."""
+    topics: tuple[str, ...] = ()  # Patterns
+    excerpt: Excerpt = field(default_factory=Excerpt)  # A range of time, by `log_ns`
+    decode: bool = False  # Everything becomes fbench's own messages; what fbench doesn't understand is left out
+    setup: Setup = field(default_factory=Setup)  # What the user says about the log, where it is decoded
 
 
 def convert(
@@ -80,11 +72,9 @@ def convert(
 ) -> Converted:
     """Write a log in another form.
 
-    Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged.
-
-    Raises:
-        ConfigError: where the target can't or mustn't be written, or the wish fits nothing.
-        LogError: where the source can't be read.
+    Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged. Raises
+    ConfigError where the target can't or mustn't be written, or the wish fits nothing. Raises LogError where the source
+    can't be read.
     """
     target.check(container.path)
     return (_decoded if wish.decode else _copied)(container, target, wish, progress)

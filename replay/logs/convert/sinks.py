@@ -38,8 +38,7 @@ class RigAt(NamedTuple):
 
     log_ns: int
     rig: Rig
-    stamp_ns: int | None = None
-    """Of the messages that told it; `None`: no messages did."""
+    stamp_ns: int | None = None  # Of the messages that told it; `None`: no messages did
 
 
 Item = Copied | Decoded | RigAt
@@ -66,10 +65,8 @@ class Encoder:
         self._schemas: dict[str, Schema] = {}
 
     def message(self, topic: str, content: Message | TruthPart) -> Encoded:
-        """Encode a measurement, pose or part of truth, under its own topic.
-
-        Raises:
-            ValueError: where Protobuf can't hold a value.
+        """Encode a measurement, pose or part of truth, under its own topic. Raises ValueError where Protobuf can't hold
+        a value.
         """
         if isinstance(content, TruthPart):
             truth = content.truth
@@ -78,18 +75,12 @@ class Encoder:
         return self._encoded(record._replace(topic=topic), content.stamp_ns, content.frame_number)
 
     def result(self, part: TruthPart) -> Encoded:
-        """Encode the boxes that another system found.
-
-        Raises:
-            ValueError: where Protobuf can't hold a value.
-        """
+        """Encode the boxes that another system found. Raises ValueError where Protobuf can't hold a value."""
         return self._encoded(part_record(part, "detections"), part.truth.stamp_ns, part.truth.frame_number)
 
     def rig(self, stamp_ns: int, rig: Rig) -> list[Encoded]:
-        """Encode a rig: a transform a sensor and a calibration a camera.
-
-        Raises:
-            ValueError: where Protobuf can't hold a value.
+        """Encode a rig: a transform a sensor and a calibration a camera. Raises ValueError where Protobuf can't hold a
+        value.
         """
         return [self._encoded(record, stamp_ns, None) for record in rig_records(stamp_ns, rig)]
 
@@ -157,11 +148,7 @@ class McapSink:
         return tuple(self._names)
 
     def put(self, item: Item) -> None:
-        """Append an item.
-
-        Raises:
-            LogError: where a message can't be encoded.
-        """
+        """Append an item. Raises LogError where a message can't be encoded."""
         if isinstance(item, RigAt):
             self._put_rig(item)
         elif isinstance(item, Copied):
@@ -230,11 +217,7 @@ class ParquetSink:
         self._writer = writer
 
     def put(self, item: Item) -> None:
-        """Append an item.
-
-        Raises:
-            LogError: where a message can't be stored.
-        """
+        """Append an item. Raises LogError where a message can't be stored."""
         if isinstance(item, RigAt):
             self._writer.write_rig(item.log_ns, item.rig, item.stamp_ns)
         elif isinstance(item, Copied):
@@ -257,11 +240,8 @@ _CHUNK = 1024 * 1024
 
 
 def open_sink(target: Target, about: LogHeader) -> Sink:
-    """Begin to write a log.
-
-    Raises:
-        ConfigError: where it can't be written, or not with this compression.
-        LogError: where its metadata aren't Unicode.
+    """Begin to write a log. Raises ConfigError where it can't be written, or not with this compression. Raises LogError
+    where its metadata aren't Unicode.
     """
     compression = target.compression or "zstd"
     if target.form == "parquet":

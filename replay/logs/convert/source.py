@@ -18,10 +18,8 @@ _RIG_AND_TRUTH = ("transform", "calibration", "truth")
 
 
 def chosen(container: Container, roles: Mapping[int, Role], patterns: Sequence[str]) -> frozenset[int]:
-    """Channels that the patterns choose; transforms, calibrations of kept cameras and truth stay.
-
-    Raises:
-        ConfigError: where a pattern fits nothing.
+    """Channels that the patterns choose; transforms, calibrations of kept cameras and truth stay. Raises ConfigError
+    where a pattern fits nothing.
     """
     if not patterns:
         return frozenset(container.channels)
@@ -53,11 +51,7 @@ class Window:
         return self.end_ns is not None and log_ns >= self.end_ns
 
     def require_all(self) -> None:
-        """Refuse a window that turned out to be empty.
-
-        Raises:
-            ConfigError: where anything was cut off.
-        """
+        """Refuse a window that turned out to be empty. Raises ConfigError where anything was cut off."""
         if self != Window():
             start = "the start" if self.start_ns is None else f"{self.start_ns}ns"
             end = "the end" if self.end_ns is None else f"{self.end_ns}ns"
@@ -65,10 +59,8 @@ class Window:
 
 
 def window_of(excerpt: Excerpt, container: Container, roles: Mapping[int, Role]) -> Window:
-    """Resolve times that count from the log's first measurement on: the smallest `log_ns` of a sensor or pose.
-
-    Raises:
-        ConfigError: where the window is empty.
+    """Resolve times that count from the log's first measurement on: the smallest `log_ns` of a sensor or pose. Raises
+    ConfigError where the window is empty.
     """
     if excerpt.start is None and excerpt.end is None:
         return Window()
@@ -87,9 +79,7 @@ def _absolute(moment: Moment | None, start_ns: int) -> int | None:
 
 def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> Iterator[Entry]:
     """Yield the entries of the window, before them the last transforms and calibrations that were there when it began.
-
-    Raises:
-        ConfigError: where there are no others.
+    Raises ConfigError where there are no others.
     """
     before = _Before(roles)
     is_empty = True
@@ -161,10 +151,8 @@ class Source:
     """A log, opened, with the topics and the time that are wanted of it."""
 
     container: Container
-    topics: Sequence[str] = ()
-    """Patterns."""
-    excerpt: Excerpt = field(default_factory=Excerpt)
-    """A range of time, by `log_ns`."""
+    topics: Sequence[str] = ()  # Patterns
+    excerpt: Excerpt = field(default_factory=Excerpt)  # A range of time, by `log_ns`
 
     @cached_property
     def reader(self) -> LogReader:

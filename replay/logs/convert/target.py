@@ -18,18 +18,12 @@ from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 class Split:
     """Where a new file begins; at least one is given."""
 
-    period_ns: int | None = None
-    """A file holds the messages of so much log time, counted from the first one on."""
-    num_bytes: int | None = None
-    """A file is closed when it holds about so much."""
+    period_ns: int | None = None  # A file holds the messages of so much log time, counted from the first one on
+    num_bytes: int | None = None  # A file is closed when it holds about so much
 
 
 def make_split(seconds: float | None, megabytes: float | None) -> Split | None:
-    """Read `--split-s` and `--split-mb`.
-
-    Raises:
-        ConfigError: where one isn't a positive number.
-    """
+    """Read `--split-s` and `--split-mb`. Raises ConfigError where one isn't a positive number."""
     if seconds is None and megabytes is None:
         return None
     return Split(_positive("--split-s", seconds, 1e9), _positive("--split-mb", megabytes, 1e6))
@@ -45,9 +39,7 @@ def _positive(option: str, value: float | None, unit: float) -> int | None:
 
 class PartsWriter:
     """Writes `FOLDER/NAME_0.mcap`, `NAME_1.mcap` ...; the folder appears when all are whole, in place of an old one.
-
-    Raises:
-        ConfigError: where the folder can't be written.
+    Raises ConfigError where the folder can't be written.
     """
 
     def __init__(self, folder: Path, split: Split, open_part: Callable[[Path], RawMcapWriter]) -> None:
@@ -70,11 +62,7 @@ class PartsWriter:
             raise
 
     def add(self, channel: Channel, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
-        """Append one message, in the order of `log_ns`.
-
-        Raises:
-            ConfigError: where the disk is full.
-        """
+        """Append one message, in the order of `log_ns`. Raises ConfigError where the disk is full."""
         if self._is_due(log_ns):
             self._part.close()
             self._part = self._next()
@@ -112,26 +100,20 @@ class PartsWriter:
         return part
 
 
-MAX_CHUNK = 128 * 1024 * 1024
-"""Readers refuse chunks of over 256 MiB, and a chunk may exceed its size by a message."""
+MAX_CHUNK = 128 * 1024 * 1024  # Readers refuse chunks of over 256 MiB, and a chunk may exceed its size by a message
 
 
 @dataclass(frozen=True)
 class Target:
-    """A log to write.
-
-    Raises:
-        ConfigError: where its name isn't that of a form that fbench writes, or an option doesn't belong to its form.
+    """A log to write. Raises ConfigError where its name isn't that of a form that fbench writes, or an option doesn't
+    belong to its form.
     """
 
     path: Path
     overwrite: bool = False
-    compression: str | None = None
-    """`None`: zstd."""
-    chunk_size: int | None = None
-    """Of MCAP [byte]; `None`: 1 MiB."""
-    rows_per_group: int | None = None
-    """Of Parquet; `None`: as many as make 8 MiB."""
+    compression: str | None = None  # `None`: zstd
+    chunk_size: int | None = None  # Of MCAP [byte]; `None`: 1 MiB
+    rows_per_group: int | None = None  # Of Parquet; `None`: as many as make 8 MiB
     split: Split | None = None
 
     def __post_init__(self) -> None:
@@ -155,10 +137,8 @@ class Target:
         raise ConfigError(f"{self.path}: which form? A name with .mcap is an MCAP file, with .parquet a Parquet folder")
 
     def check(self, source: Path) -> None:
-        """See that the log may be written.
-
-        Raises:
-            ConfigError: where it would replace the source, or something that isn't to be replaced.
+        """See that the log may be written. Raises ConfigError where it would replace the source, or something that
+        isn't to be replaced.
         """
         old, new = source.resolve(), self.path.resolve()
         if new == old or new in old.parents or old in new.parents:
@@ -168,8 +148,7 @@ class Target:
     def require_free(self) -> None:
         """See that nothing is there, or a log that is to be replaced.
 
-        Raises:
-            ConfigError: where something else is there.
+        Raises ConfigError where something else is there.
         """
         if not (self.path.exists() or self.path.is_symlink()):
             return

@@ -40,10 +40,8 @@ _MAX_BYTES = 8 * 2**20
 
 
 def read_scene(data: memoryview, origin: Origin) -> TruthPart:
-    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp.
-
-    Raises:
-        DecodeError: where the message is damaged or too large, or a box isn't finite.
+    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp. Raises
+    DecodeError where the message is damaged or too large, or a box isn't finite.
     """
     if len(data) > _MAX_BYTES:
         raise DecodeError(f"scene of {len(data)} bytes, more than {_MAX_BYTES}")
@@ -91,8 +89,7 @@ class FoxgloveCodec:
 
     schema: str
     topic: str
-    is_own: bool = False
-    """Whether the channel's metadata are those of fbench."""
+    is_own: bool = False  # Whether the channel's metadata are those of fbench
 
     @property
     def kinds(self) -> tuple[str, ...]:

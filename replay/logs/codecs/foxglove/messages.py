@@ -74,11 +74,7 @@ class Columns:
         self._num = len(self._data) // self._stride if self._stride else 0
 
     def xyz(self) -> Float32:
-        """Coordinates (N, 3) float32.
-
-        Raises:
-            PointsError: where x, y or z is missing.
-        """
+        """Coordinates (N, 3) float32. Raises PointsError where x, y or z is missing."""
         missing = [axis for axis in "xyz" if axis not in self._fields]
         if missing:
             raise PointsError(f"points have no field {', '.join(missing)}")
@@ -91,9 +87,7 @@ class Columns:
 
     def get(self, names: Sequence[str], dtype: DTypeLike | None = None) -> Array | None:
         """The first of these columns that is there, (N,), converted to `dtype` if given; `None` where there is none.
-
-        Raises:
-            PointsError: where the column has an unknown type or lies outside the points.
+        Raises PointsError where the column has an unknown type or lies outside the points.
         """
         field = next((self._fields[name] for name in names if name in self._fields), None)
         if field is None:
@@ -144,10 +138,8 @@ def image_proto(image: Image) -> RawImage | CompressedImage:
 
 
 def read_compressed_image(data: memoryview, origin: Origin) -> Image:
-    """Decode a CompressedImage; a foreign one's size is read from the header of the JPEG or PNG.
-
-    Raises:
-        DecodeError: where the message or that header is damaged.
+    """Decode a CompressedImage; a foreign one's size is read from the header of the JPEG or PNG. Raises DecodeError
+    where the message or that header is damaged.
     """
     head, encoded = split(data, CompressedImage.DATA_FIELD_NUMBER)
     proto, pixels = parse(CompressedImage, head), bytes(encoded)
@@ -159,10 +151,8 @@ def read_compressed_image(data: memoryview, origin: Origin) -> Image:
 
 
 def read_raw_image(data: memoryview, origin: Origin) -> Image:
-    """Decode a RawImage; padding at the end of the rows of a foreign one is removed.
-
-    Raises:
-        DecodeError: where the message is damaged, or of a foreign one the layout isn't known or the data don't fit.
+    """Decode a RawImage; padding at the end of the rows of a foreign one is removed. Raises DecodeError where the
+    message is damaged, or of a foreign one the layout isn't known or the data don't fit.
     """
     head, rows = split(data, RawImage.DATA_FIELD_NUMBER)
     proto = parse(RawImage, head)
@@ -184,10 +174,8 @@ def cloud_proto(cloud: PointCloud) -> CloudProto:
 def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
     """Decode a LiDAR sweep; points are moved by the message's pose where it has one.
 
-    Times of points under other names than that of fbench are read as drivers write them; see `offset_ns`.
-
-    Raises:
-        DecodeError: where the message is damaged or has no coordinates.
+    Times of points under other names than that of fbench are read as drivers write them; see `offset_ns`. Raises
+    DecodeError where the message is damaged or has no coordinates.
     """
     proto, columns = _columns(data)
     stamp_ns, offsets, times = _stamp_ns(proto, origin), columns.get(("offset_ns",), "i4"), columns.get(TIME_FIELDS)
@@ -214,11 +202,7 @@ def radar_proto(scan: RadarScan) -> CloudProto:
 
 
 def read_radar(data: memoryview, origin: Origin) -> RadarScan:
-    """Decode a radar scan.
-
-    Raises:
-        DecodeError: where the message is damaged or has no coordinates.
-    """
+    """Decode a radar scan. Raises DecodeError where the message is damaged or has no coordinates."""
     proto, columns = _columns(data)
     names = (DOPPLER_FIELDS, RCS_FIELDS, RANGE_FIELDS, AZIMUTH_FIELDS, ALTITUDE_FIELDS)
     velocity, rcs, distance, azimuth, altitude = (columns.get(name, "f4") for name in names)
@@ -258,11 +242,8 @@ def pose_proto(pose: Pose) -> PoseInFrame:
 
 
 def pose_frame(data: memoryview) -> str:
-    """Tell the coordinate frame in which a pose is given.
-
-    Raises:
-        UnsupportedError: where it is that of the body, so that the pose doesn't say where the body is.
-        DecodeError: where the message is damaged.
+    """Tell the coordinate frame in which a pose is given. Raises UnsupportedError where it is that of the body, so that
+    the pose doesn't say where the body is. Raises DecodeError where the message is damaged.
     """
     frame_id: str = parse(PoseInFrame, data).frame_id
     if frame_id in BODIES:
@@ -271,11 +252,7 @@ def pose_frame(data: memoryview) -> str:
 
 
 def read_pose(data: memoryview, origin: Origin) -> Pose:
-    """Decode a pose.
-
-    Raises:
-        DecodeError: where the message is damaged.
-    """
+    """Decode a pose. Raises DecodeError where the message is damaged."""
     proto = parse(PoseInFrame, data)
     translation_m, rotation_xyzw = pose_arrays(proto.pose)
     return Pose(

@@ -47,11 +47,7 @@ def timestamp(stamp_ns: int) -> Timestamp:
 
 
 def nanoseconds(stamp: Timestamp) -> int:
-    """Return a Protobuf time stamp in ns.
-
-    Raises:
-        DecodeError: where it isn't between 1970 and what an int64 holds.
-    """
+    """Return a Protobuf time stamp in ns. Raises DecodeError where it isn't between 1970 and what an int64 holds."""
     ns = stamp.seconds * _NS_PER_S + stamp.nanos
     if not 0 <= ns <= MAX_STAMP_NS:
         raise DecodeError(f"stamp of {stamp.seconds} s {stamp.nanos} ns is out of range")
@@ -59,11 +55,7 @@ def nanoseconds(stamp: Timestamp) -> int:
 
 
 def parse(kind: type[M], data: bytes | memoryview) -> M:
-    """Decode one Protobuf message.
-
-    Raises:
-        DecodeError: where `data` is no such message.
-    """
+    """Decode one Protobuf message. Raises DecodeError where `data` is no such message."""
     try:
         return kind.FromString(bytes(data))
     except (ProtobufError, UnicodeDecodeError) as error:
@@ -76,9 +68,7 @@ _FIXED = {_FIXED64: 8, _FIXED32: 4}
 
 def split(payload: memoryview, number: int) -> tuple[bytes, memoryview]:
     """Return the message without the bytes field `number`, and that field's value (the last one, as Protobuf has it).
-
-    Raises:
-        DecodeError: where the message is cut off or not Protobuf.
+    Raises DecodeError where the message is cut off or not Protobuf.
     """
     head: list[memoryview] = []
     value = payload[:0]

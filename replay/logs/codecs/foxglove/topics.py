@@ -46,10 +46,8 @@ def calibration_proto(stamp_ns: int, sensor: str, camera: CameraModel) -> Camera
 
 
 def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
-    """Decode the coordinate frame and intrinsics of a camera.
-
-    Raises:
-        DecodeError: where the message is damaged or the camera isn't calibrated.
+    """Decode the coordinate frame and intrinsics of a camera. Raises DecodeError where the message is damaged or the
+    camera isn't calibrated.
     """
     proto = parse(CameraCalibration, data)
     if len(proto.K) != 9 or not any(proto.K):
@@ -68,33 +66,25 @@ def read_transform(proto: FrameTransform) -> tuple[str, Edge]:
     return proto.child_frame_id, Edge(proto.parent_frame_id, *arrays(proto.translation, proto.rotation))
 
 
-KIND, SENSOR, FRAME_NUMBER, SIZE = "kind", "sensor", "frame_number", "size_wh"
-"""Keys of channel metadata."""
-SEQUENCE = "sequence"
-"""Value of `FRAME_NUMBER`: the container's sequence number holds the frame number."""
-HAS_BOXES2D = "boxes_2d"
-"""Key in the metadata of 3D truth: whether 2D truth of the same stamp follows."""
-FLAT_SUFFIX = "_2d"
-"""Ends the topics of fbench's own messages with boxes in images."""
+KIND, SENSOR, FRAME_NUMBER, SIZE = "kind", "sensor", "frame_number", "size_wh"  # Keys of channel metadata
+SEQUENCE = "sequence"  # Value of `FRAME_NUMBER`: the container's sequence number holds the frame number
+HAS_BOXES2D = "boxes_2d"  # Key in the metadata of 3D truth: whether 2D truth of the same stamp follows
+FLAT_SUFFIX = "_2d"  # Ends the topics of fbench's own messages with boxes in images
 BOXES3D, BOXES2D = "/truth/boxes", "/truth/boxes_2d"
-RESULTS3D, RESULTS2D = "/results/boxes", "/results/boxes_2d"
-"""Of another system."""
+RESULTS3D, RESULTS2D = "/results/boxes", "/results/boxes_2d"  # Of another system
 
 
 class Record(NamedTuple):
     """One message as the container holds it."""
 
     topic: str
-    metadata: Mapping[str, str]
-    """Of its channel."""
+    metadata: Mapping[str, str]  # Of its channel
     proto: Proto
 
 
 def message_records(message: Message | Truth) -> Iterator[Record]:
-    """Encode a message: one record, for truth up to two.
-
-    Raises:
-        ValueError: where Protobuf can't hold a value: a text that isn't Unicode, a size beyond 32 bits.
+    """Encode a message: one record, for truth up to two. Raises ValueError where Protobuf can't hold a value: a text
+    that isn't Unicode, a size beyond 32 bits.
     """
     numbered = {} if message.frame_number is None else {FRAME_NUMBER: SEQUENCE}
     if isinstance(message, Truth):
@@ -133,9 +123,7 @@ _LAST: Mapping[type[Message], str] = {Image: "image", PointCloud: "points", Rada
 
 def part_record(part: TruthPart, kind: str = "truth") -> Record:
     """Encode the 3D or the 2D boxes of one instant; `kind` is `truth`, or `detections` for those of another system.
-
-    Raises:
-        ValueError: as for messages, or where the boxes aren't in body coordinates.
+    Raises ValueError as for messages, or where the boxes aren't in body coordinates.
     """
     truth = part.truth
     if part.frame_id:
@@ -150,11 +138,7 @@ def part_record(part: TruthPart, kind: str = "truth") -> Record:
 
 
 def rig_records(stamp_ns: int, rig: Rig) -> Iterator[Record]:
-    """Encode a rig: a transform a sensor and a calibration a camera.
-
-    Raises:
-        ValueError: as for messages.
-    """
+    """Encode a rig: a transform a sensor and a calibration a camera. Raises ValueError as for messages."""
     for sensor, mount in sorted(rig.mounts.items()):
         yield Record("/tf", {KIND: "transform"}, transform_proto(stamp_ns, sensor, mount))
     for sensor, camera in sorted(rig.cameras.items()):

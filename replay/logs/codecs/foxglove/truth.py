@@ -89,10 +89,8 @@ def _quaternions(boxes: Boxes3D) -> Float64:
 
 
 def read_boxes(data: memoryview, kind: type[B]) -> tuple[B | None, dict[str, str]]:
-    """Decode boxes and the metadata of their frame.
-
-    Raises:
-        DecodeError: where the message isn't one that `boxes_proto` made.
+    """Decode boxes and the metadata of their frame. Raises DecodeError where the message isn't one that `boxes_proto`
+    made.
     """
     entities = {entity.id: _metadata(entity) for entity in parse(SceneUpdate, data).entities}
     frame = entities.get(FRAME)

@@ -17,10 +17,8 @@ from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, find, get, head
 
 
 def frame_of(message: Any, whole: Header, encoding: str) -> str:
-    """Coordinate frame of an array of detections: that of its header, else the one that all detections name.
-
-    Raises:
-        DecodeError: where detections name several.
+    """Coordinate frame of an array of detections: that of its header, else the one that all detections name. Raises
+    DecodeError where detections name several.
     """
     frames = {name for part in get(message, "detections") if (name := header(part, encoding).frame_id)}
     frames = frames | {whole.frame_id} if whole.frame_id else frames
@@ -31,9 +29,7 @@ def frame_of(message: Any, whole: Header, encoding: str) -> str:
 
 def detections3d(message: Any) -> Boxes3D:
     """Return the boxes of a Detection3DArray; an orientation of zeros, which means that none was given, is yaw 0.
-
-    Raises:
-        DecodeError: where a box isn't finite.
+    Raises DecodeError where a box isn't finite.
     """
     parts = get(message, "detections")
     boxes = [get(part, "bbox") for part in parts]
@@ -49,10 +45,8 @@ def detections3d(message: Any) -> Boxes3D:
 def detections2d(message: Any, camera: str) -> Boxes2D:
     """Return the boxes of a Detection2DArray, turned ones as the rectangle around them.
 
-    vision_msgs doesn't say where pixels have their centres: values are taken as they are, centres at integers.
-
-    Raises:
-        DecodeError: where a box isn't finite.
+    vision_msgs doesn't say where pixels have their centres: values are taken as they are, centres at integers. Raises
+    DecodeError where a box isn't finite.
     """
     parts = get(message, "detections")
     xyxy = np.array([_rectangle(get(part, "bbox")) for part in parts], np.float64).reshape(-1, 4)
@@ -62,10 +56,7 @@ def detections2d(message: Any, camera: str) -> Boxes2D:
 def radar_tracks(message: Any) -> Boxes3D:
     """Return the boxes of a RadarTracks: sizes along the axes of the sensor, so yaw is 0.
 
-    Their ids are UUIDs, in the first generation numbers.
-
-    Raises:
-        DecodeError: where a box isn't finite.
+    Their ids are UUIDs, in the first generation numbers. Raises DecodeError where a box isn't finite.
     """
     parts = get(message, "tracks")
     center, size, velocity = (matrix([get(p, n) for p in parts], "xyz") for n in ("position", "size", "velocity"))
@@ -110,8 +101,7 @@ def _rectangle(box: Any) -> tuple[float, float, float, float]:
 _AUTOWARE = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "animal", "hazard",
              "over_drivable", "under_drivable")  # fmt: skip
 """Labels of `ObjectClassification` by number."""
-_POLYGON = 2
-"""Of Autoware's `Shape.type`; cylinders have their diameter for length and width."""
+_POLYGON = 2  # Of Autoware's `Shape.type`; cylinders have their diameter for length and width
 _DERIVED = ("unknown", "unknown_small", "unknown_medium", "unknown_big", "pedestrian", "bike", "car", "truck",
             "motorcycle", "other_vehicle", "barrier", "sign")  # fmt: skip
 """Classifications of `derived_object_msgs/Object` by number."""
@@ -121,8 +111,7 @@ _SOLIDS: Mapping[tuple[int, int], tuple[tuple[int, float], ...]] = {
 """Box, sphere and cylinder of `shape_msgs/SolidPrimitive`, by type and number of its dimensions: which of these, times
 what, are length, width and height. A radius counts twice.
 """
-_CUBE, _ADD = 1, 0
-"""Of `visualization_msgs/Marker`."""
+_CUBE, _ADD = 1, 0  # Of `visualization_msgs/Marker`
 
 
 def autoware_objects(message: Any) -> Boxes3D:
@@ -130,9 +119,7 @@ def autoware_objects(message: Any) -> Boxes3D:
 
     The class is the most probable one, the score the probability that the object exists; velocities are those of the
     twist, which is given in the object's own axes; of a polygon it is the rectangle around it along the object's axes.
-
-    Raises:
-        DecodeError: where a box isn't finite.
+    Raises DecodeError where a box isn't finite.
     """
     parts = get(message, "objects")
     motions = [get(part, "kinematics") for part in parts]
@@ -151,10 +138,8 @@ def autoware_objects(message: Any) -> Boxes3D:
 
 
 def derived_objects(message: Any) -> Boxes3D:
-    """Return the boxes of an ObjectArray; its twist is in the axes of the header.
-
-    Raises:
-        DecodeError: where a box isn't finite, or a shape isn't a box, sphere or cylinder.
+    """Return the boxes of an ObjectArray; its twist is in the axes of the header. Raises DecodeError where a box isn't
+    finite, or a shape isn't a box, sphere or cylinder.
     """
     parts = get(message, "objects")
     poses = [get(part, "pose") for part in parts]
@@ -177,10 +162,8 @@ def shown(message: Any) -> list[Any]:
 
 
 def marker_boxes(markers: Sequence[Any]) -> Boxes3D:
-    """Return cubes as boxes; their class is what the text says, else the namespace, their track the marker's id.
-
-    Raises:
-        DecodeError: where a box isn't finite.
+    """Return cubes as boxes; their class is what the text says, else the namespace, their track the marker's id. Raises
+    DecodeError where a box isn't finite.
     """
     poses = [get(marker, "pose") for marker in markers]
     ids = [get(marker, "id") for marker in markers]

@@ -121,10 +121,8 @@ T = TypeVar("T")
 
 
 def ros_codec(channel: Channel) -> Codec | None:
-    """Return the codec of a channel; `None` where its encoding or type isn't one that fbench understands.
-
-    Raises:
-        DecodeError: where the definition that the log gives is damaged, or can't be one of this type.
+    """Return the codec of a channel; `None` where its encoding or type isn't one that fbench understands. Raises
+    DecodeError where the definition that the log gives is damaged, or can't be one of this type.
     """
     name, encoding = full_name(channel.schema_name), channel.encoding
     if encoding not in (CDR, ROS1):

@@ -7,8 +7,7 @@ from fbench.replay.contracts.errors import DecodeError
 
 CDR, ROS1 = "cdr", "ros1"
 _ENCAPSULATION = 4
-_SLACK = 3
-"""Writers may fill a CDR payload up to a multiple of 4 bytes."""
+_SLACK = 3  # Writers may fill a CDR payload up to a multiple of 4 bytes
 _UINT32 = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
 _INT32 = {"<": struct.Struct("<i"), ">": struct.Struct(">i")}
 
@@ -91,11 +90,7 @@ class Cursor:
 
 
 def nanoseconds(sec: int, nanosec: int) -> int:
-    """Return a ROS time in ns.
-
-    Raises:
-        DecodeError: where it isn't between 1970 and what an int64 holds.
-    """
+    """Return a ROS time in ns. Raises DecodeError where it isn't between 1970 and what an int64 holds."""
     stamp_ns = sec * 1_000_000_000 + nanosec
     if sec < 0 or not 0 <= stamp_ns < 2**63:
         raise DecodeError(f"stamp of {sec} s {nanosec} ns is out of range")
@@ -116,8 +111,7 @@ class PointField(NamedTuple):
     name: str
     offset: int
     datatype: int
-    num: int
-    """Values of this field a point has; only the first one is used."""
+    num: int  # Values of this field a point has; only the first one is used
 
 
 class Cloud(NamedTuple):
@@ -130,10 +124,8 @@ class Cloud(NamedTuple):
     is_bigendian: bool
     point_step: int
     row_step: int
-    data: memoryview
-    """View of the payload."""
-    is_dense: bool
-    """Whether all points are valid; else those that aren't have NaN for coordinates."""
+    data: memoryview  # View of the payload
+    is_dense: bool  # Whether all points are valid; else those that aren't have NaN for coordinates
 
 
 class RawImage(NamedTuple):
@@ -145,8 +137,7 @@ class RawImage(NamedTuple):
     encoding: str
     is_bigendian: bool
     step: int
-    data: memoryview
-    """View of the payload."""
+    data: memoryview  # View of the payload
 
 
 class CompressedImage(NamedTuple):
@@ -154,16 +145,11 @@ class CompressedImage(NamedTuple):
 
     header: Header
     format: str
-    data: memoryview
-    """View of the payload."""
+    data: memoryview  # View of the payload
 
 
 def read_cloud(data: memoryview, encoding: str) -> Cloud:
-    """Read a PointCloud2.
-
-    Raises:
-        DecodeError: where the payload is damaged, or has more than `MAX_FIELDS` fields.
-    """
+    """Read a PointCloud2. Raises DecodeError where the payload is damaged, or has more than `MAX_FIELDS` fields."""
     cursor = Cursor(data, encoding)
     header, height, width, num = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.uint32()
     if num > MAX_FIELDS:
@@ -181,11 +167,7 @@ def _field(cursor: Cursor) -> PointField:
 
 
 def read_raw_image(data: memoryview, encoding: str) -> RawImage:
-    """Read an Image.
-
-    Raises:
-        DecodeError: where the payload is damaged.
-    """
+    """Read an Image. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
     header, height, width, layout = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.string()
     is_bigendian, step, pixels = bool(cursor.uint8()), cursor.uint32(), cursor.blob()
@@ -194,11 +176,7 @@ def read_raw_image(data: memoryview, encoding: str) -> RawImage:
 
 
 def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
-    """Read a CompressedImage.
-
-    Raises:
-        DecodeError: where the payload is damaged.
-    """
+    """Read a CompressedImage. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
     header, form, pixels = cursor.header(), cursor.string(), cursor.blob()
     cursor.end()

@@ -16,8 +16,7 @@ from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1, Header, nanoseconds,
 from fbench.replay.logs.codecs.ros.definitions import Types
 from fbench.replay.logs.coordinate_frames import Edge
 
-MAX_BYTES = 8 * 1024 * 1024
-"""Of a message without bulk data; 10,000 detections have less."""
+MAX_BYTES = 8 * 1024 * 1024  # Of a message without bulk data; 10,000 detections have less
 
 Decode = Callable[[memoryview], Any]
 
@@ -25,10 +24,8 @@ Decode = Callable[[memoryview], Any]
 def decoder(name: str, types: Types, encoding: str) -> Decode:
     """Return a function from payloads to message objects, whose attributes are the fields.
 
-    The function raises DecodeError where a payload is damaged or larger than `MAX_BYTES`.
-
-    Raises:
-        DecodeError: where rosbags can't make code of the types.
+    The function raises DecodeError where a payload is damaged or larger than `MAX_BYTES`. Raises DecodeError where
+    rosbags can't make code of the types.
     """
     from rosbags.typesys.store import Typestore
 
@@ -64,11 +61,7 @@ def _decoded(read: Callable[[memoryview, str], object], name: str, data: memoryv
 
 
 def get(message: Any, *names: str) -> Any:
-    """The first of these fields that a message has.
-
-    Raises:
-        DecodeError: where it has none.
-    """
+    """The first of these fields that a message has. Raises DecodeError where it has none."""
     value = find(message, *names)
     if value is None:
         raise DecodeError(f"message has no field '{names[0]}'")
@@ -82,10 +75,8 @@ def find(message: Any, *names: str) -> Any:
 
 
 def header(message: Any, encoding: str) -> Header:
-    """Stamp and coordinate frame of a message with a header; seconds of ROS 1 are unsigned.
-
-    Raises:
-        DecodeError: where it has no header, or the stamp is out of range.
+    """Stamp and coordinate frame of a message with a header; seconds of ROS 1 are unsigned. Raises DecodeError where it
+    has no header, or the stamp is out of range.
     """
     part = get(message, "header")
     stamp = get(part, "stamp")
@@ -101,8 +92,7 @@ class Reads:
     probe: Callable[[memoryview], Probe]
     message: Callable[[str, memoryview, Origin], Message] | None = None
     transforms: Callable[[memoryview], Sequence[tuple[str, Edge]]] | None = None
-    stamps: Callable[[memoryview], Sequence[int]] | None = None
-    """Of the transforms."""
+    stamps: Callable[[memoryview], Sequence[int]] | None = None  # Of the transforms
     calibration: Callable[[memoryview], tuple[str, CameraModel]] | None = None
     truth: Callable[[memoryview, Origin], TruthPart] | None = None
 
@@ -114,10 +104,8 @@ _MODELS = {"equidistant": "fisheye", "kannala_brandt": "fisheye"}
 def camera_model(info: Any, frame_id: str) -> CameraModel:
     """Return the intrinsics of the images that are published with a CameraInfo: binning and region are applied.
 
-    A pixel of b x b binned ones has its centre at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5.
-
-    Raises:
-        DecodeError: where the camera isn't calibrated, or the numbers can't be those of a camera.
+    A pixel of b x b binned ones has its centre at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
+    DecodeError where the camera isn't calibrated, or the numbers can't be those of a camera.
     """
     K = np.array(get(info, "k", "K"), np.float64).reshape(3, 3)
     distortion = np.array(get(info, "d", "D"), np.float64).reshape(-1)

@@ -52,8 +52,7 @@ DEFINITIONS: Mapping[str, str] = {**_VISION, **_RADAR, **_TRANSFORMS}
 if TYPE_CHECKING:
     from rosbags.interfaces import Nodetype
 
-MAX_BYTES = 64 * 1024
-"""Of the text of a definition; the longest of a standard message has 20 KiB."""
+MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}/msg/[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
 _FIELD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}", re.ASCII)
@@ -62,13 +61,11 @@ _SIZES: Mapping[str, int] = {
     "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "string": 4,
 }  # fmt: skip
 _MAX_TYPES, _MAX_FIELDS, _MAX_OBJECTS = 32, 256, 256
-_MAX_NUMBERS = 4096
-"""In an array of fixed size."""
+_MAX_NUMBERS = 4096  # In an array of fixed size
 _BYTES_PER_OBJECT = 5
 """What a repeated message has at least (Autoware has such of 5); a Python object takes some 200 bytes."""
 
-Types = dict[str, tuple[list[Any], list[Any]]]
-"""Constants and fields by full name, as rosbags has them."""
+Types = dict[str, tuple[list[Any], list[Any]]]  # Constants and fields by full name, as rosbags has them
 
 
 def full_name(name: str) -> str:
@@ -83,10 +80,8 @@ def has_text(schema: Schema | None) -> bool:
 
 
 def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
-    """All types that `name` consists of; those that the log defines win.
-
-    Raises:
-        DecodeError: where a definition is damaged, incomplete, or not one of a sensible message.
+    """All types that `name` consists of; those that the log defines win. Raises DecodeError where a definition is
+    damaged, incomplete, or not one of a sensible message.
     """
     sources = (_embedded(name, schema), _parsed(DEFINITIONS), _store(encoding))
     types: Types = {}
@@ -172,10 +167,8 @@ class _Size(NamedTuple):
     """What a message of a type is decoded to."""
 
     objects: int
-    texts: int
-    """Not in objects: an empty one costs nothing."""
-    num_bytes: int
-    """Which its payload has at least."""
+    texts: int  # Not in objects: an empty one costs nothing
+    num_bytes: int  # Which its payload has at least
 
 
 def _measure(name: str, types: Types, done: dict[str, _Size | None]) -> _Size:

@@ -58,11 +58,7 @@ class Columns:
         return next((name for name in names if name in self._fields), None)
 
     def xyz(self) -> Float32:
-        """Coordinates (N, 3) float32.
-
-        Raises:
-            PointsError: where x, y or z is missing or lies outside the points.
-        """
+        """Coordinates (N, 3) float32. Raises PointsError where x, y or z is missing or lies outside the points."""
         missing = [axis for axis in "xyz" if axis not in self._fields]
         if missing:
             raise PointsError(f"points have no field {', '.join(missing)}")
@@ -72,10 +68,8 @@ class Columns:
         return np.stack([self._copy(field)[:, 0].astype("f4", copy=False) for field in (x, y, z)], axis=1)
 
     def get(self, names: Sequence[str], dtype: DTypeLike | None = None) -> Array | None:
-        """The first of these fields that is there, (N,), converted to `dtype`; `None` where none is.
-
-        Raises:
-            PointsError: where the field has an unknown type or lies outside the points.
+        """The first of these fields that is there, (N,), converted to `dtype`; `None` where none is. Raises PointsError
+        where the field has an unknown type or lies outside the points.
         """
         name = self.name(names)
         if name is None:
@@ -119,10 +113,8 @@ def is_radar(cloud: Cloud) -> bool:
 
 
 def lidar(cloud: Cloud, stamp_ns: int, origin: Origin) -> PointCloud:
-    """Return a sweep, row by row for organised clouds, without the points that the cloud declares invalid.
-
-    Raises:
-        PointsError: where sizes don't fit together, or x, y, z aren't there.
+    """Return a sweep, row by row for organised clouds, without the points that the cloud declares invalid. Raises
+    PointsError where sizes don't fit together, or x, y, z aren't there.
     """
     columns = Columns(cloud)
     name = columns.name(TIME_FIELDS)
@@ -136,10 +128,8 @@ def lidar(cloud: Cloud, stamp_ns: int, origin: Origin) -> PointCloud:
 
 
 def radar(cloud: Cloud, stamp_ns: int, origin: Origin) -> RadarScan:
-    """Return a radar scan, as `lidar` does; Doppler is NaN on the sensor's axis where only a vector is given.
-
-    Raises:
-        PointsError: where sizes don't fit together, or x, y, z aren't there.
+    """Return a radar scan, as `lidar` does; Doppler is NaN on the sensor's axis where only a vector is given. Raises
+    PointsError where sizes don't fit together, or x, y, z aren't there.
     """
     columns = Columns(cloud)
     xyz = columns.xyz()
@@ -158,20 +148,14 @@ def _along_ray(columns: Columns, xyz: Float32) -> Float32 | None:
 
 
 def check_format(image: CompressedImage) -> None:
-    """Refuse depth images, whose PNG isn't a picture.
-
-    Raises:
-        DecodeError: where it is one.
-    """
+    """Refuse depth images, whose PNG isn't a picture. Raises DecodeError where it is one."""
     if "compressedDepth" in image.format:
         raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
 
 
 def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
-    """Return a raw image, its rows packed and 16 bits little-endian.
-
-    Raises:
-        DecodeError: where the layout isn't known, or size and data don't fit together.
+    """Return a raw image, its rows packed and 16 bits little-endian. Raises DecodeError where the layout isn't known,
+    or size and data don't fit together.
     """
     name, size_wh = layout_name(image.encoding), (image.width, image.height)
     if image.width * image.height > MAX_PIXELS:
@@ -181,10 +165,8 @@ def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
 
 
 def compressed(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
-    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways.
-
-    Raises:
-        DecodeError: where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
+    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
+    DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """
     check_format(image)
     encoding = encoded_format(image.data)

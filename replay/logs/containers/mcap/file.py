@@ -39,10 +39,8 @@ from fbench.replay.logs.containers.mcap.records import (
 )
 from fbench.replay.logs.containers.mcap.walk import MESSAGE, check_compression, walk
 
-MAX_SHARE = 0.005
-"""Message indexes that are a larger share of the file aren't read, unless they are small:"""
-SMALL = 1024 * 1024
-"""[byte]."""
+MAX_SHARE = 0.005  # Message indexes that are a larger share of the file aren't read, unless they are small:
+SMALL = 1024 * 1024  # [byte]
 _ARRAY = struct.Struct("<HI")
 _WHERE = "message indexes"
 _ENTRY = np.dtype([("log_ns", "<u8"), ("offset", "<u8")])
@@ -125,8 +123,7 @@ def _times(stream: _Stream, bounds: Array) -> Int64:
 
 _PIECE = 8 * 1024 * 1024
 _END = HEAD.size + 4
-_FOOTER = Struct("<Q12x")
-"""Content of the footer: where the summary starts, and what isn't needed here."""
+_FOOTER = Struct("<Q12x")  # Content of the footer: where the summary starts, and what isn't needed here
 
 
 def is_whole(file: BinaryIO, size: int) -> bool | None:
@@ -170,10 +167,7 @@ MAX_ENTRIES = 2**19
 class McapFile:
     """Finds and reads the messages of a file; implements `Container`.
 
-    Each fault is counted once, however often it is met.
-
-    Raises:
-        LogError: where the file can't be opened or isn't MCAP.
+    Each fault is counted once, however often it is met. Raises LogError where the file can't be opened or isn't MCAP.
     """
 
     def __init__(self, path: Path, faults: FaultLog) -> None:

@@ -25,8 +25,7 @@ _TIMES = struct.Struct("<QQQQI")
 _OFFSET = struct.Struct("<HQ")
 _LENGTHS = struct.Struct("<QI")
 _SIZES = struct.Struct("<QQ")
-_MAX_OFFSETS = 2**16 * _OFFSET.size
-"""One for each channel."""
+_MAX_OFFSETS = 2**16 * _OFFSET.size  # One for each channel
 
 
 class ChunkIndex(NamedTuple):
@@ -34,25 +33,17 @@ class ChunkIndex(NamedTuple):
 
     start_ns: int
     end_ns: int
-    offset: int
-    """Of the chunk record in the file, with its length [byte]."""
+    offset: int  # Of the chunk record in the file, with its length [byte]
     length: int
-    channels: frozenset[int]
-    """Those that have a message index behind the chunk."""
-    index_length: int
-    """Of all its message indexes [byte]."""
+    channels: frozenset[int]  # Those that have a message index behind the chunk
+    index_length: int  # Of all its message indexes [byte]
     compression: str
-    stored: int
-    """Size of the content, compressed and not [byte]."""
+    stored: int  # Size of the content, compressed and not [byte]
     size: int
 
 
 def parse_chunk_index(content: memoryview) -> ChunkIndex:
-    """Parse the content of a chunk index record.
-
-    Raises:
-        RecordError: where its lengths don't fit together.
-    """
+    """Parse the content of a chunk index record. Raises RecordError where its lengths don't fit together."""
     try:
         start_ns, end_ns, offset, length, num_bytes = _TIMES.unpack_from(content)
         if num_bytes > _MAX_OFFSETS:
@@ -79,30 +70,20 @@ _OWN = len(header.NAME).to_bytes(4, "little") + header.NAME.encode()
 
 
 def check_definitions(where: str, size: int) -> None:
-    """Refuse schemas and channels that are larger than `MAX_DEFINITIONS`.
-
-    Raises:
-        LimitError: naming the place.
-    """
+    """Refuse schemas and channels that are larger than `MAX_DEFINITIONS`. Raises LimitError naming the place."""
     if size > MAX_DEFINITIONS:
         raise LimitError(f"{where}: schemas and channels of more than {MAX_DEFINITIONS} bytes", "LIM001")
 
 
 def check_chunks(where: str, num: int) -> None:
-    """Refuse more than `MAX_CHUNKS` chunks.
-
-    Raises:
-        LimitError: naming the file.
-    """
+    """Refuse more than `MAX_CHUNKS` chunks. Raises LimitError naming the file."""
     if num > MAX_CHUNKS:
         raise LimitError(f"{where}: more than {MAX_CHUNKS} chunks; write larger ones", "LIM001")
 
 
 def own_metadata(content: bytes) -> Metadata | None:
-    """Parse a metadata record of fbench; those of others aren't used.
-
-    Raises:
-        RecordError: where it is damaged or too large.
+    """Parse a metadata record of fbench; those of others aren't used. Raises RecordError where it is damaged or too
+    large.
     """
     if not content.startswith(_OWN):
         return None
@@ -113,8 +94,7 @@ def own_metadata(content: bytes) -> Metadata | None:
 
 
 _FOOTER = HEAD.size + 20
-_MAX_SETS = 2**21
-"""Of the channels of all chunks together; beyond, it isn't kept which ones a chunk has."""
+_MAX_SETS = 2**21  # Of the channels of all chunks together; beyond, it isn't kept which ones a chunk has
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX)
 
 
@@ -122,21 +102,17 @@ _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADAT
 class Block:
     """A part of a file that is read at once: a chunk, or a run of messages outside chunks."""
 
-    offset: int
-    """Of its first record in the file [byte]."""
+    offset: int  # Of its first record in the file [byte]
     length: int
-    start_ns: int
-    """Smallest and largest log time of its messages."""
+    start_ns: int  # Smallest and largest log time of its messages
     end_ns: int
-    channels: frozenset[int] | None
-    """Ids of the channels that it has messages of; `None`: not known."""
+    channels: frozenset[int] | None  # Ids of the channels that it has messages of; `None`: not known
     is_chunk: bool = True
     size: int | None = None
     """Unpacked and stored size and compression of a chunk as the index says, to be compared; `None`: not known."""
     stored: int = 0
     compression: str = ""
-    index_length: int = 0
-    """Of the message indexes behind a chunk [byte]; 0: there are none, or they aren't known."""
+    index_length: int = 0  # Of the message indexes behind a chunk [byte]; 0: there are none, or they aren't known
 
 
 @dataclass(frozen=True)
@@ -148,12 +124,9 @@ class Index:
     schemas: Mapping[int, Schema]
     metadata: Mapping[str, Metadata] = field(default_factory=dict)
     """fbench's own metadata record by its name; those of others aren't used."""
-    counts: Mapping[int, int] = field(default_factory=dict)
-    """Messages of each channel."""
-    damage: Sequence[str] = ()
-    """What was found wrong outside the blocks."""
-    is_stored: bool = False
-    """Whether the file has it; else the file was read to make it."""
+    counts: Mapping[int, int] = field(default_factory=dict)  # Messages of each channel
+    damage: Sequence[str] = ()  # What was found wrong outside the blocks
+    is_stored: bool = False  # Whether the file has it; else the file was read to make it
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -188,10 +161,8 @@ class _Summary:
     channels: dict[int, Channel] = field(default_factory=dict)
     chunks: list[ChunkIndex] = field(default_factory=list)
     statistics: Statistics | None = None
-    metadata: set[str] = field(default_factory=set)
-    """Names of the metadata records that the file should have."""
-    used: set[int] = field(default_factory=set)
-    """Channels that chunks have messages of."""
+    metadata: set[str] = field(default_factory=set)  # Names of the metadata records that the file should have
+    used: set[int] = field(default_factory=set)  # Channels that chunks have messages of
 
 
 def has_end(file: BinaryIO, size: int) -> bool:
@@ -201,11 +172,8 @@ def has_end(file: BinaryIO, size: int) -> bool:
 
 
 def read_index(file: BinaryIO, size: int, name: str) -> Index:
-    """Read the index of a file whose end is there.
-
-    Raises:
-        NoIndexError: where it is absent, damaged or incomplete.
-        LimitError: where it would take too much memory; names the file, `name`.
+    """Read the index of a file whose end is there. Raises NoIndexError where it is absent, damaged or incomplete.
+    Raises LimitError where it would take too much memory; names the file, `name`.
     """
     try:
         start, summary = _summary(file, size, name)
@@ -301,10 +269,8 @@ _HARMLESS = (
 
 
 def _between(file: BinaryIO, covered: Sequence[tuple[int, int]]) -> tuple[dict[str, Metadata], list[str]]:
-    """Look at the records that lie between `covered` parts (offset, length); messages there would be missed.
-
-    Raises:
-        NoIndexError: where there are any.
+    """Look at the records that lie between `covered` parts (offset, length); messages there would be missed. Raises
+    NoIndexError where there are any.
     """
     metadata: dict[str, Metadata] = {}
     damage: list[str] = []

@@ -18,8 +18,7 @@ from fbench.replay.logs.containers.limits import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
-MAX_RECORD = 256 * 1024 * 1024
-"""Larger records and chunks, stored or unpacked, are refused before memory is allocated."""
+MAX_RECORD = 256 * 1024 * 1024  # Larger records and chunks, stored or unpacked, are refused before memory is allocated
 _CHUNK = struct.Struct("<QQQI")
 _UINT64 = struct.Struct("<Q")
 _UINT32 = struct.Struct("<I")
@@ -28,8 +27,7 @@ MAX_RECORDS = 2**20
 COMPRESSIONS = ("", "zstd", "lz4")
 _UNKNOWN_SIZE = -1
 _PIECE = 1024 * 1024
-_SLACK = 16 * _PIECE
-"""A chunk that unpacks to so much more than it declares isn't damaged but made to fill the memory."""
+_SLACK = 16 * _PIECE  # A chunk that unpacks to so much more than it declares isn't damaged but made to fill the memory
 
 
 class RecordError(LogError):
@@ -41,10 +39,8 @@ class Chunk(NamedTuple):
 
     start_ns: int
     end_ns: int
-    size: int
-    """When unpacked [byte]."""
-    crc: int
-    """CRC-32 of the unpacked content; 0: absent."""
+    size: int  # When unpacked [byte]
+    crc: int  # CRC-32 of the unpacked content; 0: absent
     compression: str
     data: memoryview
 
@@ -64,10 +60,8 @@ class _Lenient(ReadDataStream):
 
 
 def parse_record(read: _Readable[R_co], content: bytes) -> R_co:
-    """Parse the content of one record with the `read` of its class in `mcap.records`.
-
-    Raises:
-        RecordError: where the content is damaged.
+    """Parse the content of one record with the `read` of its class in `mcap.records`. Raises RecordError where the
+    content is damaged.
     """
     stream = _Lenient(BytesIO(content))
     try:
@@ -87,21 +81,13 @@ def read_head(file: BinaryIO, offset: int) -> tuple[int, int] | None:
 
 
 def check_size(where: str, size: int) -> None:
-    """Refuse what is larger than `MAX_RECORD`.
-
-    Raises:
-        LimitError: naming the place.
-    """
+    """Refuse what is larger than `MAX_RECORD`. Raises LimitError naming the place."""
     if size > MAX_RECORD:
         raise LimitError(f"{where}: declares {size} bytes, more than the limit of {MAX_RECORD}", "LIM001")
 
 
 def parse_chunk(content: memoryview) -> Chunk:
-    """Parse the content of a chunk record.
-
-    Raises:
-        RecordError: where its lengths don't fit together.
-    """
+    """Parse the content of a chunk record. Raises RecordError where its lengths don't fit together."""
     try:
         start_ns, end_ns, size, crc = _CHUNK.unpack_from(content)
         at = _CHUNK.size
@@ -121,11 +107,8 @@ def parse_chunk(content: memoryview) -> Chunk:
 def unpack(chunk: Chunk, where: str) -> memoryview:
     """Decompress a chunk and check size and, where there is one, checksum.
 
-    Never allocates more than the declared size, which the caller has checked.
-
-    Raises:
-        RecordError: where the content is damaged or of another size.
-        LimitError: where it is a bomb; names the place, `where`.
+    Never allocates more than the declared size, which the caller has checked. Raises RecordError where the content is
+    damaged or of another size. Raises LimitError where it is a bomb; names the place, `where`.
     """
     data = chunk.data if chunk.compression == "" else memoryview(_decompress(chunk, where))
     if len(data) != chunk.size:
@@ -140,11 +123,9 @@ def _at_least(size: int, limit: int) -> str:
 
 
 def _decompress(chunk: Chunk, where: str) -> bytes | bytearray:
-    """Decompress what unpacks to the declared size; never takes much more memory than that.
-
-    Raises:
-        RecordError: where the content is damaged, or says itself or shows that it is of another size.
-        LimitError: where it is so much larger that it can't be damage.
+    """Decompress what unpacks to the declared size; never takes much more memory than that. Raises RecordError where
+    the content is damaged, or says itself or shows that it is of another size. Raises LimitError where it is so much
+    larger that it can't be damage.
     """
     try:
         return _unzstd(chunk, where) if chunk.compression == "zstd" else _unlz4(chunk, where)
@@ -198,11 +179,8 @@ def _bomb(chunk: Chunk, where: str) -> LimitError:
 
 
 def records(buffer: memoryview, where: str) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and stop of the content of each record in a buffer.
-
-    Raises:
-        RecordError: where a record reaches beyond the buffer.
-        LimitError: where there are more than `MAX_RECORDS`; names the place, `where`.
+    """Yield opcode, start and stop of the content of each record in a buffer. Raises RecordError where a record reaches
+    beyond the buffer. Raises LimitError where there are more than `MAX_RECORDS`; names the place, `where`.
     """
     at = 0
     for _ in range(MAX_RECORDS):

@@ -26,22 +26,17 @@ from fbench.replay.logs.containers.mcap.records import (  # fmt: skip
     unpack,
 )
 
-MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time at the start of a message record."""
-_RUN = 1024 * 1024
-"""Messages outside chunks are read in runs of about this many bytes."""
+MESSAGE = struct.Struct("<HIQQ")  # Channel, sequence, log time and publish time at the start of a message record
+_RUN = 1024 * 1024  # Messages outside chunks are read in runs of about this many bytes
 _PIECE = 1024 * 1024
 _QUIET = (Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT)
-_INDEX = struct.Struct("<HI")
-"""Channel and length of the rest at the start of a message index."""
+_INDEX = struct.Struct("<HI")  # Channel and length of the rest at the start of a message index
 
 
 def walk(file: BinaryIO, name: str, size: int, whole: bool, faults: FaultLog) -> Index:
-    """Index a file from its records; counts what is damaged, cut off (`whole` is false) or unverified.
-
-    Raises:
-        LogError: where a record or chunk is larger than the limit, a compression is unknown, or one channel id
-            stands for two channels.
+    """Index a file from its records; counts what is damaged, cut off (`whole` is false) or unverified. Raises LogError
+    where a record or chunk is larger than the limit, a compression is unknown, or one channel id stands for two
+    channels.
     """
     walker = _Walker(file, name, size, faults)
     end = walker.run()
@@ -245,10 +240,6 @@ def _is_index(start: bytes, length: int) -> bool:
 
 
 def check_compression(where: str, compression: str) -> None:
-    """Refuse what can't be unpacked.
-
-    Raises:
-        LogError: naming the place and the compression.
-    """
+    """Refuse what can't be unpacked. Raises LogError naming the place and the compression."""
     if compression not in COMPRESSIONS:
         raise LogError(f"{where}: unknown compression '{compression}'; fbench reads zstd, lz4 and none", "LOG007")

@@ -24,11 +24,9 @@ _MAX_CHANNELS = 2**16 - 1
 class RawMcapWriter:
     """Writes one file; nothing appears under its name before it is closed without an error.
 
-    The same messages in the same order give the same bytes. An existing file is replaced.
-
-    Raises:
-        ConfigError: where the file can't be written, or the compression isn't zstd, lz4 or none.
-        LogError: where the metadata aren't Unicode.
+    The same messages in the same order give the same bytes. An existing file is replaced. Raises ConfigError where the
+    file can't be written, or the compression isn't zstd, lz4 or none. Raises LogError where the metadata aren't
+    Unicode.
     """
 
     def __init__(
@@ -66,11 +64,8 @@ class RawMcapWriter:
         return self._file.tell()
 
     def add(self, channel: Channel, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
-        """Append one message.
-
-        Raises:
-            ConfigError: where the disk is full.
-            LogError: where the file has too many channels.
+        """Append one message. Raises ConfigError where the disk is full. Raises LogError where the file has too many
+        channels.
         """
         try:
             self._writer.add_message(self._id(channel), log_ns, bytes(data), publish_ns, sequence)
@@ -137,12 +132,9 @@ _MAX_FRAME_NUMBER = 2**32 - 1
 class McapWriter:
     """Writes one log; nothing appears under its name before it is closed without an error.
 
-    The same messages in the same order give the same bytes. An existing file is replaced. Truth has one stamp each:
-    3D and 2D boxes of one instant belong into one `Truth`.
-
-    Raises:
-        ConfigError: where the file can't be written, or the compression isn't zstd, lz4 or none.
-        LogError: where the metadata aren't Unicode.
+    The same messages in the same order give the same bytes. An existing file is replaced. Truth has one stamp each: 3D
+    and 2D boxes of one instant belong into one `Truth`. Raises ConfigError where the file can't be written, or the
+    compression isn't zstd, lz4 or none. Raises LogError where the metadata aren't Unicode.
     """
 
     def __init__(
@@ -167,9 +159,7 @@ class McapWriter:
 
     def write(self, message: Message | Truth) -> None:
         """Append one message, or the truth of one stamp; in any order, though readers like the order of `log_ns`.
-
-        Raises:
-            LogError: where a stamp, frame number, size or text can't be stored.
+        Raises LogError where a stamp, frame number, size or text can't be stored.
         """
         where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
         _check(where, "stamp_ns", message.stamp_ns, MAX_STAMP_NS)
@@ -184,10 +174,8 @@ class McapWriter:
             raise LogError(f"{where} can't be stored ({error})") from error
 
     def write_rig(self, log_ns: int, rig: Rig) -> None:
-        """From `log_ns` on another rig holds; write it before the messages that it holds for.
-
-        Raises:
-            LogError: where the rig can't be stored.
+        """From `log_ns` on another rig holds; write it before the messages that it holds for. Raises LogError where the
+        rig can't be stored.
         """
         self._rig = rig
         try:

@@ -59,8 +59,7 @@ _BOX_CONTENT = {
     "source_label": Content.TEXTS, "track_id": Content.INTS, "num_lidar_pts": Content.INTS,
     "num_radar_pts": Content.INTS, "sources": Content.SMALL, "predicted": Content.FLAGS, "ignore": Content.FLAGS,
 }  # fmt: skip
-BOXES_NEEDED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")
-"""Null where nothing is labelled."""
+BOXES_NEEDED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")  # Null where nothing is labelled
 
 
 def _boxes(kind: type[Boxes2D] | type[Boxes3D]) -> dict[str, Column]:
@@ -101,10 +100,8 @@ def _always(kind: StreamKind, name: str) -> bool:
 
 
 def present_columns(where: str, kind: StreamKind, schema: pa.Schema) -> dict[str, Column]:
-    """Return the documented columns that a file has; all others are ignored.
-
-    Raises:
-        LogError: where a needed one is missing, or one is there twice or has another type.
+    """Return the documented columns that a file has; all others are ignored. Raises LogError where a needed one is
+    missing, or one is there twice or has another type.
     """
     columns = COLUMNS[kind]
     missing = [name for name, column in columns.items() if column.needed and name not in schema.names]

@@ -26,8 +26,7 @@ from fbench.replay.logs.containers.parquet.log_json import GroupEntries, StreamE
 from fbench.replay.logs.containers.parquet.rows import Row, Rows
 from fbench.replay.logs.containers.parquet.source import checked_path, opened
 
-STORED = "fbench"
-"""Encoding of the channels whose rows are decoded messages."""
+STORED = "fbench"  # Encoding of the channels whose rows are decoded messages
 _SCHEMAS = {
     "camera": "fbench.Image", "lidar": "fbench.PointCloud", "radar": "fbench.RadarScan", "pose": "fbench.Pose",
     "truth_3d": "fbench.Boxes3D", "truth_2d": "fbench.Boxes2D",
@@ -48,12 +47,10 @@ class Stream:
 
     entry: StreamEntry
     number: int
-    base: int
-    """Rows of all streams before it: without a column `position` its rows count from here."""
+    base: int  # Rows of all streams before it: without a column `position` its rows count from here
     channel: Channel
     groups: GroupFile
-    first_rows: list[int]
-    """Number of the first row of each row group, and of all rows."""
+    first_rows: list[int]  # Number of the first row of each row group, and of all rows
     _starts: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -162,10 +159,8 @@ class Stream:
 
 
 def open_stream(folder: Path, entry: StreamEntry, number: int, base: int) -> Stream:
-    """Open a stream of the log in `folder`; `base` rows are in the streams before it.
-
-    Raises:
-        LogError: where its file is missing, damaged, lacks columns or doesn't fit `log.json`.
+    """Open a stream of the log in `folder`; `base` rows are in the streams before it. Raises LogError where its file is
+    missing, damaged, lacks columns or doesn't fit `log.json`.
     """
     path = checked_path(folder, entry.file)
     footer = read_footer(path, entry.kind, entry.checksums)
@@ -203,10 +198,8 @@ class _Block:
 class ParquetFolder:
     """Finds and reads the messages of a log; implements `fbench.replay.logs.container.Container`.
 
-    Each fault is counted once, however often it is met.
-
-    Raises:
-        LogError: where `log.json` or a file's footer is missing or damaged, or a file lacks columns.
+    Each fault is counted once, however often it is met. Raises LogError where `log.json` or a file's footer is missing
+    or damaged, or a file lacks columns.
     """
 
     def __init__(self, path: Path, faults: FaultLog) -> None:

@@ -31,10 +31,8 @@ class DamageError(Exception):
 
 
 def read_struct(data: memoryview, at: int = 0, depth: int = 0) -> tuple[Struct, int]:
-    """Read a struct; returns its fields by id, and where it ends. Of lists only those of structs are kept.
-
-    Raises:
-        DamageError: where there is none.
+    """Read a struct; returns its fields by id, and where it ends. Of lists only those of structs are kept. Raises
+    DamageError where there is none.
     """
     if depth > _MAX_DEPTH:
         raise DamageError("structs are nested too deeply")
@@ -54,11 +52,7 @@ def read_struct(data: memoryview, at: int = 0, depth: int = 0) -> tuple[Struct, 
 
 
 def number(fields: Struct, key: int) -> int:
-    """Return a number that isn't negative.
-
-    Raises:
-        DamageError: where it isn't there.
-    """
+    """Return a number that isn't negative. Raises DamageError where it isn't there."""
     value = fields.get(key)
     if not isinstance(value, int) or value < 0:
         raise DamageError("a number is missing or negative")
@@ -66,11 +60,7 @@ def number(fields: Struct, key: int) -> int:
 
 
 def struct(fields: Struct, key: int) -> Struct:
-    """Return a struct inside.
-
-    Raises:
-        DamageError: where it isn't there.
-    """
+    """Return a struct inside. Raises DamageError where it isn't there."""
     value = fields.get(key)
     if not isinstance(value, dict):
         raise DamageError("a struct is missing")
@@ -78,11 +68,7 @@ def struct(fields: Struct, key: int) -> Struct:
 
 
 def structs(fields: Struct, key: int) -> list[Struct]:
-    """Return a list of structs.
-
-    Raises:
-        DamageError: where it isn't there.
-    """
+    """Return a list of structs. Raises DamageError where it isn't there."""
     value = fields.get(key)
     if not isinstance(value, list):
         raise DamageError("a list is missing")
@@ -155,10 +141,8 @@ _END = 8
 _MAX_FOOTER = 32 * 1024 * 1024
 MAX_ZEROS = 400_000
 """In Thrift's compact protocol each struct ends with a byte 0; parsing takes up to about 600 bytes for each."""
-MAX_CHUNKS = 400_000
-"""Column chunks of all files of a log, of which their footers hold about as much in memory."""
-ZEROS_PER_CHUNK = 12
-"""At most so many has a footer that fbench writes, for each row group and column."""
+MAX_CHUNKS = 400_000  # Column chunks of all files of a log, of which their footers hold about as much in memory
+ZEROS_PER_CHUNK = 12  # At most so many has a footer that fbench writes, for each row group and column
 
 
 @dataclass(frozen=True)
@@ -183,14 +167,10 @@ class Group:
 class Footer:
     """A file as its footer describes it."""
 
-    size: int
-    """Of the file [byte]."""
-    metadata: Any
-    """The footer as pyarrow wants it."""
-    columns: Mapping[str, Column]
-    """The documented columns that it has."""
-    groups: Sequence[Group]
-    """All row groups, of which each lies inside the file."""
+    size: int  # Of the file [byte]
+    metadata: Any  # The footer as pyarrow wants it
+    columns: Mapping[str, Column]  # The documented columns that it has
+    groups: Sequence[Group]  # All row groups, of which each lies inside the file
 
     @property
     def num_chunks(self) -> int:
@@ -222,10 +202,8 @@ def _chunk(fields: Struct, data_end: int) -> Chunk:
 
 
 def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
-    """Read and check the footer of a stream's file.
-
-    Raises:
-        LogError: where the file is missing, truncated, damaged, not Parquet or lacks columns.
+    """Read and check the footer of a stream's file. Raises LogError where the file is missing, truncated, damaged, not
+    Parquet or lacks columns.
     """
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -246,11 +224,7 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
 
 
 def require_parsable(path: Path, tail: bytes) -> None:
-    """Refuse a footer that would take too much memory when it is parsed.
-
-    Raises:
-        LimitError: where it would.
-    """
+    """Refuse a footer that would take too much memory when it is parsed. Raises LimitError where it would."""
     if tail.count(0) > MAX_ZEROS:
         raise LimitError(f"{path}: its footer is too large to be read safely; write larger row groups", "LIM004")
 
@@ -258,8 +232,7 @@ def require_parsable(path: Path, tail: bytes) -> None:
 def read_tail(path: Path, file: BinaryIO, size: int) -> bytes:
     """Return everything after the last row group.
 
-    Raises:
-        LogError: where the file isn't Parquet, truncated or damaged.
+    Raises LogError where the file isn't Parquet, truncated or damaged.
     """
     start, end = os.pread(file.fileno(), 4, 0), os.pread(file.fileno(), _END, max(0, size - _END))
     if size < len(MAGIC) + _END or start != MAGIC or end[4:] != MAGIC:

@@ -36,16 +36,14 @@ _DATA, _DICTIONARY, _DATA_V2 = 5, 7, 8
 _NUM_VALUES, _ENCODING, _ENCODING_V2 = 1, 2, 4
 _PLAIN = 0
 _DICTIONARY_CODES = (2, 8)
-_PER_VALUE = 16
-"""At least so many bytes are taken for a value: offset, level, number."""
+_PER_VALUE = 16  # At least so many bytes are taken for a value: offset, level, number
 _GROWING = {6: "DELTA_LENGTH_BYTE_ARRAY", 7: "DELTA_BYTE_ARRAY"}
 
 
 class Page(NamedTuple):
     """What the header of a page says."""
 
-    header: int
-    """Size of the header [byte]."""
+    header: int  # Size of the header [byte]
     stored: int
     unpacked: int
     num_values: int
@@ -56,11 +54,8 @@ class Page(NamedTuple):
 def decoded_size(where: str, fetch: Callable[[int], memoryview], length: int, is_bytes: bool) -> int:
     """Return a bound for the memory that a column chunk of `length` bytes takes when it is read [byte].
 
-    `fetch` gives some bytes of the chunk from a position on, enough for a page header.
-
-    Raises:
-        DamageError: where these bytes aren't pages.
-        LogError: where one page would take more than `MAX_DECODED`, or its encoding has no bound.
+    `fetch` gives some bytes of the chunk from a position on, enough for a page header. Raises DamageError where these
+    bytes aren't pages. Raises LogError where one page would take more than `MAX_DECODED`, or its encoding has no bound.
     """
     at = total = largest = dictionary = 0
     while at < length:
@@ -86,11 +81,7 @@ def _values_size(where: str, page: Page, dictionary: int) -> int:
 
 
 def read_page(data: memoryview) -> Page:
-    """Read the page header at the start of `data`.
-
-    Raises:
-        DamageError: where there is none.
-    """
+    """Read the page header at the start of `data`. Raises DamageError where there is none."""
     fields, end = read_struct(data)
     unpacked, stored = number(fields, _UNPACKED), number(fields, _STORED)
     kind = next((k for k in (_DATA, _DICTIONARY, _DATA_V2) if k in fields), None)
@@ -116,21 +107,16 @@ class GroupFile:
     sums: GroupEntries | None
 
     def log_ns(self, group: int) -> Int64:
-        """`log_ns` of all rows where it isn't null.
-
-        Raises:
-            DamageError: where the column is damaged.
-            LogError: where it is too large.
+        """`log_ns` of all rows where it isn't null. Raises DamageError where the column is damaged. Raises LogError
+        where it is too large.
         """
         with opened(self.path) as file:
             return self._log_ns(file, group)
 
     def tables(self, group: int) -> Iterator[pa.Table]:
         """All rows, in one table, or where they are too large in several, which then are in the order of `log_ns`.
-
-        Raises:
-            DamageError: where a checksum doesn't match, or these aren't the rows that the footer promises.
-            LogError: where the rows can't be read within bounded memory.
+        Raises DamageError where a checksum doesn't match, or these aren't the rows that the footer promises. Raises
+        LogError where the rows can't be read within bounded memory.
         """
         with opened(self.path) as file:
             chunks = self.footer.chunks(group)
@@ -226,11 +212,7 @@ class GroupFile:
 
 
 def _read(file: BinaryIO, offset: int, length: int) -> Piece:
-    """Read bytes that are all there.
-
-    Raises:
-        DamageError: where the file has fewer.
-    """
+    """Read bytes that are all there. Raises DamageError where the file has fewer."""
     size = os.fstat(file.fileno()).st_size
     data = os.pread(file.fileno(), length, offset) if offset + length <= size else b""
     if len(data) != length:

@@ -46,8 +46,7 @@ class RigEntry(Strict):
     """A rig, and from when it holds."""
 
     log_ns: Natural = 0
-    stamp_ns: Natural | None = None
-    """Stamp of the messages that told it, where there were any."""
+    stamp_ns: Natural | None = None  # Stamp of the messages that told it, where there were any
     mounts: dict[str, MountEntry] = Field(default_factory=dict)
     cameras: dict[str, CameraEntry] = Field(default_factory=dict)
 
@@ -70,10 +69,8 @@ class RigEntry(Strict):
         return cls(log_ns=log_ns, stamp_ns=stamp_ns, mounts=mounts, cameras=cameras)
 
     def rig(self) -> Rig:
-        """Return the rig as data.
-
-        Raises:
-            LogError: naming the sensor whose pose isn't one, or the camera that isn't calibrated.
+        """Return the rig as data. Raises LogError naming the sensor whose pose isn't one, or the camera that isn't
+        calibrated.
         """
         mounts = {name: _mount(name, entry) for name, entry in sorted(self.mounts.items())}
         cameras = {name: _camera(name, entry) for name, entry in sorted(self.cameras.items())}
@@ -107,8 +104,7 @@ def _camera(name: str, entry: CameraEntry) -> CameraModel:
 NAME = "log.json"
 FORMAT = "fbench-parquet"
 VERSION = 1
-MAX_BYTES = 16 * 1024 * 1024
-"""Bounds the memory that parsing takes."""
+MAX_BYTES = 16 * 1024 * 1024  # Bounds the memory that parsing takes
 
 _NUMBERS = re.compile(r"\[\n([-+.eE0-9,\s]+)\]")
 """Lists of numbers, which then fit one line; line breaks inside texts are escaped in JSON."""
@@ -122,8 +118,7 @@ class ChannelEntry(Strict):
     encoding: str
     schema_name: str | None = None
     schema_encoding: str = ""
-    schema_data: str = ""
-    """In base64."""
+    schema_data: str = ""  # In base64
     metadata: dict[str, str] = Field(default_factory=dict)
 
     @classmethod
@@ -139,11 +134,7 @@ class ChannelEntry(Strict):
         )  # fmt: skip
 
     def channel(self, topic: str) -> Channel:
-        """Return the channel.
-
-        Raises:
-            LogError: where its schema isn't base64.
-        """
+        """Return the channel. Raises LogError where its schema isn't base64."""
         if self.schema_name is None:
             return Channel(topic, self.encoding, None, self.metadata)
         try:
@@ -156,13 +147,10 @@ class ChannelEntry(Strict):
 class GroupEntries(Strict):
     """What is known of each row group of a file, column by column."""
 
-    offset: list[Natural]
-    """Where it begins in the file [byte]."""
+    offset: list[Natural]  # Where it begins in the file [byte]
     length: list[Natural]
-    crc32: list[Crc32]
-    """Of all its bytes."""
-    index_crc32: list[Crc32]
-    """Of the bytes of its first column, `log_ns`."""
+    crc32: list[Crc32]  # Of all its bytes
+    index_crc32: list[Crc32]  # Of the bytes of its first column, `log_ns`
     num_rows: list[Natural]
     min_log_ns: list[Natural]
     max_log_ns: list[Natural]
@@ -181,12 +169,9 @@ class GroupEntries(Strict):
 class Checksums(Strict):
     """How the bytes of a file are verified."""
 
-    size: Natural
-    """Of the file [byte]."""
-    blake2b: str
-    """Of the whole file, 128 bits in hexadecimal digits."""
-    footer_crc32: Crc32
-    """Of everything after the last row group."""
+    size: Natural  # Of the file [byte]
+    blake2b: str  # Of the whole file, 128 bits in hexadecimal digits
+    footer_crc32: Crc32  # Of everything after the last row group
     row_groups: GroupEntries
 
 
@@ -196,8 +181,7 @@ class StreamEntry(Strict):
     file: str
     kind: StreamKind
     sensor: str = ""
-    topic: str = ""
-    """Empty: as fbench names it after kind and sensor."""
+    topic: str = ""  # Empty: as fbench names it after kind and sensor
     channel: ChannelEntry | None = None
     num_rows: Natural | None = None
     first_log_ns: Natural | None = None
@@ -219,10 +203,8 @@ class LogJson(Strict):
 
 
 def dump(log: LogJson) -> bytes:
-    """Return the content of the file, with its own digest.
-
-    Raises:
-        ValueError: where a text isn't Unicode, or the whole would be too large to be read again.
+    """Return the content of the file, with its own digest. Raises ValueError where a text isn't Unicode, or the whole
+    would be too large to be read again.
     """
     content = log.model_dump(exclude_none=True)
     text = json.dumps({**content, "digest": _digest(content)}, indent=1, allow_nan=False, ensure_ascii=False)
@@ -233,10 +215,8 @@ def dump(log: LogJson) -> bytes:
 
 
 def parse(where: str, data: bytes) -> tuple[LogJson, bool]:
-    """Return the content and whether it has a digest, which then was checked.
-
-    Raises:
-        LogError: where it isn't what `dump` makes, or what the documentation allows.
+    """Return the content and whether it has a digest, which then was checked. Raises LogError where it isn't what
+    `dump` makes, or what the documentation allows.
     """
     try:
         content = json.loads(data.decode(), object_pairs_hook=_unique, parse_constant=_refused)

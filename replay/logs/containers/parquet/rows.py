@@ -67,11 +67,7 @@ class Rows:
                 self._others[name] = (array, column.content)
 
     def number(self, name: str, row: int) -> int:
-        """Return an integer.
-
-        Raises:
-            DecodeError: where it is null.
-        """
+        """Return an integer. Raises DecodeError where it is null."""
         value = self.optional(name, row)
         if value is None:
             raise DecodeError(f"{name} is null")
@@ -83,11 +79,7 @@ class Rows:
         return None if column is None else column.get(row)
 
     def blob(self, name: str, row: int) -> memoryview:
-        """Return binary data.
-
-        Raises:
-            DecodeError: where it is null.
-        """
+        """Return binary data. Raises DecodeError where it is null."""
         value = self.nullable(name, row)
         if value is None:
             raise DecodeError(f"{name} is null")
@@ -109,10 +101,8 @@ class Rows:
         return array if array.flags.aligned else array.copy()
 
     def value(self, name: str, row: int) -> Any:
-        """Return a text, flag or list; `None` where it is null or the column isn't there.
-
-        Raises:
-            DecodeError: where it isn't Unicode, has nulls inside, or vectors of another width.
+        """Return a text, flag or list; `None` where it is null or the column isn't there. Raises DecodeError where it
+        isn't Unicode, has nulls inside, or vectors of another width.
         """
         if name not in self._others:
             return None
@@ -188,11 +178,7 @@ class Row(NamedTuple):
     sensor: str
 
     def read(self) -> Message | TruthPart:
-        """Decode the row.
-
-        Raises:
-            DecodeError: where its columns don't fit together.
-        """
+        """Decode the row. Raises DecodeError where its columns don't fit together."""
         try:
             return _READERS[self.kind](self)
         except DataError as error:

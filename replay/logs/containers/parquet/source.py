@@ -16,11 +16,7 @@ _FLAGS = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file for reading.
-
-    Raises:
-        LogError: where it isn't there, isn't a regular file or can't be read.
-    """
+    """Open a regular file for reading. Raises LogError where it isn't there, isn't a regular file or can't be read."""
     try:
         number = os.open(path, _FLAGS)
         with os.fdopen(number, "rb", buffering=0) as file:
@@ -35,10 +31,8 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 
 def checked_path(folder: Path, name: str) -> Path:
-    """Return the path of a file of the log.
-
-    Raises:
-        LogError: where the name isn't that of a file in the log's own folder.
+    """Return the path of a file of the log. Raises LogError where the name isn't that of a file in the log's own
+    folder.
     """
     if name in ("", ".", "..") or any(c in name for c in "/\\\0"):
         raise LogError(f"{folder}: stream in file {name!r}: not a plain file name", "SEC002")

@@ -22,16 +22,14 @@ from fbench.replay.logs.containers.parquet.columns import COLUMNS, StreamKind, a
 from fbench.replay.logs.containers.parquet.footer import MAX_ZEROS, ZEROS_PER_CHUNK
 from fbench.replay.logs.containers.parquet.log_json import Checksums, GroupEntries
 
-_OVERHEAD = 400
-"""What a row costs beside its large values [byte]: so that many small ones count too."""
+_OVERHEAD = 400  # What a row costs beside its large values [byte]: so that many small ones count too
 
 
 class Encoded(NamedTuple):
     """One row."""
 
     values: tuple[Any, ...]
-    size: int
-    """About how much memory it holds [byte]."""
+    size: int  # About how much memory it holds [byte]
 
 
 def message_kind(message: Message) -> StreamKind:
@@ -48,11 +46,7 @@ def message_kind(message: Message) -> StreamKind:
 
 
 def message_row(message: Message, position: int) -> Encoded:
-    """Encode a message.
-
-    Raises:
-        ValueError: where a text isn't Unicode.
-    """
+    """Encode a message. Raises ValueError where a text isn't Unicode."""
     head = (message.log_ns, message.stamp_ns, message.frame_number, position)
     return _encoded((*head, *_payload(message)))
 
@@ -86,11 +80,7 @@ def part_kind(part: TruthPart) -> StreamKind:
 
 
 def part_row(part: TruthPart, position: int) -> Encoded:
-    """Encode truth.
-
-    Raises:
-        ValueError: where a text isn't Unicode.
-    """
+    """Encode truth. Raises ValueError where a text isn't Unicode."""
     truth = part.truth
     head = (truth.log_ns, truth.stamp_ns, truth.frame_number, position, part.expects_2d, _text(part.frame_id) or None)
     boxes = truth.boxes2d if part.is_2d else truth.boxes3d
@@ -109,11 +99,7 @@ def _boxes(boxes: Boxes2D | Boxes3D | None, names: Iterable[str]) -> Iterable[An
 
 
 def raw_row(entry: Entry, position: int) -> Encoded:
-    """Encode a message of another program, as it is.
-
-    Raises:
-        DataError: where the entry holds a decoded message.
-    """
+    """Encode a message of another program, as it is. Raises DataError where the entry holds a decoded message."""
     if not isinstance(entry.data, memoryview):
         raise DataError("holds no bytes of another program")
     return _encoded((entry.log_ns, entry.publish_ns, entry.sequence, position, bytes(entry.data)))

@@ -32,11 +32,7 @@ from fbench.replay.logs.containers.parquet.stream_write import (
 
 
 def require_replaceable(path: Path) -> None:
-    """Let only a Parquet log be replaced.
-
-    Raises:
-        ConfigError: where there is something else.
-    """
+    """Let only a Parquet log be replaced. Raises ConfigError where there is something else."""
     if path.is_symlink() or (path.exists() and not _is_log(path)):
         raise ConfigError(f"{path}: exists and isn't a Parquet log, so it isn't replaced; choose another name")
 
@@ -48,14 +44,10 @@ def _is_log(path: Path) -> bool:
 
 
 COMPRESSIONS = ("zstd", "snappy", "none")
-GROUP_SIZE = 8 * 1024 * 1024
-"""Row groups are closed when they hold so much [byte] ..."""
-_MAX_GROUP_SIZE = 64 * 1024 * 1024
-"""... and where their number of rows is given, at the latest at this."""
-_MAX_PENDING = 128 * 1024 * 1024
-"""All streams together gather no more [byte]."""
-MAX_MESSAGE = 112 * 1024 * 1024
-"""Readers unpack a row group within 256 MiB, pages and values together [byte]."""
+GROUP_SIZE = 8 * 1024 * 1024  # Row groups are closed when they hold so much [byte] ...
+_MAX_GROUP_SIZE = 64 * 1024 * 1024  # ... and where their number of rows is given, at the latest at this.
+_MAX_PENDING = 128 * 1024 * 1024  # All streams together gather no more [byte]
+MAX_MESSAGE = 112 * 1024 * 1024  # Readers unpack a row group within 256 MiB, pages and values together [byte]
 _MAX_STAMP_NS = 2**63 - 1
 _MAX_FRAME_NUMBER = 2**32 - 1
 
@@ -66,8 +58,7 @@ class _Place(NamedTuple):
     kind: StreamKind
     sensor: str
     topic: str
-    channel: tuple[object, ...] = ()
-    """All that its program said about it."""
+    channel: tuple[object, ...] = ()  # All that its program said about it
 
 
 class ParquetWriter:
@@ -75,10 +66,8 @@ class ParquetWriter:
 
     The same messages in the same order give the same bytes with the same version of pyarrow. A log that is there
     already is replaced, anything else isn't. `rig` is `None` where messages tell the rig; `kinds` are then those of the
-    sensors, also of silent ones.
-
-    Raises:
-        ConfigError: where the folder can't be written, or the compression isn't zstd, snappy or none.
+    sensors, also of silent ones. Raises ConfigError where the folder can't be written, or the compression isn't zstd,
+    snappy or none.
     """
 
     def __init__(
@@ -123,10 +112,8 @@ class ParquetWriter:
     def write(self, message: Message | Truth, topic: str | None = None) -> None:
         """Append one message, or the truth of one stamp; in any order, though readers like the order of `log_ns`.
 
-        `topic` is where it came from, if that isn't the one that fbench names after the sensor.
-
-        Raises:
-            LogError: where a stamp, frame number or text can't be stored, or the message is too large.
+        `topic` is where it came from, if that isn't the one that fbench names after the sensor. Raises LogError where a
+        stamp, frame number or text can't be stored, or the message is too large.
         """
         if isinstance(message, Truth):
             self._write_truth(message)
@@ -137,21 +124,15 @@ class ParquetWriter:
         self._add(_Place(kind, sensor, topic), where, lambda n: message_row(message, n))
 
     def write_part(self, part: TruthPart, topic: str | None = None) -> None:
-        """Append 3D or 2D truth as one message, as the log had it.
-
-        Raises:
-            LogError: as for messages.
-        """
+        """Append 3D or 2D truth as one message, as the log had it. Raises LogError as for messages."""
         kind = part_kind(part)
         where = self._checked(part.truth)
         topic = default_topic(kind, "") if topic is None else topic
         self._add(_Place(kind, "", topic), where, lambda n: part_row(part, n))
 
     def write_raw(self, channel: Channel, entry: Entry) -> None:
-        """Append a message of another program as it is.
-
-        Raises:
-            LogError: where a text of its channel isn't Unicode, or it is too large.
+        """Append a message of another program as it is. Raises LogError where a text of its channel isn't Unicode, or
+        it is too large.
         """
         where = f"{self.path}: {channel.topic} at {entry.log_ns}"
         schema = () if channel.schema is None else tuple(vars(channel.schema).values())

@@ -38,10 +38,8 @@ def walk(
 ) -> Index:  # fmt: skip
     """Index a bag from its records; counts what is damaged or cut off.
 
-    After damage it goes on at the next of `chunks`, offsets that a damaged index told, where there is one.
-
-    Raises:
-        LogError: where a record or chunk is larger than the limit, or a compression is unknown.
+    After damage it goes on at the next of `chunks`, offsets that a damaged index told, where there is one. Raises
+    LogError where a record or chunk is larger than the limit, or a compression is unknown.
     """
     walker = _Walker(file, name, size, chunks, faults)
     walker.run(header.stop)
@@ -143,10 +141,8 @@ class _Walker:
 
 
 class Ros1Bag:
-    """Finds and reads the messages of a bag; each fault is counted once, however often it is met.
-
-    Raises:
-        LogError: where the file can't be opened or isn't a bag that fbench reads.
+    """Finds and reads the messages of a bag; each fault is counted once, however often it is met. Raises LogError where
+    the file can't be opened or isn't a bag that fbench reads.
     """
 
     def __init__(self, path: Path, faults: FaultLog) -> None:

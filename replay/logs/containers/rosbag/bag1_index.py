@@ -34,16 +34,12 @@ _ENTRY = np.dtype([("s", "<u4"), ("ns", "<u4"), ("offset", "<u4")])
 class Block:
     """A chunk and the index records behind it, which are read at once."""
 
-    offset: int
-    """Of the chunk's record in the file, and the length of all [byte]."""
+    offset: int  # Of the chunk's record in the file, and the length of all [byte]
     length: int
-    start_ns: int
-    """Smallest and largest time of its messages."""
+    start_ns: int  # Smallest and largest time of its messages
     end_ns: int
-    counts: Mapping[int, int]
-    """Messages of each connection."""
-    is_indexed: bool
-    """Whether the index records tell of every message."""
+    counts: Mapping[int, int]  # Messages of each connection
+    is_indexed: bool  # Whether the index records tell of every message
 
 
 class Message(NamedTuple):
@@ -72,12 +68,9 @@ class Content:
 
 
 def parse_block(where: str, stored: memoryview, is_indexed: bool, held: Held) -> Content:
-    """Unpack a block, and compare its messages with its index: with every one where `is_indexed`.
-
-    Raises:
-        RecordError: where it is damaged.
-        LogError: where the chunk is larger than the limit, or too large beside those that `held` counts, or its
-            compression is unknown.
+    """Unpack a block, and compare its messages with its index: with every one where `is_indexed`. Raises RecordError
+    where it is damaged. Raises LogError where the chunk is larger than the limit, or too large beside those that `held`
+    counts, or its compression is unknown.
     """
     rows = records(stored)
     chunk = next(rows, None)
@@ -116,11 +109,7 @@ def _parse(where: str, data: memoryview) -> Content:
 
 
 def index_times(record: Record, stored: memoryview) -> tuple[int, Int64]:
-    """Connection and times of its messages from an index record.
-
-    Raises:
-        RecordError: where it is damaged.
-    """
+    """Connection and times of its messages from an index record. Raises RecordError where it is damaged."""
     number, rows = _index_rows(record, stored)
     return number, rows["s"].astype(np.int64) * 1_000_000_000 + rows["ns"]
 
@@ -176,12 +165,10 @@ _MAX_INDEX = 100 * MAX_RECORDS
 class BagHeader(NamedTuple):
     """The first record of a bag."""
 
-    index_pos: int
-    """Where the index starts; 0: the recorder never closed the bag."""
+    index_pos: int  # Where the index starts; 0: the recorder never closed the bag
     num_connections: int
     num_chunks: int
-    stop: int
-    """Where the chunks start."""
+    stop: int  # Where the chunks start
 
 
 @dataclass(frozen=True)
@@ -190,8 +177,7 @@ class Index:
 
     blocks: Sequence[Block]
     channels: Mapping[int, Channel]
-    is_complete: bool = True
-    """False where the file was walked."""
+    is_complete: bool = True  # False where the file was walked
 
 
 class NoIndexError(Exception):
@@ -221,10 +207,8 @@ class _Section:
 
 
 def read_header(file: BinaryIO, path: str, size: int) -> BagHeader:
-    """Read magic and first record of a bag.
-
-    Raises:
-        LogError: where it isn't a bag of version 2.0, is encrypted, or the record is damaged.
+    """Read magic and first record of a bag. Raises LogError where it isn't a bag of version 2.0, is encrypted, or the
+    record is damaged.
     """
     file.seek(0)
     magic = file.read(len(MAGIC))
@@ -246,11 +230,7 @@ def read_header(file: BinaryIO, path: str, size: int) -> BagHeader:
 
 
 def read_index(file: BinaryIO, header: BagHeader, size: int) -> Index:
-    """Read the index.
-
-    Raises:
-        NoIndexError: where it is absent, damaged or contradicts itself.
-    """
+    """Read the index. Raises NoIndexError where it is absent, damaged or contradicts itself."""
     if not header.stop <= header.index_pos <= size:
         raise NoIndexError("bag was never closed" if header.index_pos == 0 else "index is cut off")
     try:
@@ -273,9 +253,7 @@ def read_index(file: BinaryIO, header: BagHeader, size: int) -> Index:
 
 def index_records(file: BinaryIO, start: int, stop: int) -> Iterator[tuple[int, Int64]]:
     """Connection and times from each index record behind the chunk that lies at `start`; `stop` is where they end.
-
-    Raises:
-        RecordError: where chunk or index is damaged.
+    Raises RecordError where chunk or index is damaged.
     """
     chunk = read_record(file, start, stop)
     if chunk is None or chunk.op != Op.CHUNK:

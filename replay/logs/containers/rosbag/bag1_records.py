@@ -43,20 +43,12 @@ class Record(NamedTuple):
 
     @property
     def op(self) -> int:
-        """Its type.
-
-        Raises:
-            RecordError: where it has none.
-        """
+        """Its type. Raises RecordError where it has none."""
         return uint(self.fields, b"op", 1)
 
 
 def records(buffer: memoryview) -> Iterator[Record]:
-    """Yield the records of a buffer.
-
-    Raises:
-        RecordError: where one is damaged or reaches beyond the buffer.
-    """
+    """Yield the records of a buffer. Raises RecordError where one is damaged or reaches beyond the buffer."""
     at = 0
     while at < len(buffer):
         data, stop = _extent(buffer, at)
@@ -81,10 +73,7 @@ def _uint32(buffer: memoryview, at: int) -> int:
 
 def read_record(file: BinaryIO, at: int, size: int) -> Record | None:
     """Read the head of the record at `at` in a file of `size` bytes; `None` where the file ends before the record does.
-
-    Raises:
-        RecordError: where its header is damaged.
-        LogError: where the header is larger than the limit.
+    Raises RecordError where its header is damaged. Raises LogError where the header is larger than the limit.
     """
     header = _read_length(file, at, size)
     if header is None:
@@ -107,11 +96,7 @@ def _read_length(file: BinaryIO, at: int, size: int) -> int | None:
 
 
 def parse_fields(header: memoryview) -> Fields:
-    """Parse the fields of a header.
-
-    Raises:
-        RecordError: where they don't fill it.
-    """
+    """Parse the fields of a header. Raises RecordError where they don't fill it."""
     fields: dict[bytes, bytes] = {}
     at = 0
     while at < len(header):
@@ -128,11 +113,7 @@ def parse_fields(header: memoryview) -> Fields:
 
 
 def uint(fields: Fields, name: bytes, num_bytes: int) -> int:
-    """Return the unsigned number in a field.
-
-    Raises:
-        RecordError: where it is missing or of another length.
-    """
+    """Return the unsigned number in a field. Raises RecordError where it is missing or of another length."""
     value = fields.get(name, b"")
     if len(value) != num_bytes:
         raise RecordError(f"record has no field '{name.decode()}' of {num_bytes} bytes")
@@ -140,11 +121,7 @@ def uint(fields: Fields, name: bytes, num_bytes: int) -> int:
 
 
 def time_ns(fields: Fields, name: bytes) -> int:
-    """Return the time in a field [ns].
-
-    Raises:
-        RecordError: where it is missing or of another length.
-    """
+    """Return the time in a field [ns]. Raises RecordError where it is missing or of another length."""
     value = fields.get(name, b"")
     if len(value) != _TIME.size:
         raise RecordError(f"record has no field '{name.decode()}' of {_TIME.size} bytes")
@@ -153,10 +130,8 @@ def time_ns(fields: Fields, name: bytes) -> int:
 
 
 def connection(fields: Fields, data: memoryview) -> tuple[int, Channel]:
-    """Parse a connection record: its id, and the channel it is; what isn't UTF-8 in names is escaped.
-
-    Raises:
-        RecordError: where it is damaged.
+    """Parse a connection record: its id, and the channel it is; what isn't UTF-8 in names is escaped. Raises
+    RecordError where it is damaged.
     """
     details = parse_fields(data)
     if b"topic" not in fields or b"type" not in details:
@@ -177,10 +152,8 @@ class _Decompressor(Protocol):
 
 
 def unpack(compression: str, data: memoryview, size: int) -> memoryview:
-    """Decompress a chunk of `size` unpacked bytes, which the caller has checked; never allocates more.
-
-    Raises:
-        RecordError: where the content is damaged or of another size.
+    """Decompress a chunk of `size` unpacked bytes, which the caller has checked; never allocates more. Raises
+    RecordError where the content is damaged or of another size.
     """
     if compression == "none":
         if len(data) != size:

@@ -19,20 +19,16 @@ _ADVICE = "mend it with `ros2 bag reindex`, or remove it to read the files as th
 class Metadata:
     """What reading needs to know of a recording."""
 
-    storage: str
-    """`sqlite3` or `mcap`, or what else wrote the files."""
-    files: tuple[str, ...]
-    """Relative paths in the order of recording."""
-    compression_mode: str
-    """`file`, `message` or, where nothing is compressed, empty."""
+    storage: str  # `sqlite3` or `mcap`, or what else wrote the files
+    files: tuple[str, ...]  # Relative paths in the order of recording
+    compression_mode: str  # `file`, `message` or, where nothing is compressed, empty
     compression_format: str
 
 
 def read_metadata(path: Path) -> Metadata:
     """Read the file.
 
-    Raises:
-        LogError: where it can't be read, is too large or deep, has aliases or lacks what is needed.
+    Raises LogError where it can't be read, is too large or deep, has aliases or lacks what is needed.
     """
     content = _load(path)
     bag = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
@@ -73,8 +69,7 @@ class Part:
 
     path: Path
     storage: Storage
-    compression: str = ""
-    """Of its single messages: `zstd` or empty."""
+    compression: str = ""  # Of its single messages: `zstd` or empty
 
 
 def is_recording(folder: Path) -> bool:
@@ -84,9 +79,8 @@ def is_recording(folder: Path) -> bool:
 
 def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
     """Return the files of a recording: those that `metadata.yaml` lists, in its order, then others by their number.
-
-    Raises:
-        LogError: where there are none, `metadata.yaml` is damaged, or what it tells can't be read or leaves the folder.
+    Raises LogError where there are none, `metadata.yaml` is damaged, or what it tells can't be read or leaves the
+    folder.
     """
     told = _inside(folder, NAME)
     metadata = None if told is None else read_metadata(told)
@@ -130,11 +124,7 @@ def _check_packed(folder: Path) -> None:
 
 
 def _inside(folder: Path, name: str) -> Path | None:
-    """Path of a file in the folder; `None` where there is no such file.
-
-    Raises:
-        LogError: where it leads out of it.
-    """
+    """Path of a file in the folder; `None` where there is no such file. Raises LogError where it leads out of it."""
     relative = PurePath(name)
     try:
         path = folder / relative

@@ -25,8 +25,7 @@ from fbench.replay.logs.containers.rosbag.zstd import check_format, unpack_messa
 _MAGIC = b"SQLite format 3\x00"
 FAILURES = (sqlite3.Error, UnicodeDecodeError)
 """What `sqlite3` raises for damaged files; it can't decode the messages of some of its own errors."""
-_ROW = 1024 * 1024
-"""Room for what a row holds beside its longest value [byte]."""
+_ROW = 1024 * 1024  # Room for what a row holds beside its longest value [byte]
 _PRAGMAS = (
     "PRAGMA trusted_schema=OFF", "PRAGMA query_only=ON", "PRAGMA cell_size_check=ON", "PRAGMA cache_size=-16384",
 )  # fmt: skip
@@ -38,10 +37,8 @@ _TABLES: Mapping[str, tuple[str, ...]] = {
 
 @contextmanager
 def connected(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database for reading; text comes as bytes. Nothing is written beside the file.
-
-    Raises:
-        LogError: where it can't be opened, or isn't such a database.
+    """Open a database for reading; text comes as bytes. Nothing is written beside the file. Raises LogError where it
+    can't be opened, or isn't such a database.
     """
     _check_magic(path)
     uri = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
@@ -79,9 +76,7 @@ def columns(database: sqlite3.Connection, table: str) -> Mapping[str, bool]:
 
 def check_tables(database: sqlite3.Connection, path: Path) -> None:
     """Refuse databases whose tables aren't as rosbag2 makes them: views and computed columns run what others wrote.
-
-    Raises:
-        LogError: naming the table.
+    Raises LogError naming the table.
     """
     for table, wanted in _TABLES.items():
         if not is_table(database, table):
@@ -110,18 +105,15 @@ def _check_magic(path: Path) -> None:
 
 
 _MAX_TOPICS = 2**16 - 1
-_MAX_TEXT = 4 * 1024 * 1024
-"""Longer names, definitions and profiles are refused [byte]."""
+_MAX_TEXT = 4 * 1024 * 1024  # Longer names, definitions and profiles are refused [byte]
 _MAX_TEXTS = 256 * 1024 * 1024
 _Definitions = Mapping[tuple[bytes, bytes], Schema]
 Count = Callable[[int, str], None]
 
 
 def read_channels(database: sqlite3.Connection, path: Path, skipped: Count) -> Mapping[int, Channel]:
-    """Read all topics; `skipped` is told the id of each that is damaged, with the reason.
-
-    Raises:
-        LogError: where there are more than the limit.
+    """Read all topics; `skipped` is told the id of each that is damaged, with the reason. Raises LogError where there
+    are more than the limit.
     """
     definitions = _definitions(database, path)
     found = columns(database, "topics")
@@ -205,17 +197,14 @@ class _Head(NamedTuple):
     log_ns: int
     row: int
     channel: int
-    size: int | None
-    """Of the payload [byte]; `None`: it isn't binary."""
+    size: int | None  # Of the payload [byte]; `None`: it isn't binary
 
 
 class Db3File:
     """Finds and reads the messages of a file; each fault is counted once, however often it is met.
 
-    `compression` is that of the single messages, which only the recording's `metadata.yaml` tells.
-
-    Raises:
-        LogError: where the file can't be opened, is damaged or not as rosbag2 writes it.
+    `compression` is that of the single messages, which only the recording's `metadata.yaml` tells. Raises LogError
+    where the file can't be opened, is damaged or not as rosbag2 writes it.
     """
 
     def __init__(self, path: Path, faults: FaultLog, compression: str = "") -> None:

@@ -17,11 +17,7 @@ _MAX_WINDOW = 128 * 1024 * 1024
 
 
 def check_format(path: Path, compression: str) -> None:
-    """Refuse a compression of messages that can't be undone.
-
-    Raises:
-        LogError: naming file and compression.
-    """
+    """Refuse a compression of messages that can't be undone. Raises LogError naming file and compression."""
     if compression not in ("", "zstd"):
         raise LogError(f"{path}: unknown message compression '{compression}'; fbench reads zstd and none", "LOG007")
 
@@ -29,8 +25,7 @@ def check_format(path: Path, compression: str) -> None:
 def unpack_message(data: memoryview, limit: int = MAX_RECORD) -> memoryview:
     """Decompress a message; never allocates much more than `limit`.
 
-    Raises:
-        RecordError: where it is damaged or larger.
+    Raises RecordError where it is damaged or larger.
     """
     try:
         size = zstandard.frame_content_size(data)

@@ -10,14 +10,14 @@ import hashlib, os, sys
 import numpy as np
 os.sched_setaffinity(0, set(list(os.sched_getaffinity(0))[: int(sys.argv[1])]))
 from embreex.rtcore import EmbreeDevice
-from fbench.datasets.city.mesh import merged
+from fbench.datasets.city.mesh import merge_meshes
 from fbench.datasets.city.rays.smooth import Scene
 from fbench.datasets.city.mesh import Skin, box
 rng = np.random.default_rng(1)
 skin = Skin("concrete", (0.5, 0.5, 0.5))
 sizes = rng.integers(1, 4, (3000, 3)) * 2.0  # many faces in one plane, many edges in one line
 boxes = [box((*map(float, rng.integers(-40, 40, 2)), 2.0), tuple(size), skin) for size in sizes]
-scene = Scene(merged(boxes), EmbreeDevice())
+scene = Scene(merge_meshes(boxes), EmbreeDevice())
 start = np.column_stack([rng.integers(-80, 80, (50_000, 2)) * 0.5, np.full(50_000, 30.0)]).astype(np.float32)
 down = np.tile(np.float32([[0, 0, -1]]), (50_000, 1))
 aslant = rng.integers(-40, 40, (50_000, 3)) * [0.5, 0.5, 0.0] - [0.25, 0.25, 30.0]
