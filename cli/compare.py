@@ -1,11 +1,19 @@
 """`fbench compare`."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fbench.cli.options import Json
+from fbench.cli.show import console, make_table, number, print_json, say
+from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+
+if TYPE_CHECKING:
+    from fbench.metrics.comparison import Comparison
+
+_STYLES = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "new": "cyan"}
 
 
 def compare(
@@ -15,6 +23,34 @@ def compare(
     json: Json = False,
 ) -> None:
     """Print what changed between two runs; exit 1 when a primary metric fell by more than the tolerance."""
-    from fbench.cli.comparison import compare_runs
+    from fbench.api.runs import compare as compare_runs
 
-    raise typer.Exit(compare_runs(base, head, tolerance, json))
+    found = compare_runs(base, head, tolerance)
+    if json:
+        rows = [asdict(row) for row in found.comparison.rows]
+        print_json({"regressed": found.regressed, "tolerance": tolerance, "notes": found.notes, "rows": rows})
+    else:
+        say(*(f"note: {note}" for note in found.notes))
+        _print_rows(found.comparison)
+    raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)
+
+
+def _print_rows(comparison: "Comparison") -> None:
+    columns = ("metric", "class", "slice", "matching", "base", "head", "change", "")
+    table = make_table(*columns, right=("base", "head", "change"))
+    num_empty = num_same = 0
+    for row in comparison.rows:
+        is_empty = row.base is None and row.head is None
+        if row.primary or (row.verdict != "same" and not is_empty):
+            delta = "–" if row.delta is None else f"{row.delta:+.3f}"
+            verdict = f"{row.verdict}{' (primary)' if row.primary else ''}"
+            cells = (number(row.metric, row.base, row.unit), number(row.metric, row.head, row.unit), delta)
+            style = _STYLES.get(row.verdict)
+            table.add_row(row.metric, row.class_, row.slice, row.matching, *cells, verdict, style=style)
+        else:
+            num_empty, num_same = num_empty + is_empty, num_same + (not is_empty)
+    console().print(table)
+    same = f"{num_same} other numbers are the same"
+    say(f"{same}, {num_empty} have no value in either run" if num_empty else same)
+    verdict = "REGRESSED: a primary metric fell" if comparison.regressed else "no regression"
+    say(f"{verdict} (tolerance {comparison.tolerance:g})")

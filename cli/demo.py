@@ -1,9 +1,24 @@
-"""`fbench demo`."""
+"""`fbench demo`: simulate drives through the city, replay each into every pipeline, and write tables and a report."""
 
+import json
+import os
+import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+
+from fbench.cli.show import import_progress, replay_progress, say, show_results
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+
+if TYPE_CHECKING:
+    from fbench.api.cells import CellResult
+    from fbench.cli.experiment import Drive, Experiment
+    from fbench.datasets.city.request import Split
+    from fbench.replay.data.scores import Results
+
+SHORT_S, FULL_S = 1.5, 10.0  # Length of each log of the short version and of the full suite
 
 
 def demo(
@@ -28,6 +43,112 @@ def demo(
 
     What is there from an earlier time isn't made again.
     """
-    from fbench.cli.demo_job import DemoWish, run_demo
+    what = make_experiment(out, split, seconds, num_seeds)
+    raise typer.Exit(run_experiment(what, workers or len(os.sched_getaffinity(0))))
 
-    raise typer.Exit(run_demo(DemoWish(out, split, seconds, num_seeds, workers)))
+
+def make_experiment(out: Path, split: "Split | None", seconds: float | None, num_seeds: int | None) -> "Experiment":
+    """Return what `fbench demo` is to do; without a split it is the short version. Raises ConfigError where options
+    don't fit.
+    """
+    from fbench.cli.experiment import Drive, Experiment, own_pipelines, own_variants
+    from fbench.datasets.city.request import DEMO, EXPERIMENT, SEEDS, experiment_spec
+
+    # Where it puts the results and with how many processes changes nothing.
+    command = "fbench demo" if split is None else f"fbench demo --split {split}"
+    command += "" if seconds is None else f" --seconds {seconds!r}".removesuffix(".0")
+    command += "" if num_seeds is None else f" --num-seeds {num_seeds}"
+    length_s = seconds if seconds is not None else SHORT_S if split is None else FULL_S
+    if split is not None:
+        scenes = [(scene, seed) for seed in SEEDS[split][:num_seeds] for scene in EXPERIMENT]
+    elif num_seeds is None:
+        scenes = list(DEMO)
+    else:
+        raise ConfigError("--num-seeds: of the full suite only; add --split dev or test")
+    logs = out / "logs"
+    drives = [Drive(experiment_spec(scene, seed, length_s), logs) for scene, seed in scenes]
+    drives = [replace(drive, log=logs / f"{drive.name}.mcap") for drive in drives]
+    if split is None:
+        drives[0] = replace(drives[0], log=out / "city.mcap")  # the one that people go on with
+    pipelines = own_pipelines() if split is None else (*own_pipelines(), *own_variants())
+    return Experiment(tuple(drives), pipelines, out, command)
+
+
+def run_experiment(what: "Experiment", num_workers: int) -> int:
+    """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
+    ConfigError where the folder can't be written.
+    """
+    from fbench.cli.experiment import describe_measuring, is_lossy, results_of
+    from fbench.datasets.importing.run import claim
+
+    try:
+        what.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{what.folder}: can't be written ({error.strerror}); choose another with --out") from error
+    try:
+        # Two in one folder would clear away each other's half-written runs.
+        with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):
+            _simulate(what)
+            done = _replay(what, num_workers)
+            results = results_of(what, done)
+            notes = (describe_measuring(),)
+            results = replace(results, measured=tuple(replace(table, notes=notes) for table in results.measured))
+            show_results(results)
+            say(*(f"{path.stem}: {path}" for path in _write(what, results, done)))
+            return EXIT_LOSSY if is_lossy(done) else EXIT_OK
+    except KeyboardInterrupt:
+        sys.stderr.write("fbench: interrupted; what is finished stays, and the same command goes on from there\n")
+        raise
+
+
+def _simulate(what: "Experiment") -> None:
+    from fbench.cli.experiment import simulate
+
+    num, num_new = len(what.drives), 0
+    if sys.stderr.isatty():
+        say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
+    with import_progress(num) as progress:
+        for is_new in simulate(what.drives, progress):
+            num_new += is_new
+            progress.done()
+    say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
+
+
+def _replay(what: "Experiment", num_workers: int) -> "list[tuple[Drive, CellResult]]":
+    from fbench.api.suite import run_suite
+
+    cells = what.cells()
+    with replay_progress("replays") as progress:
+        found = run_suite([cell for _, cell in cells], num_workers, progress)
+    num = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
+    total = f"{num['there'] + num['replayed']} of {len(found) - num['unfit']}"
+    say(f"runs: {total} ({num['replayed']} replayed, {num['there']} there already)")
+    return [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
+
+
+def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
+    """Write the results in every form, and return the paths worth naming."""
+    from fbench.cli.experiment import shown_runs
+    from fbench.replay.data.files import replace_text
+    from fbench.replay.data.scores import table_rows
+    from fbench.replay.runs.folder import Run
+    from fbench.reports.html.page import HtmlReport
+    from fbench.reports.markdown import markdown
+
+    folder = what.folder
+    runs = [
+        {"scene": drive.scene, "condition": drive.condition, "pipeline": result.cell.pipeline,
+         "log_id": drive.spec.log_id, "run": result.folder.relative_to(folder).as_posix(),
+         "digest": Run(result.folder).manifest.digest if result.has_run else None, "reason": result.reason}
+        for drive, result in done
+    ]  # fmt: skip
+    tables = {table.name: table_rows(table) for table in results.tables}
+    content = {"facts": dict(results.facts), "tables": tables, "problems": list(results.problems), "runs": runs}
+    measured = {table.name: table_rows(table) for table in results.measured}
+    for name, values in (("results", content), ("latency", measured)):
+        replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
+    replace_text(folder / "results.md", markdown(results))
+    if not (shown := shown_runs(done)):
+        return [folder / "results.md"]
+    HtmlReport().write_results(results, shown, folder / "report.html")
+    return [folder / "results.md", folder / "report.html"]

@@ -22,7 +22,6 @@ from fbench.replay.setup.source import NO_CONFIG, LogRequest
 
 if TYPE_CHECKING:
     from fbench.datasets.city.spec import CitySpec
-    from fbench.metrics.robustness import ScoredRun
 
 CLEAR = "clear"
 _OWN = "fbench.pipelines."
@@ -69,13 +68,14 @@ class Experiment:
 
     def cells(self) -> list[tuple[Drive, ReplayRequest]]:
         """Return all cells, drive by drive; only runs in clear weather keep pictures, so that a report stays small."""
-        return [(drive, self._cell(drive, pipeline)) for drive in self.drives for pipeline in self.pipelines]
-
-    def _cell(self, drive: Drive, pipeline: str) -> ReplayRequest:
-        # A configuration that somebody writes beside the logs is for other logs of theirs.
-        log = LogRequest(drive.log, config=NO_CONFIG)
-        folder, settings = self.folder / drive.name / short_name(pipeline), list(self.settings.get(pipeline, ()))
-        return ReplayRequest(log, pipeline, settings, out=folder, overwrite=True, no_media=drive.condition != CLEAR)
+        return [
+            (drive, ReplayRequest(
+                # A configuration that somebody writes beside the logs is for other logs of theirs.
+                LogRequest(drive.log, config=NO_CONFIG), pipeline, list(self.settings.get(pipeline, ())),
+                out=self.folder / drive.name / short_name(pipeline), overwrite=True, no_media=drive.condition != CLEAR,
+            ))
+            for drive in self.drives for pipeline in self.pipelines
+        ]  # fmt: skip
 
 
 def own_pipelines() -> tuple[str, ...]:
@@ -101,38 +101,33 @@ def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None])
         drive.log.parent.mkdir(parents=True, exist_ok=True)
         is_there = is_sealed_log(drive.log, drive.spec.log_id)
         if not is_there:
-            _require_ours(drive)
+            # Without a seal where a simulation was killed just before it would have written that.
+            if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
+                raise ConfigError(
+                    f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out"
+                )
             recording = CityRecording(drive.spec, drive.name, cities=cities)
             write_recording(recording, Target(drive.log, overwrite=True), progress)
             seal_log(drive.log, drive.spec.log_id)
         yield not is_there
 
 
-def _require_ours(drive: Drive) -> None:
-    # Without a seal where a simulation was killed just before it would have written that.
-    if drive.log.exists() and not was_sealed(drive.log) and not holds_log(drive.log, drive.spec.log_id):
-        raise ConfigError(f"{drive.log}: exists already, and is no log of the demo; choose another folder with --out")
-
-
 def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]]) -> Results:
     """Put all runs together into the thesis's tables."""
     from fbench.metrics.experiment import accuracy_table, condition_table, latency_table, robustness_table
+    from fbench.metrics.robustness import ScoredRun
 
     runs = [(drive, result.cell.pipeline, Run(result.folder)) for drive, result in done if result.has_run]
-    scored = [_scored(drive, pipeline, run) for drive, pipeline, run in runs]
-    tables = (
-        accuracy_table(scored),
-        robustness_table(scored, experiment.conditions),
-        condition_table(scored, experiment.conditions),
-    )
-    timings: dict[str, list[dict[str, list[int]]]] = {line.name: [] for line in tables[0].lines}
+    scored = [ScoredRun(pipeline, drive.condition, drive.scene, run.scores) for drive, pipeline, run in runs]
+    conditions = experiment.conditions
+    accuracy = accuracy_table(scored)
+    tables = (accuracy, robustness_table(scored, conditions), condition_table(scored, conditions))
+    timings: dict[str, list[dict[str, list[int]]]] = {line.name: [] for line in accuracy.lines}
     for drive, pipeline, run in runs:
         if drive.condition == CLEAR:
             timings[pipeline].append(run.timings)
-    return Results(
-        "The simulated city as an experiment", tuple(_facts(experiment, runs)), tables, (latency_table(timings),),
-        tuple(_problems(done, runs)),
-    )  # fmt: skip
+    facts, problems = tuple(_facts(experiment, runs)), tuple(_problems(done, runs))
+    return Results("The simulated city as an experiment", facts, tables, (latency_table(timings),), problems)
 
 
 def shown_runs(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
@@ -147,64 +142,49 @@ def is_lossy(done: Sequence[tuple[Drive, CellResult]]) -> bool:
     return failed or any(not Run(result.folder).manifest.complete for _, result in done if result.has_run)
 
 
-def _scored(drive: Drive, pipeline: str, run: Run) -> "ScoredRun":
-    from fbench.metrics.robustness import ScoredRun
-
-    return ScoredRun(pipeline, drive.condition, drive.scene, run.scores)
-
-
 def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[tuple[str, str]]:
+    from fbench.datasets.city.request import TRAINING_SEEDS
+
     drives = experiment.drives
-    seeds = {world: sorted({d.spec.seed for d in drives if d.spec.world == world}) for world in _worlds(drives)}
+    worlds = list(dict.fromkeys(drive.spec.world for drive in drives))
+    seeds = {world: sorted({drive.spec.seed for drive in drives if drive.spec.world == world}) for world in worlds}
     yield "command", experiment.command
-    yield "logs", f"{len(drives)}: {', '.join(_worlds(drives))}; {', '.join(experiment.conditions)}"
+    yield "logs", f"{len(drives)}: {', '.join(worlds)}; {', '.join(experiment.conditions)}"
     yield "length", f"{', '.join(dict.fromkeys(f'{drive.spec.seconds:g} s' for drive in drives))} each"
     yield "seeds", "; ".join(f"{world} {', '.join(map(str, own))}" for world, own in seeds.items())
     yield "sensors", ", ".join(dict.fromkeys(name for drive in drives for name in drive.spec.rig.names))
-    yield "camera detector", _detectors([run for _, _, run in runs])
-    yield from _learnt(drives)
-    yield "frames", _frames(runs)
+    detectors = dict.fromkeys(name for _, _, run in runs if (name := _detector(run)) is not None)
+    yield "camera detector", "; ".join(detectors) or "none"
+    # Figures of a detector on what it learned from are better than others, and must say so.
+    if learned := sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS)):
+        yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learned))
+    frames = [frame for _, _, run in runs for frame in run.frames]
+    num = {drive.name: len(run.frames) for drive, _, run in runs}
+    num_labeled = sum(frame.truth_stamp_ns is not None for frame in frames)
+    share = f"{100 * num_labeled / len(frames):.1f} %" if frames else "none"
+    pipelines = len({name for _, name, _ in runs})
+    yield "frames", f"{sum(num.values())}, each through {pipelines} pipelines; {share} of outputs had truth"
     yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
 
 
-def _learnt(drives: Sequence[Drive]) -> Iterator[tuple[str, str]]:
-    """Figures of a detector on what it learnt from are better than others, and must say so."""
-    from fbench.datasets.city.request import TRAINING_SEEDS
-
-    learnt = sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS))
-    if learnt:
-        yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learnt))
-
-
-def _worlds(drives: Sequence[Drive]) -> list[str]:
-    return list(dict.fromkeys(drive.spec.world for drive in drives))
-
-
-def _detectors(runs: Sequence[Run]) -> str:
-    return "; ".join(dict.fromkeys(name for run in runs if (name := _detector(run)) is not None)) or "none"
-
-
 def _detector(run: Run) -> str | None:
-    """Which weights a run's camera had; `None` where it has no use for a camera."""
+    """Return which weights a run's camera had; `None` where it has no use for a camera."""
     weights = run.manifest.parameters.get(_WEIGHTS)
     if isinstance(weights, dict):
         return f"{weights.get('file')} (sha256 {str(weights.get('sha256'))[:12]})"
     return "none (no weights)" if any("no weights" in frame.missing.values() for frame in run.frames) else None
 
 
-def _frames(runs: Sequence[tuple[Drive, str, Run]]) -> str:
-    num = {drive.name: len(run.frames) for drive, _, run in runs}
-    labelled = sum(frame.truth_stamp_ns is not None for _, _, run in runs for frame in run.frames)
-    total = sum(len(run.frames) for _, _, run in runs)
-    share = f"{100 * labelled / total:.1f} %" if total else "none"
-    pipelines = len({name for _, name, _ in runs})
-    return f"{sum(num.values())}, each through {pipelines} pipelines; {share} of outputs had truth"
-
-
 def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[str]:
     unfit = {result.cell.pipeline: result.reason for _, result in done if result.state == "unfit"}
     yield from (f"left out: {pipeline} ({reason})" for pipeline, reason in unfit.items())
-    yield from _failures(done)
+    failed: dict[str | None, list[str]] = {}
+    for drive, result in done:
+        if result.state == "failed":
+            failed.setdefault(result.reason, []).append(f"{result.cell.pipeline} on {drive.name}")
+    for why, cells in failed.items():
+        others = f" and {len(cells) - 1} more" if len(cells) > 1 else ""
+        yield f"failed: {cells[0]}{others}: {why}"
     missing = Counter(
         (pipeline, sensor, reason.partition(" by ")[0])
         for _, pipeline, run in runs for frame in run.frames for sensor, reason in frame.missing.items()
@@ -216,19 +196,8 @@ def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Dri
             yield f"incomplete: {pipeline} on {drive.name} lost data"
 
 
-def _failures(done: Sequence[tuple[Drive, CellResult]]) -> Iterator[str]:
-    """A line for each reason."""
-    where: dict[str | None, list[str]] = {}
-    for drive, result in done:
-        if result.state == "failed":
-            where.setdefault(result.reason, []).append(f"{result.cell.pipeline} on {drive.name}")
-    for reason, cells in where.items():
-        others = f" and {len(cells) - 1} more" if len(cells) > 1 else ""
-        yield f"failed: {cells[0]}{others}: {reason}"
-
-
-def host_line() -> str:
-    """The machine that was measured on."""
+def describe_measuring() -> str:
+    """Return on what machine the times were measured."""
     host = describe_host()
     where = f"{host['cpu']}, {host['cores']} cores"
     return f"Wall time on {where}; other replays may have run beside it, and it differs from run to run."

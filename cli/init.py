@@ -1,11 +1,18 @@
 """`fbench init`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fbench.cli.options import Json, Log
+from fbench.cli.show import console, make_table, print_json, say
+
+if TYPE_CHECKING:
+    from fbench.replay.setup.init import Placed, Written
+    from fbench.replay.setup.inspection import Draft
+
+_MAX_VALUE = 48
 
 
 def init(
@@ -17,6 +24,66 @@ def init(
     json: Json = False,
 ) -> None:
     """Look at a log and write an fbench.toml that says what is in it, with the reasons."""
-    from fbench.cli.init_job import run_init
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.data.files import replace_text
+    from fbench.replay.setup.configuration import config_place
+    from fbench.replay.setup.init import draft_of, write_toml
 
-    run_init(log, out, overwrite, json)
+    place = config_place(log) if out is None else out
+    _require_free(place, overwrite)
+    faults = FaultLog()
+    with explain_losses(faults):
+        draft = draft_of(log, place, faults)
+    written = write_toml(draft)
+    replace_text(place, written.text)
+    if json:
+        left_out = [{"topic": item.topic, "why": item.why} for item in draft.left_out]
+        print_json({"config": str(place), "lines": [_describe_line(p) for p in written.places], "left_out": left_out})
+    else:
+        _print(place, draft, written)
+
+
+def _require_free(place: Path, overwrite: bool) -> None:
+    from fbench.replay.contracts.errors import ConfigError
+
+    if place.is_dir():
+        raise ConfigError(f"{place}: is a folder; name a file with -o")
+    if place.exists() and not overwrite:
+        raise ConfigError(f"{place}: exists; replace it with --overwrite, or name another file with -o")
+    if not place.parent.is_dir():
+        raise ConfigError(f"{place}: there is no folder '{place.parent}'")
+
+
+def _describe_line(p: "Placed") -> dict[str, object]:
+    return {
+        "line": p.number,
+        "table": list(p.table.path),
+        "key": p.line.key,
+        "value": p.line.value,
+        "why": p.line.why,
+        "guess": p.line.is_guess,
+        "active": p.line.is_active and p.table.is_active,
+    }
+
+
+def _print(place: Path, draft: "Draft", written: "Written") -> None:
+    from fbench.replay.setup.init import plain, toml_value
+
+    table = make_table("line", right=["line"])
+    for column in ("key", "value", "why"):
+        table.add_column(column, overflow="fold", no_wrap=column != "why")
+    for p in written.places:
+        path, line = p.table.path, p.line
+        # Classes are many, and the kind stands before the topic where it isn't a guess.
+        is_plain = path == ("classes",) or (line.key == "kind" and not line.is_guess)
+        if line.is_active and p.table.is_active and not is_plain:
+            value = line.value if isinstance(line.value, str) else toml_value(line.value)
+            short = value if len(value) <= _MAX_VALUE else value[: _MAX_VALUE - 1] + "…"
+            key = ".".join((*(path[1:] if path[0] == "sensors" else path), line.key))
+            table.add_row(str(p.number), key, short, f"guess: {line.why}" if line.is_guess else line.why)
+    console().print(table)
+    say(*(f"{plain('.'.join(t.path))}: {plain(t.notes[0])}" for t in draft.tables if not t.is_active))
+    if draft.left_out:
+        say(f"{len(draft.left_out)} topics aren't used; the file says why")
+    numbers = ", ".join(str(p.number) for p in written.guesses)
+    say(f"wrote {place}", f"look at the guesses in lines {numbers}" if numbers else "no guesses")

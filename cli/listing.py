@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from rich.table import Table
 
-from fbench.cli.show import console
+from fbench.cli.show import console, make_table, say
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.contracts.plugins import Group, default_params, found, load, pipeline_class, pipeline_parameters
 from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
@@ -55,9 +55,7 @@ _WITH_PARAMETERS: tuple[Group, ...] = ("datasets", "pipelines")
 
 def show_group(name: str | None) -> None:
     """List the plug-ins of one group, or of all."""
-    table = Table(box=None, pad_edge=False)
-    for column in ("group", "name", "where"):
-        table.add_column(column)
+    table = make_table("group", "name", "where")
     for group in _GROUPS if name is None else (_group(name),):
         for point in found(group).values():
             table.add_row(group, point.name, point.value)
@@ -76,7 +74,7 @@ def show_parameters(group: str, name: str) -> None:
         return
     params = default_params(load(kind, name))
     if params is None:
-        console().print(f"{name} takes no parameters")
+        say(f"{name} takes no parameters")
         return
     rows = [(path, _shown(value)) for path, value in describe(params).items()]
     _show_table(("parameter", "default"), rows, params)
@@ -84,10 +82,8 @@ def show_parameters(group: str, name: str) -> None:
 
 def _show_variant(variant: Variant, params: Any, values: Mapping[str, object]) -> None:
     """Say what a variant is, and list all parameters; the default stands beside those that it sets."""
-    out, sensors = console(), ", ".join(variant.sensors)
-    for line in (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}"):
-        if line:
-            out.print(line, markup=False, soft_wrap=True)
+    sensors = ", ".join(variant.sensors)
+    say(*filter(None, (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}")))
     defaults, sets = describe(params), {name for name, _ in variant.settings}
     rows = [(path, _shown(v), _shown(defaults.get(path)) if path in sets else "") for path, v in values.items()]
     if rows:
@@ -96,10 +92,7 @@ def _show_variant(variant: Variant, params: Any, values: Mapping[str, object]) -
 
 def _show_table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], params: Any) -> None:
     """Print rows that begin with a parameter's name, with its meaning at the end."""
-    table, docs = Table(box=None, pad_edge=False), parameter_docs(params)
-    for column in columns:
-        table.add_column(column, no_wrap=True)
-    table.add_column("meaning")
+    table, docs = _table(*columns, "meaning"), parameter_docs(params)
     for row in rows:
         table.add_row(*row, docs.get(row[0], ""))
     if has_sensor_settings(params):
@@ -126,8 +119,8 @@ def show_metrics() -> None:
 
     show_group("metrics")
     table = _table("metric", "better", "unit", "meaning")
-    for card in sorted(DEFINITIONS.values(), key=lambda card: card.name):
-        table.add_row(card.name, card.better, card.unit, card.meaning)
+    for definition in sorted(DEFINITIONS.values(), key=lambda definition: definition.name):
+        table.add_row(definition.name, definition.better, definition.unit, definition.meaning)
     out = console()
     out.print()
     out.print(table)
@@ -137,22 +130,22 @@ def show_metric(name: str) -> None:
     """Print what one metric is. Raises ConfigError for an unknown name."""
     from fbench.metrics.definitions.catalog import definition_of
 
-    card = definition_of(name)
+    definition = definition_of(name)
     table = _table("", "")
+    table.show_header = False
     rows = {
-        "metric": card.name,
-        "meaning": card.meaning,
-        "formula": card.formula,
-        "range": card.range,
-        "unit": "count" if card.is_count else card.unit,
-        "better": card.better,
-        "null when": card.undefined or "never",
-        **{f"in {profile}": text for profile, text in card.by_profile.items()},
-        "source": str(card.source),
+        "metric": definition.name,
+        "meaning": definition.meaning,
+        "formula": definition.formula,
+        "range": definition.range,
+        "unit": "count" if definition.is_count else definition.unit,
+        "better": definition.better,
+        "null when": definition.undefined or "never",
+        **{f"in {profile}": text for profile, text in definition.by_profile.items()},
+        "source": str(definition.source),
     }
     for what, text in rows.items():
         table.add_row(what, text)
-    table.show_header = False
     console().print(table)
 
 
@@ -183,7 +176,7 @@ def show_profile(name: str) -> None:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in columns:
-        table.add_column(column, no_wrap=column != columns[-1])
+    table = make_table(*columns)
+    for column in table.columns[:-1]:
+        column.no_wrap = True
     return table

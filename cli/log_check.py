@@ -1,71 +1,114 @@
-"""Output of `fbench log check`."""
+"""`fbench log check`."""
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
+import typer
 from rich.table import Table
 
-from fbench.api.runs import short_name
-from fbench.cli.show import console, message_progress, print_json
-from fbench.replay.check.findings import Finding, require_codes
-from fbench.replay.check.log_check import CheckOptions, CheckResult, check_log
-from fbench.replay.check.times import StreamStats
+from fbench.cli.options import (
+    Config,
+    Json,
+    Log,
+    MaxGapS,
+    Offset,
+    Reference,
+    RigFiles,
+    Sensors,
+    Settings,
+    Stamps,
+    TimeoutMs,
+    ToleranceMs,
+    Topics,
+    TruthFile,
+    TruthFormat,
+    TruthFrame,
+    box_source,
+)
+from fbench.cli.show import console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
-from fbench.replay.contracts.faults import FaultLog, explain_losses
-from fbench.replay.contracts.plugins import give_log, opened_pipeline
-from fbench.replay.contracts.protocols import Pipeline
-from fbench.replay.setup.request import ReplayRequest
+
+if TYPE_CHECKING:
+    from fbench.replay.check.log_check import CheckResult
 
 
-@dataclass(frozen=True)
-class CheckRequest:
-    """Everything that `fbench log check` is asked for."""
+def check(
+    log: Log,
+    pipeline: Annotated[
+        str | None, typer.Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
+    ] = None,
+    settings: Settings = None,
+    config: Config = None,
+    rig: RigFiles = None,
+    truth: TruthFile = None,
+    truth_format: TruthFormat = None,
+    truth_frame: TruthFrame = "",
+    reference: Reference = None,
+    timeout_ms: TimeoutMs = None,
+    tolerance_ms: ToleranceMs = None,
+    max_gap_s: MaxGapS = None,
+    topics: Topics = None,
+    sensors: Sensors = None,
+    offset: Offset = None,
+    stamps: Stamps = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(metavar="CODE", help="Show these findings as information only; repeatable.")
+    ] = None,
+    images: Annotated[bool, typer.Option("--images", help="Decode images whole, not only their headers.")] = False,
+    json: Json = False,
+) -> None:
+    """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
+    from contextlib import nullcontext, redirect_stdout
 
-    replay: ReplayRequest
-    """The log, how its messages become frames, and the pipeline to try, if any."""
-    ignored: Sequence[str] = ()
-    """Codes of findings that count as information only."""
-    decode_images: bool = False
+    from fbench.api.runs import short_name
+    from fbench.replay.check.findings import require_codes
+    from fbench.replay.check.log_check import CheckOptions, check_log
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.contracts.plugins import give_log, opened_pipeline
+    from fbench.replay.setup.request import ReplayRequest
+    from fbench.replay.setup.source import LogRequest
 
-
-def run_check(request: CheckRequest, as_json: bool) -> int:
-    """Check a log and print what was found; returns the exit code."""
-    require_codes(request.ignored)
-    faults, options = FaultLog(), request.replay.resolve()
+    require_codes(ignore or ())
+    request = ReplayRequest(
+        LogRequest(log, config, rig or (), box_source(truth, truth_format, truth_frame), None, topics or ()),
+        pipeline or "",
+        settings or (),
+        sensors=sensors or (),
+        reference=reference,
+        timeout_ms=timeout_ms,
+        tolerance_ms=tolerance_ms,
+        max_gap_s=max_gap_s,
+        offset=offset or (),
+        stamps=stamps,
+    )
+    faults, options = FaultLog(), request.resolve()
+    name = short_name(pipeline) if pipeline else ""
     # What a plug-in prints must not get between the lines of --json.
-    with redirect_stdout(sys.stderr), _tried(request.replay) as pipeline, explain_losses(faults):
+    with (
+        redirect_stdout(sys.stderr),
+        opened_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
+        explain_losses(faults),
+    ):
         reader = options.log.open(faults)
-        if pipeline is not None:
-            give_log(pipeline[1], pipeline[0], lambda: options.log.open(faults))
+        if opened is not None:
+            give_log(opened[0], name, lambda: options.log.open(faults))
         total = sum(reader.container.counts.values())
-        with message_progress(f"{options.log.path.name}: reading all", total) as progress:
-            check = CheckOptions(
-                options.sync, options.stamps, request.decode_images, pipeline, options.sensors, tuple(request.ignored),
-                progress,
-            )  # fmt: skip
-            result = check_log(reader, faults, check)
-    if as_json:
+        with message_progress(f"{log.name}: reading all", total) as progress:
+            tried = None if opened is None else (name, opened[0])
+            check_options = CheckOptions(
+                options.sync, options.stamps, images, tried, options.sensors, tuple(ignore or ()), progress
+            )
+            result = check_log(reader, faults, check_options)
+    if json:
         print_json(_content(result))
     else:
-        _print(options.log.path, result)
-    return EXIT_NO if result.num_problems else EXIT_OK
+        _print(log, result)
+    raise typer.Exit(EXIT_NO if result.num_problems else EXIT_OK)
 
 
-@contextmanager
-def _tried(request: ReplayRequest) -> Iterator[tuple[str, Pipeline] | None]:
-    """Give the pipeline to be tried and its name, if there is one."""
-    if not request.pipeline:
-        yield None
-        return
-    with opened_pipeline(request.pipeline, list(request.settings)) as (pipeline, _):
-        yield short_name(request.pipeline), pipeline
-
-
-def _content(result: CheckResult) -> dict[str, object]:
+def _content(result: "CheckResult") -> dict[str, object]:
     return {
         "name": result.info.name,
         "log_id": result.info.log_id,
@@ -80,50 +123,36 @@ def _content(result: CheckResult) -> dict[str, object]:
     }
 
 
-def _print(log: Path, result: CheckResult) -> None:
-    out = console()
-    out.print(f"{log}: {_summary(result)}", markup=False, soft_wrap=True)
-    out.print(_streams(result))
-    for f in result.findings:
-        _print_finding(out, f)
+def _print(log: Path, result: "CheckResult") -> None:
+    frames, summary = result.frames, "no frames"
+    if frames is not None:
+        segments = f"{len(frames.breaks) + 1} {'segments' if frames.breaks else 'segment'}"
+        complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
+        summary = f"{complete}, {segments}, {result.num_labelled} with truth"
+    say(f"{log}: {summary}")
+    console().print(_streams(result))
+    for found in result.findings:
+        source = f" {found.source}" if found.source else ""
+        first = f" (first: {found.first})" if found.first else ""
+        say(f"{found.severity} {found.code}{source}: {found.text}{first}")
+        if found.severity != "info":
+            say(f"    → {found.advice}")
     num = result.num_problems
-    out.print("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}", markup=False)
+    say("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}")
 
 
-def _summary(result: CheckResult) -> str:
-    frames = result.frames
-    if frames is None:
-        return "no frames"
-    segments = f"{len(frames.breaks) + 1} {'segments' if frames.breaks else 'segment'}"
-    complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
-    return f"{complete}, {segments}, {result.num_labelled} with truth"
-
-
-def _print_finding(out: Console, found: Finding) -> None:
-    source = f" {found.source}" if found.source else ""
-    first = f" (first: {found.first})" if found.first else ""
-    out.print(f"{found.severity} {found.code}{source}: {found.text}{first}", markup=False, soft_wrap=True)
-    if found.severity != "info":
-        out.print(f"    → {found.advice}", markup=False, soft_wrap=True)
-
-
-def _streams(result: CheckResult) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in ("sensor", "kind", "messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms"):
-        table.add_column(column, justify="left" if column in ("sensor", "kind") else "right")
+def _streams(result: "CheckResult") -> Table:
+    numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
+    table = make_table("sensor", "kind", *numbers, right=numbers)
     for s in result.streams:
-        table.add_row(
-            s.sensor, s.kind, str(s.num_messages), "–" if s.rate_hz is None else f"{s.rate_hz:.1f}",
-            _ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns), _skew(s),
-        )  # fmt: skip
+        skew = "–"
+        if s.skew_median_ns is not None:
+            skew = f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"
+        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
+        times = (_ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns))
+        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, *times, skew)
     return table
 
 
 def _ms(value_ns: int | None) -> str:
     return "–" if value_ns is None else f"{value_ns / 1e6:.1f}"
-
-
-def _skew(s: StreamStats) -> str:
-    if s.skew_median_ns is None:
-        return "–"
-    return f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"

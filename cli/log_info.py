@@ -1,37 +1,44 @@
-"""Output of `fbench log info`."""
+"""`fbench log info`."""
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import typer
 from rich.table import Table
 
-from fbench.cli.show import console, fault_lines, print_json
-from fbench.replay.check.survey import Stream, Survey, survey
+from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
-from fbench.replay.contracts.faults import FaultLog, explain_losses
-from fbench.replay.data.metadata import REGIONS
-from fbench.replay.data.rig import CameraModel, LogInfo, Mount
-from fbench.replay.logs.open import Storage
-from fbench.replay.setup.source import LogSource
+
+if TYPE_CHECKING:
+    from fbench.replay.check.survey import Survey
+    from fbench.replay.contracts.faults import FaultLog
+    from fbench.replay.data.rig import CameraModel, Mount
+    from fbench.replay.logs.open import Storage
 
 _MAX_VALUE = 300  # Of metadata on the terminal
 
 
-def show_info(log: LogSource, as_json: bool) -> int:
-    """Print what a log holds; returns the exit code."""
-    faults = FaultLog()
+def info(log: Log, config: Config = None, rig: RigFiles = None, json: Json = False) -> None:
+    """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
+    from fbench.replay.check.survey import survey
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.setup.source import LogRequest, log_source
+
+    source, faults = log_source(LogRequest(log, config, rig or [])), FaultLog()
     with explain_losses(faults):
-        result = survey(log.open(faults), log.sync(None, None, None, None))
-    if as_json:
+        result = survey(source.open(faults), source.sync(None, None, None, None))
+    if json:
         print_json(_content(result, faults))
     else:
-        _print(log.path, result, faults)
-    return EXIT_LOSSY if faults.lost else EXIT_OK
+        _print(log, result, faults)
+    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
 
 
-def _content(result: Survey, faults: FaultLog) -> dict[str, object]:
+def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:
     breaks = result.breaks
     return {
         "name": result.info.name,
@@ -55,65 +62,52 @@ def _content(result: Survey, faults: FaultLog) -> dict[str, object]:
     }
 
 
-def _mount(m: Mount) -> dict[str, object]:
+def _mount(m: "Mount") -> dict[str, object]:
     return {"kind": m.kind, "translation_m": m.translation_m.tolist(), "rotation_xyzw": m.rotation_xyzw.tolist()}
 
 
-def _camera(c: CameraModel) -> dict[str, object]:
+def _camera(c: "CameraModel") -> dict[str, object]:
     return {
         "size_wh": c.size_wh, "K": c.K.tolist(), "distortion_model": c.distortion_model,
         "distortion": c.distortion.tolist(),
     }  # fmt: skip
 
 
-def _print(log: Path, result: Survey, faults: FaultLog) -> None:
-    out = console()
-
-    def say(line: str) -> None:
-        out.print(line, markup=False, soft_wrap=True)
-
-    say(f"{log}: {_summary(result)}")
-    say(f"id: {result.info.log_id}")
-    say(f"stored: {_form(result.storage)}")
-    out.print(_streams(result))
-    out.print(_topics(result))
-    for line in _notes(result, faults):
-        say(line)
+def _print(log: Path, result: "Survey", faults: "FaultLog") -> None:
+    say(f"{log}: {_summarize(result)}", f"id: {result.info.log_id}", f"stored: {_describe_storage(result.storage)}")
+    console().print(_streams(result))
+    console().print(_topics(result))
+    say(*_notes(result, faults))
 
 
-def _summary(result: Survey) -> str:
+def _summarize(result: "Survey") -> str:
     first, last = result.span_ns or (0, 0)
     frames = f"{result.num_frames} frames by {result.reference}" if result.reference else "no frames"
     truths = f"{result.num_truths} messages of truth" if result.num_truths else "no truth"
-    return f"{(last - first) / 1e9:.1f} s, {frames}, {_segments(result.breaks)}, {truths}"
+    segments = "segments unknown without reading"
+    if result.breaks is not None:
+        segments = f"{len(result.breaks) + 1} segments by log time" if result.breaks else "1 segment"
+    return f"{(last - first) / 1e9:.1f} s, {frames}, {segments}, {truths}"
 
 
-def _segments(breaks: tuple[str, ...] | None) -> str:
-    if breaks is None:
-        return "segments unknown without reading"
-    return "1 segment" if not breaks else f"{len(breaks) + 1} segments by log time"
-
-
-def _form(form: Storage) -> str:
+def _describe_storage(form: "Storage") -> str:
     parts = [form.form, *(["compression " + ", ".join(form.compression)] if form.compression else [])]
     parts += [] if form.num_blocks is None else [f"{form.num_blocks} chunks"]
     return ", ".join([*parts, f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"])
 
 
-def _notes(result: Survey, faults: FaultLog) -> Iterator[str]:
+def _notes(result: "Survey", faults: "FaultLog") -> Iterator[str]:
+    from fbench.replay.data.metadata import REGIONS
+
     metadata = sorted(result.info.metadata.items())
     yield from (f"{key}: {_short(value)}" for key, value in metadata if key != REGIONS)
-    yield from _regions(result.info)
+    if REGIONS in result.info.metadata:
+        kinds = Counter(region.kind for region in result.info.regions)
+        yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
     yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
     yield from (f"new segment by log time: {why}" for why in result.breaks or ())
     yield from fault_lines(faults.rows())
     yield "not verified; see fbench log check"
-
-
-def _regions(info: LogInfo) -> Iterator[str]:
-    if REGIONS in info.metadata:
-        kinds = Counter(region.kind for region in info.regions)
-        yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
 
 
 def _short(value: str) -> str:
@@ -121,37 +115,26 @@ def _short(value: str) -> str:
     return value if len(value) <= _MAX_VALUE else f"{value[:_MAX_VALUE]}… ({len(value)} characters, all with --json)"
 
 
-def _streams(result: Survey) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in ("sensor", "kind", "messages", "Hz", "x, y, z on the body [m]", "camera"):
-        table.add_column(column)
+def _streams(result: "Survey") -> Table:
+    rig, problems = result.known.rig, result.known.problems
+    table = make_table("sensor", "kind", "messages", "Hz", "x, y, z on the body [m]", "camera")
     for s in result.streams:
-        table.add_row(s.sensor, s.kind, str(s.num_messages), _rate(s), _position(result, s.sensor), _lens(result, s))
+        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
+        mount, camera = rig.mounts.get(s.sensor), rig.cameras.get(s.sensor)
+        position = "no calibration" if s.sensor in problems else ""
+        if mount is not None:
+            position = ", ".join(f"{v:z.2f}" for v in mount.translation_m)
+        lens = "no calibration" if s.kind == "camera" else ""
+        if camera is not None:
+            lens = f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
+        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, position, lens)
     return table
 
 
-def _rate(s: Stream) -> str:
-    return "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
-
-
-def _position(result: Survey, sensor: str) -> str:
-    mount = result.known.rig.mounts.get(sensor)
-    if mount is None:
-        return "no calibration" if sensor in result.known.problems else ""
-    return ", ".join(f"{v:z.2f}" for v in mount.translation_m)
-
-
-def _lens(result: Survey, s: Stream) -> str:
-    camera = result.known.rig.cameras.get(s.sensor)
-    if camera is None:
-        return "no calibration" if s.kind == "camera" else ""
-    return f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
-
-
-def _topics(result: Survey) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for column in ("topic", "schema", "messages", "use"):
-        table.add_column(column, overflow="fold")
+def _topics(result: "Survey") -> Table:
+    table = make_table("topic", "schema", "messages", "use")
+    for column in table.columns:
+        column.overflow = "fold"
     for t in result.topics:
         table.add_row(t.topic, t.schema or t.encoding, str(t.num_messages), t.kind or "none")
     return table

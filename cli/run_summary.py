@@ -6,9 +6,8 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from fbench.cli.show import console, fault_lines, interval_reasons, latency_table, null_reasons, print_json, score_table
+from fbench.cli.show import console, fault_lines, latency_table, print_json, say, score_notes, score_table
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.shares import coverage_of, predictions_of
@@ -24,35 +23,32 @@ def show_run(run: Run, as_json: bool) -> None:
         return
     out = console()
     out.print(score_table(run.scores))
-    for line in (*null_reasons(run.scores), *interval_reasons(run.scores)):
-        out.print(f"– {line}", markup=False)
-    out.print()
-    latency = run.json("latency.json")
-    _show_latency(out, latency)
-    out.print()
-    for line in _status(run):
-        out.print(line, markup=False, soft_wrap=True)
+    say(*score_notes(run.scores), "")
+    _show_latency(run.json("latency.json"))
+    say("", *_status(run))
 
 
-def _show_latency(out: Console, latency: dict[str, Any]) -> None:
+def _show_latency(latency: dict[str, Any]) -> None:
     if not any(stage["count"] or stage["first_ms"] is not None for stage in latency["stages"]):
-        out.print("latency: nothing was timed")
+        say("latency: nothing was timed")
         return
-    out.print(latency_table(latency))
+    console().print(latency_table(latency))
     if latency.get("clock") == "log":
-        out.print("latency is from times of recording in the log, not measured here")
+        say("latency is from times of recording in the log, not measured here")
     over, num, budget_ms = latency["over_budget"], latency["frames"], latency["budget_ms"]
-    if num:
-        out.print(f"{over} of {num} {_plural('frame', num)} over the budget of {budget_ms:g} ms")
-    else:
-        out.print("the first frame isn't counted, and there is no other")
+    over_budget = f"{over} of {num} {_plural('frame', num)} over the budget of {budget_ms:g} ms"
+    say(over_budget if num else "the first frame isn't counted, and there is no other")
 
 
 def _status(run: Run) -> list[str]:
     manifest = run.manifest
     segments = "1 segment" if manifest.num_segments == 1 else f"{manifest.num_segments} segments"
     lines = [f"frames: {manifest.num_frames} in {segments}", f"truth: {coverage_of(run)}"]
-    lines += _found(run)
+    if all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
+        # Scores don't say how much came out where there is no truth.
+        detections, tracks = len(run.detections.boxes), run.tracks.boxes
+        num_ids = 0 if tracks.track_id is None else len(np.unique(tracks.track_id))
+        lines.append(f"found: {detections} {_plural('detection', detections)}, {num_ids} {_plural('track', num_ids)}")
     predictions = predictions_of(run)
     lines += [] if predictions is None else [f"predicted: {predictions}"]
     missing = Counter(f"{sensor} ({_kind(reason)})" for frame in run.frames for sensor, reason in frame.missing.items())
@@ -72,15 +68,6 @@ def _status(run: Run) -> list[str]:
     report = run.folder / "report.html"
     lines.append(_pace(run.json("host.json")))
     return [*lines, f"run: {run.folder}", *([f"report: {report}"] if report.is_file() else [])]
-
-
-def _found(run: Run) -> list[str]:
-    """How much came out, which scores don't say where there is no truth."""
-    if not all((run.folder / f"{name}.parquet").is_file() for name in ("detections", "tracks")):
-        return []
-    detections, tracks = len(run.detections.boxes), run.tracks.boxes
-    num_ids = 0 if tracks.track_id is None else len(np.unique(tracks.track_id))
-    return [f"found: {detections} {_plural('detection', detections)}, {num_ids} {_plural('track', num_ids)}"]
 
 
 def _pace(host: dict[str, Any]) -> str:

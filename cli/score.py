@@ -25,8 +25,7 @@ from fbench.cli.options import (
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
-    from fbench.api.scores import FileScoreRequest, ScoreRequest
-    from fbench.replay.data.scores import ScoreOptions
+    from fbench.api.scores import ScoreRequest
 
 Runs = Annotated[
     list[Path] | None,
@@ -148,8 +147,9 @@ def score(
     json: Json = False,
 ) -> None:
     """Score runs again from their folders, or results of another system from files, without replaying a log."""
-    from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest
+    from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest, score_files
     from fbench.cli.options import box_source
+    from fbench.cli.score_show import explain_run, show_profile
     from fbench.replay.data.scores import ScoreOptions, region_kinds
 
     given = {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
@@ -165,32 +165,20 @@ def score(
             truth, detections, truth_format, detections_format, sequences, seqmap, missing,
             OWN_PROFILE if profile is None else profile, match, classes, resampling,
         )  # fmt: skip
-        raise typer.Exit(_score_files(files, out, json))
+        result = score_files(files)
+        show_profile(result, out, json)
+        raise typer.Exit(EXIT_OK if result.complete else EXIT_LOSSY)
     options = ScoreOptions(range_m, in_view, distance_m, iou, region_kinds(region), seen)
     if runs and explain is not None:
-        raise typer.Exit(_explain(runs[0], options, explain, classes, json))
+        if len(classes) > 1:
+            raise ConfigError(f"--explain is about one class, not {len(classes)}: {', '.join(classes)}")
+        explain_run(runs[0], options, explain, classes[0] if classes else "vehicle", json)
+        raise typer.Exit(EXIT_OK)
     other = box_source(truth, truth_format, truth_frame)
     request = ScoreRequest(
         runs or (), options, profile, match, classes, other, interpolate_truth_ms, config, resampling
     )
     raise typer.Exit(_score_runs(request, min_coverage, out, json))
-
-
-def _score_files(request: "FileScoreRequest", out: Path | None, as_json: bool) -> int:
-    from fbench.api.scores import score_files
-    from fbench.cli.score_show import show_profile
-
-    result = score_files(request)
-    show_profile(result, out, as_json)
-    return EXIT_OK if result.complete else EXIT_LOSSY
-
-
-def _explain(run: Path, options: "ScoreOptions", frame: int, classes: tuple[str, ...], as_json: bool) -> int:
-    from fbench.cli.explain import explain_run
-
-    if len(classes) > 1:
-        raise ConfigError(f"--explain is about one class, not {len(classes)}: {', '.join(classes)}")
-    return explain_run(run, options, frame, classes[0] if classes else "vehicle", as_json)
 
 
 def _score_runs(request: "ScoreRequest", min_coverage: float, out: Path | None, as_json: bool) -> int:

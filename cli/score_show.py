@@ -1,30 +1,35 @@
-"""Scores of a profile: tables for people, rows for machines."""
+"""Output of `fbench score`: the scores of a profile or of several runs, and what became of the boxes of a frame."""
 
 import json
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from fbench.api.scores import ScoreResult
+from fbench.api.scores import ScoreResult, open_folder
 from fbench.cli.show import (
     console,
     interval_reasons,
     interval_text,
+    make_table,
     null_reasons,
     print_json,
-    reasons_of_intervals,
+    say,
+    score_notes,
     score_table,
 )
-from fbench.replay.data.scores import Score, save_scores, score_rows
+from fbench.replay.data.scores import Score, ScoreOptions, save_scores, score_rows
 
 if TYPE_CHECKING:
+    from fbench.metrics.explanation import Table as VerdictTable
     from fbench.metrics.profiles.remarks import Line
 
 _MAX_COLUMNS = 6
 _COLUMNS_BY_SEQUENCE = 8
+_OUTCOMES = ("missed", "false alarm", "invalid", "hit", "ignored")
 
 
 def show_together(result: ScoreResult, runs: Sequence[Path], out: Path | None, as_json: bool) -> None:
@@ -35,11 +40,9 @@ def show_together(result: ScoreResult, runs: Sequence[Path], out: Path | None, a
     if as_json:
         print_json({"runs": [str(folder) for folder in runs], "scores": score_rows(result.rows)})
         return
-    shown = console()
-    shown.print(result.title, markup=False)
-    shown.print(score_table(result.rows))
-    for line in (*null_reasons(result.rows), *interval_reasons(result.rows)):
-        shown.print(f"– {line}", markup=False)
+    say(result.title)
+    console().print(score_table(result.rows))
+    say(*score_notes(result.rows))
 
 
 def _warn(result: ScoreResult) -> None:
@@ -61,11 +64,11 @@ def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
     from fbench.metrics.profiles.remarks import lines
 
     out = console()
-    out.print(f"{result.title}: profile {profile}", soft_wrap=True)
-    out.print()
+    say(f"{result.title}: profile {profile}", "")
     table = lines(rows, profile)
-    for group in _in_groups(table):
-        out.print(_table(table, group))
+    columns = list(dict.fromkeys(name for line in table for name in line.scores))
+    for first in range(0, len(columns), _MAX_COLUMNS):
+        out.print(_table(table, columns[first : first + _MAX_COLUMNS]))
         out.print()
     shown = [score for line in table for score in line.scores.values()]
     if len(sequences) > 1 and table:
@@ -73,22 +76,13 @@ def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
         out.print(_by_sequence(table, scores))
         out.print()
         shown += [score for cells in scores.values() for score in cells if score is not None]
-    for line in (*_reasons(shown), *reasons_of_intervals(shown)):
-        out.print(f"– {line}", soft_wrap=True)
-
-
-def _in_groups(table: "Sequence[Line]") -> list[list[str]]:
-    """Columns, as many at a time as a terminal has room for."""
-    columns = list(dict.fromkeys(name for line in table for name in line.scores))
-    return [columns[i : i + _MAX_COLUMNS] for i in range(0, len(columns), _MAX_COLUMNS)]
+    say(*(f"– {line}" for line in (*null_reasons(shown), *interval_reasons(shown))))
 
 
 def _table(lines: "Sequence[Line]", columns: Sequence[str]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("metric", no_wrap=True)
-    for name in columns:
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("matched by")
+    table = make_table("metric", *columns, "matched by", right=columns)
+    for column in table.columns[:-1]:
+        column.no_wrap = True
     for line in lines:
         if any(name in line.scores for name in columns):
             cells = (_cell(line.scores.get(name)) for name in columns)
@@ -118,8 +112,7 @@ def _first_lines(lines: "Sequence[Line]") -> "list[Line]":
 
 def _by_sequence(lines: "Sequence[Line]", scores: Mapping[str, Sequence[Score | None]]) -> Table:
     """A line a sequence."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column(f"sequence ({next(iter(lines[0].scores))})")
+    table = make_table(f"sequence ({next(iter(lines[0].scores))})")
     for line in _first_lines(lines):
         table.add_column(line.metric, justify="right", no_wrap=True)
     for name, cells in scores.items():
@@ -129,27 +122,53 @@ def _by_sequence(lines: "Sequence[Line]", scores: Mapping[str, Sequence[Score | 
 
 def _cell(score: Score | None) -> str:
     """Three decimals and the unit; counts as they are."""
+    from fbench.metrics.definitions.catalog import COUNTS
+
     if score is None:
         return ""
     if score.value is None:
         return "–"
-    is_count = score.metric in _counts() and score.counts.get(score.metric, score.value) == score.value
+    is_count = score.metric in COUNTS and score.counts.get(score.metric, score.value) == score.value
     if score.unit == "1" and is_count and score.value == int(score.value):
         return f"{score.value:.0f}{interval_text(score, 0)}"
     unit = "" if score.unit.lower() in ("1", "iou") else f" {score.unit}"
     return f"{score.value:.3f}{unit}{interval_text(score)}"
 
 
-def _counts() -> frozenset[str]:
-    from fbench.metrics.definitions.catalog import COUNTS
+def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_json: bool) -> None:
+    """Print what became of each box of a frame. Raises FbenchError where there is no such run, frame or class, or the
+    frame isn't scored.
+    """
+    from fbench.metrics.explanation import explain_frame
 
-    return COUNTS
+    explanation = explain_frame(open_folder(run), options, frame, class_)
+    if as_json:
+        print_json(explanation.content())
+        return
+    say(f"frame {explanation.frame} at {explanation.stamp_ns} ns, {explanation.class_}, {explanation.matching}")
+    if explanation.num_invalid_truth:
+        say(f"{explanation.num_invalid_truth} truth boxes aren't finite and were left out")
+    for table in explanation.tables:
+        say("")
+        console().print(_verdict_table(table))
+        left_out = Counter(row.reason.partition(":")[0] for row in table.truth if row.outcome == "ignored")
+        if left_out:
+            why = ", ".join(f"{num} {reason}" for reason, num in sorted(left_out.items()))
+            say(f"truth that needn't be found: {why} (each of them with --json)")
 
 
-def _reasons(scores: Iterable[Score]) -> list[str]:
-    """Why numbers are missing, each reason once."""
-    found: dict[str, list[str]] = {}
-    for score in scores:
-        if score.reason is not None and score.metric not in found.setdefault(score.reason, []):
-            found[score.reason].append(score.metric)
-    return [f"{', '.join(metrics)}: {reason}" for reason, metrics in found.items()]
+def _verdict_table(found: "VerdictTable") -> Table:
+    """What went wrong first."""
+    rows = sorted((row for row in (*found.truth, *found.estimates) if row.side != "truth" or row.outcome != "ignored"),
+                  key=lambda row: _OUTCOMES.index(row.outcome))  # fmt: skip
+    has_camera = any(row.camera for row in rows)
+    columns = ("box", *(["camera"] if has_camera else []), "class", "id", "score", "range", "outcome", "why")
+    table = make_table(*columns, right=("id", "score", "range"))
+    table.title, table.title_justify = f"{found.judged}s", "left"
+    for row in rows:
+        table.add_row(
+            f"{row.side} {row.number}", *([row.camera] if has_camera else []), row.class_ or "–",
+            "–" if row.track_id is None else str(row.track_id), "–" if row.score is None else f"{row.score:.2f}",
+            "–" if row.range_m is None else f"{row.range_m:.1f} m", row.outcome, row.reason,
+        )  # fmt: skip
+    return table

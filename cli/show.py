@@ -1,7 +1,7 @@
 """Tables and progress on the terminal, JSON for machines, and faults as text."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,7 +21,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from fbench.replay.data.scores import Results, ResultTable, Score, shown
+from fbench.replay.data.scores import Results, Score, shown
 from fbench.replay.runs.secrets import without_secrets
 
 _COUNTS = ("idsw",)
@@ -55,6 +55,21 @@ def console() -> Console:
     """A console that neither highlights nor breaks lines of what isn't a terminal, and has no markup."""
     plain = _Console(highlight=False, markup=False, emoji=False)
     return plain if plain.is_terminal else _Console(highlight=False, markup=False, emoji=False, width=120)
+
+
+def say(*lines: str) -> None:
+    """Print lines, whatever names in them the data gave; a terminal breaks them where it likes."""
+    out = console()
+    for line in lines:
+        out.print(line.replace("\n", " "), soft_wrap=True)
+
+
+def make_table(*columns: str, right: Collection[str] = ()) -> Table:
+    """Return a table without lines; the columns in `right` hold numbers."""
+    table = Table(box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="right" if column in right else "left")
+    return table
 
 
 def print_json(content: object) -> None:
@@ -92,97 +107,79 @@ def score_table(scores: Sequence[Score]) -> Table:
     rows = primary(scores)
     native = rows[0].matching if rows else ""
     matchings = list(dict.fromkeys(s.matching for s in rows if s.value is not None or s.matching == native))
-    table = Table(box=None, pad_edge=False)
-    table.add_column("metric")
-    for matching in matchings:
-        table.add_column(matching, justify="right")
+    table = make_table("metric", *matchings, right=matchings)
     for metric in dict.fromkeys(s.metric for s in rows):
         cells = {s.matching: _with_interval(s) for s in rows if s.metric == metric}
         table.add_row(metric, *(cells.get(matching, "") for matching in matchings))
     return table
 
 
-def null_reasons(scores: Sequence[Score]) -> list[str]:
-    """Why numbers are missing in the run's own space, each reason once with its metrics."""
-    native = scores[0].matching if scores else ""
-    reasons: dict[str, list[str]] = {}
-    for s in primary(scores):
-        if s.matching == native and s.reason is not None and s.metric not in reasons.setdefault(s.reason, []):
-            reasons[s.reason].append(s.metric)
-    return [f"{', '.join(metrics)}: {reason}" for reason, metrics in reasons.items()]
+def null_reasons(scores: Iterable[Score]) -> list[str]:
+    """Why numbers are missing, each reason once with its metrics."""
+    return [f"{metrics}: {reason}" for reason, metrics in _by_reason((s.reason, s.metric) for s in scores)]
 
 
-def interval_reasons(scores: Sequence[Score]) -> list[str]:
-    """Why numbers that were to have an interval have none, each reason once with its metrics, primary rows only."""
-    native = scores[0].matching if scores else ""
-    return reasons_of_intervals(row for row in primary(scores) if row.matching == native)
-
-
-def reasons_of_intervals(scores: Iterable[Score]) -> list[str]:
+def interval_reasons(scores: Iterable[Score]) -> list[str]:
     """Why numbers that were to have an interval have none, each reason once with its metrics."""
+    without = ((s.interval, s.metric) for s in scores if s.low is None)
+    return [f"no interval of {metrics}: {reason}" for reason, metrics in _by_reason(without)]
+
+
+def _by_reason(pairs: Iterable[tuple[str | None, str]]) -> list[tuple[str, str]]:
     found: dict[str, list[str]] = {}
-    for row in scores:
-        if row.interval is not None and row.low is None and row.metric not in found.setdefault(row.interval, []):
-            found[row.interval].append(row.metric)
-    return [f"no interval of {', '.join(metrics)}: {reason}" for reason, metrics in found.items()]
+    for reason, metric in pairs:
+        if reason is not None and metric not in found.setdefault(reason, []):
+            found[reason].append(metric)
+    return [(reason, ", ".join(metrics)) for reason, metrics in found.items()]
+
+
+def score_notes(scores: Sequence[Score]) -> list[str]:
+    """Why primary numbers in the run's own space are missing, or have no interval."""
+    rows = [s for s in primary(scores) if s.matching == scores[0].matching]
+    return [f"– {line}" for line in (*null_reasons(rows), *interval_reasons(rows))]
 
 
 def latency_table(latency: dict[str, Any]) -> Table:
     """One line a stage, in milliseconds."""
-    table = Table(box=None, pad_edge=False)
-    table.add_column("stage")
-    for name in ("p50", "p95", "p99", "max"):
-        table.add_column(f"{name} ms", justify="right")
+    names = ("p50", "p95", "p99", "max")
+    table = make_table("stage", *(f"{name} ms" for name in names), right=[f"{name} ms" for name in names])
     for row in latency["stages"]:
-        cells = (row[f"{name}_ms"] for name in ("p50", "p95", "p99", "max"))
+        cells = (row[f"{name}_ms"] for name in names)
         table.add_row(row["stage"], *("–" if c is None else f"{c:.2f}" for c in cells))
     return table
 
 
 def fault_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """One line a kind of fault that was met, from the rows of a `FaultLog`."""
-    return [f"fault: {_line(row)}" for row in rows if row["count"]]
-
-
-def _line(row: Mapping[str, Any]) -> str:
-    first = f" (first: {row['places'][0]})" if row["places"] else ""
-    return f"{row['code']} {row['text']}: {row['count']}{first}"
+    return [
+        f"fault: {row['code']} {row['text']}: {row['count']}"
+        + (f" (first: {row['places'][0]})" if row["places"] else "")
+        for row in rows
+        if row["count"]
+    ]
 
 
 _ON_TERMINAL = ("accuracy", "robustness", "latency")  # The others are in the files
 
 
-def show_results(results: Results, out: Console) -> None:
+def show_results(results: Results) -> None:
     """Print what ran, the main tables, and what went wrong."""
+    out = console()
     for table in (*results.tables, *results.measured):
-        if table.name in _ON_TERMINAL and table.lines and table.columns:
-            _show(table, out)
+        if table.name not in _ON_TERMINAL or not table.lines or not table.columns:
+            continue
+        out.print(f"\n{table.title}", style="bold")
+        names = ["", ""] if table.has_spaces else [""]
+        grid = make_table(*names, *(column.name for column in table.columns), right=[c.name for c in table.columns])
+        for line in table.lines:
+            cells = (shown(f.value, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
+            grid.add_row(*((line.name, line.space) if table.has_spaces else (line.name,)), *cells)
+        out.print(grid)
+        if table.name != "latency":  # a stage that a pipeline hasn't needs no reason
+            say(*(f"– {text}" for text in table.reasons))
+        out.print()
     facts = dict(results.facts)
-    _lines((f"{name}: {facts[name]}" for name in ("camera detector", "frames") if name in facts), out)
-    _lines(results.problems, out)
-
-
-def _show(table: ResultTable, out: Console) -> None:
-    out.print(f"\n{table.title}", style="bold", markup=False)
-    grid = Table(box=None, pad_edge=False)
-    grid.add_column("")
-    if table.has_spaces:
-        grid.add_column("")
-    for column in table.columns:
-        grid.add_column(column.name, justify="right")
-    for line in table.lines:
-        names = (line.name, line.space) if table.has_spaces else (line.name,)
-        cells = (shown(f.value, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
-        grid.add_row(*names, *cells)
-    out.print(grid)
-    if table.name != "latency":  # a stage that a pipeline hasn't needs no reason
-        _lines((f"– {text}" for text in table.reasons), out)
-    out.print()
-
-
-def _lines(lines: Iterable[str], out: Console) -> None:
-    for line in lines:
-        out.print(line, markup=False, soft_wrap=True)
+    say(*(f"{name}: {facts[name]}" for name in ("camera detector", "frames") if name in facts), *results.problems)
 
 
 @contextmanager

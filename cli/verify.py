@@ -1,7 +1,8 @@
 """`fbench verify`."""
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -29,6 +30,11 @@ from fbench.cli.options import (
     TruthFormat,
     TruthFrame,
 )
+from fbench.cli.show import console, make_table, print_json, replay_progress, say
+from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
+
+if TYPE_CHECKING:
+    from fbench.replay.check.verify import Verified
 
 
 def verify(
@@ -63,8 +69,9 @@ def verify(
     json: Json = False,
 ) -> None:
     """Replay in fresh processes under other rates, containers, hash seeds and threads, and say what differs first."""
+    from fbench.api.runs import short_name
+    from fbench.api.runs import verify as verify_request
     from fbench.cli.options import box_source
-    from fbench.cli.verify_job import run_verify
     from fbench.replay.setup.request import ReplayRequest, choose_pipeline
     from fbench.replay.setup.source import LogRequest
 
@@ -85,4 +92,25 @@ def verify(
         to,
         frames,
     )
-    raise typer.Exit(run_verify(request, repeat, quick, keep, json))
+    with replay_progress(f"{log.name} → {short_name(request.pipeline)}") as progress:
+        found = verify_request(request, repeat, quick, keep, progress)
+    if json:
+        rows = [{**asdict(verdict), "identical": verdict.identical} for verdict in found.verdicts]
+        content = {"log": str(log), "pipeline": request.pipeline, "identical": found.identical}
+        print_json({**content, "stages": dict(found.digests), "variants": rows})
+    else:
+        _print(found)
+    raise typer.Exit(EXIT_OK if found.identical else EXIT_NO)
+
+
+def _print(found: "Verified") -> None:
+    table = make_table("stage", "digest")
+    for stage, text in found.digests.items():
+        table.add_row(stage, text)
+    console().print(table)
+    say("")
+    for verdict in found.verdicts:
+        differs = f"{verdict.difference} under {verdict.variant}"
+        say(f"{verdict.variant}: identical" if verdict.identical else differs)
+    num = sum(not verdict.identical for verdict in found.verdicts)
+    say("", f"DIVERGED: {num} of {len(found.verdicts)}" if num else f"identical: all {len(found.verdicts)}")

@@ -1,12 +1,23 @@
 """`fbench weights`: detectors for real images."""
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from fbench.cli import options as examples
 from fbench.cli.options import Json
+from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
+from fbench.replay.contracts.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fbench.pipelines.models.weights import Entry
+
+_SHOWN = {"absent": "–", "good": "yes", "damaged": "damaged"}
+_STEPS_A_LINE = 100
 
 app = typer.Typer(help="List and fetch camera detectors for real images.", no_args_is_help=True)
 
@@ -14,7 +25,6 @@ app = typer.Typer(help="List and fetch camera detectors for real images.", no_ar
 @app.command("list", epilog=examples.WEIGHTS_LIST)
 def list_(json: Json = False) -> None:
     """List the detectors that fbench knows by name, and which of them are here; needs no network."""
-    from fbench.cli.weights_job import show_weights
     from fbench.pipelines.models.weights import CATALOGUE
 
     show_weights(CATALOGUE, json)
@@ -29,7 +39,6 @@ def get(
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
-    from fbench.cli.weights_job import get_weights
     from fbench.pipelines.models.weights import entry_named
 
     get_weights(entry_named(name), file)
@@ -45,6 +54,113 @@ def train(
     threads: Annotated[int, typer.Option(min=1, max=256, help="Of the CPU.")] = 2,
 ) -> None:
     """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
-    from fbench.cli.weights_job import train_detector
+    torch = _import_torch()
+    if out.suffix != ".onnx":
+        raise ConfigError(f"{out}: expected a name that ends in .onnx")
+    if not out.absolute().parent.is_dir():
+        raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("--device cuda: torch finds no CUDA device here")
+    torch.set_num_threads(threads)
+    from fbench.pipelines.models.network import export
+    from fbench.pipelines.models.samples import TrainingSettings, samples
+    from fbench.pipelines.models.train import Training
 
-    train_detector(folder, out, seed, steps, device, threads)
+    settings = TrainingSettings()
+    settings = replace(settings, seed=settings.seed if seed is None else seed, steps=steps or settings.steps)
+    found = samples(_find_logs(folder))
+    say(f"{len(found)} images, {settings.steps} steps, seed {settings.seed}")
+    checkpoint = out.with_suffix(".checkpoint")
+    with message_progress(out.name, settings.steps) as progress:
+        network = Training(found, settings, device).run(checkpoint, _reporter(progress))
+    export(network, out)
+    checkpoint.unlink()
+    say(f"weights: {out}")
+
+
+def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
+    """Print the entries of a catalogue, and what of them is in the cache."""
+    from fbench.pipelines.models.weights import state, weights_folder
+
+    folder = weights_folder()
+    rows = [(entry, state(entry, folder / entry.file_name)) for entry in catalogue]
+    if as_json:
+        print_json([_describe(entry, folder / entry.file_name, found) for entry, found in rows])
+        return
+    table = make_table("name", "licence", "COCO AP", "MB", "input", "here", "model", right=("COCO AP", "MB"))
+    for entry, found in rows:
+        cells = (f"{entry.ap:.1f}", f"{entry.num_bytes / 1e6:.1f}", "x".join(map(str, entry.input_wh)), _SHOWN[found])
+        table.add_row(entry.name, entry.licence, *cells, f"{entry.model}, {entry.by}")
+    console().print(table)
+    say(f"kept in {folder}")
+
+
+def get_weights(entry: "Entry", file: Path | None) -> None:
+    """Fetch weights, or take them from a file, unless they are in the cache; say where they are."""
+    from fbench.pipelines.models.weights import downloaded, file_blocks, state, store, weights_folder
+
+    target = weights_folder() / entry.file_name
+    if state(entry, target) == "good":
+        say(f"{target}: there already, sha256 checked")
+    else:
+        blocks = file_blocks(file) if file is not None else downloaded(entry, target)
+        with byte_progress(entry.file_name, entry.num_bytes) as progress:
+            store(entry, _count(blocks, progress), str(file or entry.url), target)
+        say(f"{target}: {entry.model} by {entry.by}, {entry.licence}, sha256 checked")
+    say(f"use it with --set camera.weights={entry.name}")
+
+
+def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator[bytes]:
+    num_bytes = 0
+    for block in blocks:
+        num_bytes += len(block)
+        progress(num_bytes)
+        yield block
+
+
+def _describe(entry: "Entry", path: Path, found: str) -> dict[str, object]:
+    return {
+        "name": entry.name,
+        "model": entry.model,
+        "by": entry.by,
+        "licence": entry.licence,
+        "coco_ap": entry.ap,
+        "input_wh": list(entry.input_wh),
+        "page": entry.page,
+        "url": entry.url,
+        "sha256": entry.sha256,
+        "bytes": entry.num_bytes,
+        "path": str(path),
+        "state": found,
+    }
+
+
+def _import_torch() -> Any:
+    try:
+        import onnx  # noqa: F401
+        import torch
+    except ImportError as error:
+        raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
+    return torch
+
+
+def _find_logs(folder: Path) -> Sequence[Path]:
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder; to make one: fbench log simulate training -o {folder}")
+    found = sorted(path for path in folder.iterdir() if path.suffix in (".mcap", ".parquet"))
+    if not found:
+        raise ConfigError(f"{folder}: no logs in it; to make them: fbench log simulate training -o {folder}")
+    return found
+
+
+def _reporter(progress: Callable[[int], None]) -> Callable[[int, float], None]:
+    begun, losses = monotonic(), list[float]()
+
+    def report(step: int, loss: float) -> None:
+        progress(step)
+        losses.append(loss)
+        if step % _STEPS_A_LINE == 0:
+            say(f"step {step}: loss {sum(losses) / len(losses):.3f}, {monotonic() - begun:.0f} s")
+            losses.clear()
+
+    return report

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.metrics.conftest import Case, MakeRun, boxes2d, boxes3d, front_camera
 
-from fbench.cli.explain import explain_run
+from fbench.cli.score_show import explain_run
 from fbench.metrics.explanation import Explanation, Verdict, explain_frame
 from fbench.metrics.runs.detection import detection_entries
 from fbench.metrics.runs.tracking import tracking_entries
@@ -151,11 +151,11 @@ def test_frames_that_cant_be_explained(make_run: MakeRun) -> None:
 def test_printed(make_run: MakeRun, capsys: pytest.CaptureFixture[str]) -> None:
     truth = boxes3d((10, 0), (60, 0), label="car", ids=[1, 2])
     run = make_run(Case(boxes3d((30, 0), ids=[3]), truth))
-    assert explain_run(run.folder, OPTIONS, 0, "vehicle", True) == 0
+    explain_run(run.folder, OPTIONS, 0, "vehicle", True)
     content = json.loads(capsys.readouterr().out)
     assert content["tables"][0]["truth"][0]["outcome"] == "missed"
     assert content["tables"][1]["estimates"][0]["class"] == ""
-    assert explain_run(run.folder, OPTIONS, 0, "vehicle", False) == 0
+    explain_run(run.folder, OPTIONS, 0, "vehicle", False)
     out = capsys.readouterr().out
     assert "missed" in out
     assert "truth that needn't be found: 1 outside of the region (each of them with --json)" in out

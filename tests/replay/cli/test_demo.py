@@ -10,7 +10,7 @@ import pytest
 from tests.city_log import SMALL_RIG
 from tests.kept_cities import shared_cities
 
-from fbench.cli.demo_job import DemoWish, experiment, run_experiment
+from fbench.cli.demo import make_experiment, run_experiment
 from fbench.cli.experiment import Drive, Experiment, own_pipelines, results_of
 from fbench.datasets.city.spec import CitySpec, condition
 from fbench.datasets.importing.run import claim
@@ -40,7 +40,7 @@ def files(folder):
 
 
 def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
-    what = experiment(DemoWish(Path("demo")))
+    what = make_experiment(Path("demo"), None, None, None)
     assert what.conditions == ["clear", "traffic", "rain", "dense-fog", "night"]
     assert [drive.name for drive in what.drives][:2] == ["urban-clear-202", "urban-traffic-202"]
     assert len({drive.spec.log_id for drive in what.drives}) == len(what.drives) == 15
@@ -58,7 +58,7 @@ LEARNT = "seeds that fbench's own camera detector learnt from"
 
 @pytest.mark.parametrize("split", [None, "dev", "test"])
 def test_the_detector_learnt_from_no_scene_of_an_experiment(split):
-    assert LEARNT not in dict(results_of(experiment(DemoWish(Path("demo"), split=split)), []).facts)
+    assert LEARNT not in dict(results_of(make_experiment(Path("demo"), split, None, None), []).facts)
 
 
 def test_results_say_which_scenes_the_detector_learnt_from():
@@ -70,19 +70,19 @@ def test_results_say_which_scenes_the_detector_learnt_from():
 
 
 def test_full_suite_has_all_scenes_for_each_seed_of_the_split():
-    what = experiment(DemoWish(Path("full"), split="test", num_seeds=2, workers=7))
+    what = make_experiment(Path("full"), "test", None, 2)
     assert {drive.spec.seed for drive in what.drives} == {9001, 9002}
     assert {drive.spec.seconds for drive in what.drives} == {10.0}
     assert len(what.drives) == 28
     assert what.conditions[-3:] == ["traffic+fog", "heavy-rain", "dense-fog"]
     assert what.command == "fbench demo --split test --num-seeds 2"
     assert {"late3d", "thesis/late3d"} <= set(what.pipelines)
-    assert not any(name.startswith("thesis/") for name in experiment(DemoWish(Path("demo"))).pipelines)
+    assert not any(name.startswith("thesis/") for name in make_experiment(Path("demo"), None, None, None).pipelines)
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(3.0, "3"), (0.3, "0.3"), (1234.5678, "1234.5678")])
 def test_the_command_does_the_same_again(seconds, text):
-    assert experiment(DemoWish(Path("demo"), seconds=seconds)).command == f"fbench demo --seconds {text}"
+    assert make_experiment(Path("demo"), None, seconds, None).command == f"fbench demo --seconds {text}"
 
 
 def test_pipelines_are_those_that_need_nothing_beside_the_log():

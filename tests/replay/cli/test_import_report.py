@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fbench.cli.import_job import joined_lines
+from fbench.cli.import_lines import joined_lines
 from fbench.datasets.importing.run import ImportedLog
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.weights_server import CONTENT, fails, sends, serving
 
-from fbench.cli.weights_job import get_weights, show_weights
+from fbench.cli.weights import get_weights, show_weights
 from fbench.pipelines.models.weights import CATALOGUE, entry_named
 from fbench.pipelines.variants.fused import Late3DParams
 from fbench.replay.contracts.errors import ModelError

@@ -1,0 +1,95 @@
+"""`fbench log convert`."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
+
+if TYPE_CHECKING:
+    from fbench.replay.logs.convert.run import Converted
+
+_NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all others
+
+
+def convert(
+    source: Log,
+    out: Annotated[Path, typer.Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing log.")] = False,
+    compression: Annotated[
+        str, typer.Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
+    ] = "zstd",
+    chunk_size: Annotated[int | None, typer.Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
+    rows_per_group: Annotated[
+        int | None, typer.Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")
+    ] = None,
+    from_: Annotated[
+        str | None,
+        typer.Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'."),
+    ] = None,
+    to: Annotated[str | None, typer.Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
+    topics: Annotated[
+        list[str] | None,
+        typer.Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
+    ] = None,
+    split_s: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
+    ] = None,
+    split_mb: Annotated[
+        float | None, typer.Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
+    ] = None,
+    decode: Annotated[
+        bool, typer.Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
+    ] = False,
+    config: Config = None,
+    rig: RigFiles = None,
+    json: Json = False,
+) -> None:
+    """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.engine.excerpt import make_excerpt
+    from fbench.replay.logs.convert.run import Wish
+    from fbench.replay.logs.convert.run import convert as convert_container
+    from fbench.replay.logs.convert.target import Target, make_split
+    from fbench.replay.logs.open import open_container
+    from fbench.replay.logs.setup import Setup
+    from fbench.replay.setup.source import NO_CONFIG, LogRequest, log_source
+
+    target = Target(out, overwrite, compression, chunk_size, rows_per_group, make_split(split_s, split_mb))
+    if not decode and (rig or config not in (None, NO_CONFIG)):
+        raise ConfigError(
+            "--config and --rig change what is decoded: give --decode too, or leave them to `fbench replay`"
+        )
+    setup = log_source(LogRequest(source, config, rig or [])).setup if decode else Setup()
+    wish = Wish(tuple(topics or ()), make_excerpt(from_, to, None), decode, setup)
+    faults = FaultLog()
+    with explain_losses(faults):
+        container = open_container(source, faults)
+        total = sum(container.counts.values())
+        with message_progress(f"{source.name} → {target.path.name}", total) as progress:
+            result = convert_container(container, target, wish, progress)
+    rows = [row for row in faults.rows() if row["code"] != _NO_USE]
+    if json:
+        print_json({**asdict(result), "path": str(result.path), "faults": rows})
+    else:
+        _print(result, rows)
+    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
+
+
+def _print(result: "Converted", rows: list[dict[str, Any]]) -> None:
+    table = make_table("topic", "messages", right=["messages"])
+    table.columns[0].overflow = "fold"
+    for topic, num in result.messages.items():
+        table.add_row(topic, str(num))
+    console().print(table)
+    for topic, num in result.left_out.items():
+        say(f"left out: {num} messages on {topic}, which fbench doesn't understand")
+    rigs = f", {result.num_rigs} {'rig' if result.num_rigs == 1 else 'rigs'}" if result.num_rigs else ""
+    parts = f" in {len(result.parts)} parts" if result.parts else ""
+    total = sum(result.messages.values())
+    say(*fault_lines(rows), f"id: {result.log_id}")
+    say(f"log: {result.path}: {total} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")

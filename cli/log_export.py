@@ -1,0 +1,85 @@
+"""`fbench log export`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fbench.cli.options import Json
+from fbench.cli.show import fault_lines, import_progress, print_json, say
+from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
+
+if TYPE_CHECKING:
+    from fbench.replay.formats.export import Exported
+
+
+def export(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")
+    ],
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="A folder for text files; FILE.json for all of nuScenes together.")
+    ],
+    boxes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHICH",
+            help="tracks, detections or truth; else tracks of a run where the format needs ids, detections where it "
+            "doesn't, and truth of a log.",
+        ),
+    ] = None,
+    camera: Annotated[
+        str, typer.Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")
+    ] = "",
+    frame: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="KITTI: camera, or 'body', in whose coordinates 3D boxes are; else as the log says."
+        ),
+    ] = "",
+    class_name: Annotated[
+        str, typer.Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
+    ] = "",
+    name: Annotated[str, typer.Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier export.")] = False,
+    json: Json = False,
+) -> None:
+    """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.formats.export import Export, Place
+    from fbench.replay.formats.export import export as export_sources
+    from fbench.replay.formats.export_request import make_export_request
+
+    request = make_export_request(form, boxes, camera, frame, class_name)
+    job = Export(sources, request, Place(out, request.is_nuscenes, overwrite), name)
+    faults, done = FaultLog(), list["Exported"]()
+    with explain_losses(faults), import_progress(len(sources)) as progress:
+        for exported in export_sources(job, faults, progress):
+            done.append(exported)
+            with progress.finished(exported.num_frames):
+                if not json:
+                    say(_describe(exported))
+    if json:
+        sequences = [
+            {
+                "name": one.name, "frames": one.num_frames, "rows": one.num_rows, "left_out": dict(one.left_out),
+                "view": one.view,
+            }
+            for one in done
+        ]  # fmt: skip
+        print_json({"format": request.format, "path": str(out), "sequences": sequences, "faults": faults.rows()})
+    else:
+        say(*fault_lines(faults.rows()), f"{request.format}: {out}")
+    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
+
+
+def _describe(one: "Exported") -> str:
+    left = ", ".join(f"{num} {reason}" for reason, num in one.left_out.items())
+    found = f"{one.name}: {one.num_rows} rows in {one.num_frames} frames, {one.view}"
+    return f"{found}; left out: {left}" if left else found

@@ -1,0 +1,142 @@
+"""`fbench log import`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from fbench.cli.options import Json, Settings
+from fbench.cli.show import import_progress, print_json, say
+from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
+
+if TYPE_CHECKING:
+    from fbench.datasets.importing.run import ImportedLog
+    from fbench.replay.contracts.importing import BadInput
+    from fbench.replay.logs.convert.target import Target
+
+_SUFFIXES = (".mcap", ".parquet")
+
+
+def import_(
+    dataset: Annotated[str, typer.Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
+    source: Annotated[Path, typer.Argument(metavar="SRC", help="The dataset's folder.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs."),
+    ],
+    scenes: Annotated[
+        list[str] | None,
+        typer.Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
+    ] = None,
+    frames: Annotated[
+        str | None,
+        typer.Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
+    ] = None,
+    detections: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
+    ] = None,
+    settings: Settings = None,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
+    ] = False,
+    form: Annotated[Literal["mcap", "parquet"], typer.Option(help="Of the logs in a folder.")] = "mcap",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
+    json: Json = False,
+) -> None:
+    """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
+    from fbench.cli.import_lines import log_line
+    from fbench.datasets.importing.guard import GuardedImporter
+    from fbench.datasets.importing.run import import_recordings
+    from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
+    from fbench.replay.contracts.plugins import make_importer
+    from fbench.replay.engine.excerpt import make_excerpt
+
+    all_settings = [*([] if detections is None else [_detections(dataset, detections)]), *(settings or [])]
+    importer = GuardedImporter(make_importer(dataset, all_settings), dataset)
+    _require_place(out, source)
+    excerpt = make_excerpt(None, None, frames)
+    known = importer.names(source)
+    if not known:
+        raise LogError(f"{source}: no sequence of {dataset} in it")
+    names = chosen_names(known, scenes or [])
+    bad = BadInput(skip_bad)
+    targets = _choose_targets(out, form, overwrite, known, names)
+    logs: list[ImportedLog] = []
+    with import_progress(len(names)) as progress:
+        wish = ImportWish(names, FrameRange(excerpt.first, excerpt.stop), bad)
+        for log in import_recordings(importer, source, wish, targets, progress):
+            logs.append(log)
+            with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+                if len(names) > 1 and not json:
+                    say(f"{log.name}: {log_line(log)}")
+    if json:
+        print_json({"logs": [_content(log) for log in logs], "skipped": bad.num, "first_skipped": bad.texts})
+    else:
+        _print_end(out, logs, bad)
+    if all(log.state == "failed" for log in logs):
+        raise typer.Exit(EXIT_DATA)
+    raise typer.Exit(EXIT_LOSSY if bad.num else EXIT_OK)
+
+
+def _detections(dataset: str, folder: Path) -> str:
+    from dataclasses import fields
+
+    from fbench.replay.contracts.plugins import default_params, load
+
+    params = default_params(load("datasets", dataset))
+    if params is None or "detections" not in {f.name for f in fields(params)}:
+        raise ConfigError(f"--detections {folder}: the importer of {dataset} takes no other system's results")
+    return f"detections={folder}"
+
+
+def _require_place(out: Path, source: Path) -> None:
+    """See early that something can be written."""
+    if out.resolve() == source.resolve():
+        raise ConfigError(f"{out}: is the dataset's own folder; choose another one for the logs")
+    if out.suffix not in _SUFFIXES:
+        if out.exists() and not out.is_dir():
+            raise ConfigError(f"{out}: is a file; expected a name that ends in .mcap or .parquet, or a folder for logs")
+    elif not out.absolute().parent.is_dir():
+        raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+
+
+def _choose_targets(
+    out: Path, form: str, overwrite: bool, known: Sequence[str], names: Sequence[str]
+) -> "Mapping[str, Target]":
+    """Return the log of each sequence."""
+    from fbench.datasets.importing.guard import log_names
+    from fbench.replay.logs.convert.target import Target
+
+    if out.suffix in _SUFFIXES:
+        if len(names) != 1:
+            raise ConfigError(
+                f"{out}: {len(names)} sequences don't fit into one log; choose one with --scenes, such as "
+                f"'{names[0]}', or give a folder"
+            )
+        return {names[0]: Target(out, overwrite)}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out}: can't be written ({error.strerror})") from error
+    files = log_names(known)
+    return {name: Target(out / f"{files[name]}.{form}", overwrite) for name in names}
+
+
+def _print_end(out: Path, logs: "Sequence[ImportedLog]", bad: "BadInput") -> None:
+    from fbench.cli.import_lines import counts_line, joined_lines, log_line
+
+    say(*(logs[0].lines if len(logs) == 1 else joined_lines(logs)), *(f"skipped: {text}" for text in bad.texts))
+    if bad.num > len(bad.texts):
+        say(f"skipped: and {bad.num - len(bad.texts)} more")
+    say(f"log: {log_line(logs[0])}" if len(logs) == 1 else f"logs: {counts_line(logs)}, in {out}")
+
+
+def _content(log: "ImportedLog") -> dict[str, object]:
+    messages = {} if log.written is None else dict(log.written.messages)
+    num_bytes = None if log.written is None else log.written.num_bytes
+    return {
+        "name": log.name, "path": str(log.path), "state": log.state, "bytes": num_bytes, "messages": messages,
+        "summary": list(log.lines), "skipped": log.num_skipped,
+    }  # fmt: skip

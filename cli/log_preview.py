@@ -1,0 +1,106 @@
+"""`fbench log preview`."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fbench.cli.options import (
+    Config,
+    Frames,
+    Json,
+    Log,
+    Offset,
+    Reference,
+    RigFiles,
+    Stamps,
+    Topics,
+    TruthFile,
+    TruthFormat,
+    TruthFrame,
+    box_source,
+)
+from fbench.cli.show import fault_lines, frame_progress, print_json, say
+from fbench.replay.contracts.errors import ConfigError
+
+TIMEOUT_NS = 1_000_000_000
+"""So long a frame waits for its sensors: also what a replay would find too late is drawn, as wrong stamps make it."""
+
+
+def preview(
+    log: Log,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
+    frames: Frames = None,
+    num: Annotated[int, typer.Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
+    config: Config = None,
+    rig: RigFiles = None,
+    truth: TruthFile = None,
+    truth_format: TruthFormat = None,
+    truth_frame: TruthFrame = "",
+    reference: Reference = None,
+    offset: Offset = None,
+    stamps: Stamps = None,
+    topics: Topics = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing preview.")] = False,
+    json: Json = False,
+) -> None:
+    """Draw what sensors see into each other: whether calibration, time and Doppler are right shows at one look."""
+    from fbench.replay.contracts.faults import FaultLog, explain_losses
+    from fbench.replay.engine.excerpt import make_excerpt
+    from fbench.replay.logs.partial_rig import partial_rig
+    from fbench.replay.setup.source import LogRequest, log_source
+    from fbench.reports.preview.collect import PreviewRequest, collect
+    from fbench.reports.preview.preview import write_preview
+
+    filed = box_source(truth, truth_format, truth_frame)
+    source = log_source(LogRequest(log, config, rig or [], filed, None, topics or []))
+    sync = replace(source.sync(reference, None, None, None), timeout_ns=TIMEOUT_NS)
+    request = PreviewRequest(num, sync, source.stamps(stamps, offset or []), make_excerpt(None, None, frames))
+    place = out or Path(f"{log.resolve().stem}-preview")
+    faults = FaultLog()
+    with explain_losses(faults), _new_folder(place, overwrite) as folder:
+        reader = source.open(faults)
+        with frame_progress(f"{log.name}: reading") as progress:
+            material = collect(reader, partial_rig(reader), request, faults, progress)
+        content = write_preview(material, folder)
+    sheet = place / "index.html"
+    if json:
+        print_json({
+            "folder": str(place), "sheet": str(sheet), "sensors": [asdict(row) for row in content.sensors],
+            "verdicts": [asdict(verdict) for verdict in content.verdicts], "gaps": list(content.gaps),
+            "frames": [frame.index for frame in content.frames],
+            "pictures": [asdict(shown) for shown in content.pictures], "faults": faults.rows(),
+        })  # fmt: skip
+        return
+    say(*(f"{'!' if v.is_bad else ' '} {v.what} {v.about}: {v.text}" for v in content.verdicts))
+    say(*(f"  not shown: {gap}" for gap in content.gaps), *fault_lines(faults.rows()))
+    num_frames = f"{len(content.frames)} {'frame' if len(content.frames) == 1 else 'frames'}"
+    say(f"preview: {sheet} ({num_frames}, {len(content.pictures)} pictures)")
+
+
+@contextmanager
+def _new_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
+    """Give a folder under a temporary name, which becomes `folder` when all went well. Raises ConfigError where
+    `folder` is there already and isn't to be replaced, or can't be written.
+    """
+    if folder.exists() and not overwrite:
+        raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+    if folder.exists() and not (folder / "index.html").is_file() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigError(f"{folder}: isn't a preview, so it isn't overwritten; choose another with --out")
+    from fbench.replay.data.files import swap
+
+    partial = folder.with_name(f".{folder.name}.partial-{os.getpid()}")
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: can't be written ({error.strerror}); choose another with --out") from error
+    try:
+        yield partial
+        swap(partial, folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)

@@ -1,0 +1,151 @@
+"""`fbench log simulate`."""
+
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from fbench.cli.options import Json
+from fbench.cli.show import import_progress, print_json, say
+from fbench.replay.contracts.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fbench.datasets.city.request import CityRequest, Split
+    from fbench.datasets.city.spec import CitySpec
+    from fbench.datasets.importing.run import ImportedLog
+
+_SUITE, _TRAINING = "suite", "training"
+
+
+def simulate(
+    world: Annotated[
+        str,
+        typer.Argument(
+            metavar="WORLD",
+            help="urban, highway; suite: all logs of the fixed suite; training: those of the built-in detector.",
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; of a suite the folder for its logs.")
+    ],
+    condition: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="clear, traffic, rain, heavy-rain, fog, night ..., or a mixture: rain+night."
+        ),
+    ] = "clear",
+    seconds: Annotated[float, typer.Option(metavar="S", help="Length of the log, in s.")] = 10.0,
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Another seed, another world; the same one, the same bytes.")
+    ] = 0,
+    split: Annotated[
+        Literal["dev", "test"] | None,
+        typer.Option(help="Of a suite: seeds to develop on (dev, unless said otherwise), or those to report."),
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option("--rig", metavar="FILE", help="TOML with the sensors; else the thesis's rig.")
+    ] = None,
+    sensors: Annotated[
+        list[str] | None,
+        typer.Option("--sensors", metavar="PATTERN", help="Only these sensors (not: '!PATTERN'); repeatable."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable."),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=256, help="Messages made at once; changes no byte.")
+    ] = None,
+    form: Annotated[
+        Literal["mcap", "parquet"] | None, typer.Option(help="Of a suite's logs; mcap, unless said otherwise.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
+    json: Json = False,
+) -> None:
+    """Simulate a drive through a city or along a highway, with every sensor and perfect truth."""
+    from fbench.cli.import_lines import log_line
+    from fbench.datasets.city.recording import CityRecording
+    from fbench.datasets.city.request import CityRequest
+    from fbench.datasets.importing.run import write_recording
+    from fbench.replay.logs.convert.target import Target
+
+    request = CityRequest(world, condition, seconds, seed, rig, tuple(sensors or ()), tuple(settings or ()))
+    if world in (_SUITE, _TRAINING):
+        specs = _suite_specs(request, split) if world == _SUITE else _training_specs(request, split)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"{out}: can't be written ({error.strerror})") from error
+        wanted = [(spec, Target(out / f"{name}.{form or 'mcap'}", overwrite)) for spec, name in specs]
+    else:
+        if split is not None or form is not None:
+            raise ConfigError(
+                f"{'--form' if split is None else '--split'}: only of a suite; here --seed and --out say it"
+            )
+        wanted = [(request.spec(), Target(out, overwrite))]
+        if not out.absolute().parent.is_dir():
+            raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
+        wanted[0][1].form  # noqa: B018  # refuses a name without a form before anything is made
+    _warn_of_idle(request.settings, wanted[0][0])
+    done: list[ImportedLog] = []
+    try:
+        with import_progress(len(wanted)) as progress:
+            for spec, target in wanted:
+                log = write_recording(CityRecording(spec, target.path.stem, threads), target, progress)
+                done.append(log)
+                with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+                    if not json:
+                        say(*log.lines, f"log: {log_line(log)}")
+    except KeyboardInterrupt:
+        num = sum(log.state == "written" for log in done)
+        written = f"{num} of {len(wanted)} logs written" if num else "nothing written"
+        sys.stderr.write(f"fbench: interrupted; {written}\n")
+        raise typer.Exit(128 + signal.SIGINT) from None
+    if json:
+        print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
+
+
+def _warn_of_idle(settings: Sequence[str], spec: "CitySpec") -> None:
+    """Say which settings change nothing, as their sensor isn't simulated."""
+    from fbench.datasets.city.request import split_setting
+    from fbench.datasets.city.rig import WEATHER
+
+    for setting in settings:
+        name, _, _ = split_setting(setting)
+        if name not in (WEATHER, *spec.rig.names):
+            sys.stderr.write(f"note: --set {setting} changes nothing: --sensors leaves '{name}' out\n")
+
+
+def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["CitySpec", str]]:
+    from fbench.datasets.city.request import SEEDS, SUITE
+
+    for is_default, option in ((request.condition == "clear", "--condition"), (request.seed == 0, "--seed")):
+        if not is_default:
+            raise ConfigError(f"{option}: the suite has its own; choose seeds with --split dev or test")
+    return [
+        (replace(request, world=scene.world, condition=scene.condition, seed=seed).spec(), scene.name(seed))
+        for scene in SUITE
+        for seed in SEEDS[split or "dev"]
+    ]
+
+
+def _training_specs(request: "CityRequest", split: "Split | None") -> list[tuple["CitySpec", str]]:
+    from fbench.datasets.city.request import CityRequest, training_logs
+
+    if request != CityRequest(_TRAINING) or split is not None:
+        raise ConfigError("training: these logs are fixed; of the options only --out, --form, --threads, --overwrite")
+    return [(spec, name) for name, spec in training_logs()]
+
+
+def _content(spec: "CitySpec", log: "ImportedLog") -> dict[str, object]:
+    written = log.written
+    return {
+        "path": str(log.path), "state": log.state, "log_id": spec.log_id, "world": spec.world,
+        "condition": spec.condition.name, "seed": spec.seed, "seconds": spec.seconds,
+        "bytes": None if written is None else written.num_bytes,
+        "messages": {} if written is None else dict(written.messages), "summary": list(log.lines),
+    }  # fmt: skip
