@@ -11,26 +11,15 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-from made_drives import frames_of, write_drive
+from common import frames_of, threads, write_drive
 
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig
-from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.digest import digest
-
-
-@contextmanager
-def threads(num: int) -> Iterator[None]:
-    """Have what is made meanwhile use so many."""
-    os.environ[VARIABLE] = str(num)
-    yield
-    del os.environ[VARIABLE]
 
 
 def started(name: str, rig: Rig, info: LogInfo, branches: int, detector: int) -> Pipeline:

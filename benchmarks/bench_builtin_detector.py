@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from made_drives import images_and_truth
+from common import images_and_truth
 from rich.console import Console
 from rich.progress import track
 

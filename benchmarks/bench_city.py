@@ -3,8 +3,10 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
+from common import best_s
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
@@ -73,25 +75,19 @@ def follow(scene: EmbreeScene, rays: Rays, query: dict[str, object]) -> Callable
     return lambda: scene.run(origin, rays.direction, dists=limit.copy(), **query)
 
 
-def best_s(function: Callable[[], object]) -> float:
-    """Shortest time of this thread alone, since other work may share the machine."""
-    times = []
-    for _ in range(REPEAT):
-        start = time.thread_time()
-        function()
-        times.append(time.thread_time() - start)
-    return min(times)
-
-
 def compare(around: Surroundings, states: BodyStates, scene: EmbreeScene, sensor: str, what: str) -> None:
     watched = Watched(around.caster)
     spec, slot = RIG.specs[sensor], Slot(sensor, round(AT_S * 1e9), round(AT_S * 1e9))
     measure(replace(around, caster=watched), states, spec, slot)
-    ours_s = best_s(lambda: measure(around, states, spec, slot))
-    cast_s = sum(best_s(lambda r=r: around.caster.cast(r, states)) for r in watched.nearest)  # type: ignore[misc]
-    cast_s += sum(best_s(lambda r=r: around.caster.is_blocked(r, states)) for r in watched.shadows)  # type: ignore[misc]
-    bare_s = sum(best_s(follow(scene, r, {"output": True})) for r in watched.nearest)
-    bare_s += sum(best_s(follow(scene, r, {"query": "OCCLUDED"})) for r in watched.shadows)
+
+    def cpu_s(function: Callable[[], object]) -> float:
+        return best_s(function, REPEAT, time.thread_time)
+
+    ours_s = cpu_s(lambda: measure(around, states, spec, slot))
+    cast_s = sum(cpu_s(partial(around.caster.cast, rays, states)) for rays in watched.nearest)
+    cast_s += sum(cpu_s(partial(around.caster.is_blocked, rays, states)) for rays in watched.shadows)
+    bare_s = sum(cpu_s(follow(scene, rays, {"output": True})) for rays in watched.nearest)
+    bare_s += sum(cpu_s(follow(scene, rays, {"query": "OCCLUDED"})) for rays in watched.shadows)
     num = sum(len(r.direction) for r in (*watched.nearest, *watched.shadows)) / 1e6
     print(f"{what}: {num:.2f} M rays in {1e3 * ours_s:.0f} ms, {num / ours_s:.1f} M rays/s; casting alone "
           f"{num / cast_s:.1f}, Embree {num / bare_s:.1f} M rays/s: ratios {bare_s / ours_s:.2f} and "

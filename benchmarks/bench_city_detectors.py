@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from made_drives import images_and_truth
+from common import images_and_truth
 
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.request import SEEDS

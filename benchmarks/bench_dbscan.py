@@ -5,10 +5,10 @@ Times are CPU times, so that ratios hold on a busy machine, too. Where Open3D is
 
 import importlib.util
 import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from common import best_s
 from sklearn.cluster import DBSCAN
 
 from fbench.pipelines.sensors.points.dbscan import dbscan
@@ -28,16 +28,6 @@ def street(num: int, num_axes: int = 2, spacing_m: float = 0.4) -> np.ndarray:
     return np.concatenate([members, rng.uniform(-extent_m, extent_m, (num - len(members), num_axes))])
 
 
-def best_s(function: Callable[[], object], repeat: int) -> float:
-    """Least CPU time [s] of some calls."""
-    times = []
-    for _ in range(repeat):
-        start = time.process_time()
-        function()
-        times.append(time.process_time() - start)
-    return min(times)
-
-
 def compare(name: str, points: np.ndarray) -> float:
     """Print times for one cloud, and return ours [s]."""
     reference = DBSCAN(eps=EPS_M, min_samples=MIN_POINTS)
@@ -46,8 +36,8 @@ def compare(name: str, points: np.ndarray) -> float:
     assert np.array_equal(ours < 0, theirs < 0)
     partition = np.unique(np.column_stack([ours[core], theirs[core]]), axis=0)
     assert len(partition) == ours.max() + 1 == theirs.max() + 1
-    a = best_s(partial(dbscan, points, EPS_M, MIN_POINTS), 9)
-    b = best_s(partial(reference.fit, points), 3)
+    a = best_s(partial(dbscan, points, EPS_M, MIN_POINTS), 9, time.process_time)
+    b = best_s(partial(reference.fit, points), 3, time.process_time)
     text = f"dbscan, {name}, {len(points)} points: {1e3 * a:.1f} ms, scikit-learn {1e3 * b:.1f} ms"
     print(f"{text}, {b / a:.1f} times as fast{open3d(points, a)}")
     return a
@@ -63,7 +53,7 @@ def open3d(points: np.ndarray, ours_s: float) -> str:
     padded = np.zeros((len(points), 3))
     padded[:, : points.shape[1]] = points
     cloud = PointCloud(Vector3dVector(padded))
-    theirs = best_s(partial(cloud.cluster_dbscan, EPS_M, MIN_POINTS), 3)
+    theirs = best_s(partial(cloud.cluster_dbscan, EPS_M, MIN_POINTS), 3, time.process_time)
     return f"; Open3D {1e3 * theirs:.1f} ms, {theirs / ours_s:.1f} times"
 
 
@@ -80,7 +70,7 @@ def main() -> None:
     compare("space", street(30_000, num_axes=3))
     points = street(30_000)
     radii = EPS_M * np.maximum(1.0, np.hypot(*points.T) / 20.0)
-    adaptive = best_s(partial(dbscan, points, radii, MIN_POINTS), 5)
+    adaptive = best_s(partial(dbscan, points, radii, MIN_POINTS), 5, time.process_time)
     print(f"dbscan, plane, radius growing beyond 20 m, 30000 points: {1e3 * adaptive:.1f} ms")
 
 

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from made_drives import write_drive
+from common import write_drive
 
 from fbench.api.runs import replay
 from fbench.metrics.runs.combine import combined, measure_run

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
-from made_drives import write_city_log
+from common import write_city_log
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import make_pipeline

@@ -7,15 +7,14 @@ Real recordings are read from ../shared/data where they are; folders like those 
 are generated.
 """
 
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from common import best_s, peak_kib
 from made_datasets import make_kitti, make_nuscenes
 
 from fbench.datasets.importing.run import import_one
@@ -25,14 +24,6 @@ from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 REPEATS = 3
-CHILD = """
-import resource, sys
-from fbench.cli import main
-try:
-    main()
-except SystemExit as end:
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, end.code or 0, file=sys.stderr)
-"""
 
 
 @dataclass(frozen=True)
@@ -73,23 +64,6 @@ def copy(paths: list[Path], out: Path) -> None:
     writer.close()
 
 
-def best_s(work: Callable[[], object]) -> float:
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def peak_kib(case: Case, out: Path, *options: str) -> int:
-    command = ["log", "import", case.dataset, str(case.source), "-o", str(out), "--overwrite", *options]
-    result = subprocess.run([sys.executable, "-c", CHILD, *command], capture_output=True, text=True, check=False)
-    kib, code = result.stderr.split()[-2:]
-    assert code == "0", result.stderr
-    return int(kib)
-
-
 def cases(folder: Path, num_bytes: float) -> Iterator[Case]:
     real = {"astyx": ("astyx", ":155"), "kitti_object": ("kitti", ""), "radiate_tiny_foggy": ("radiate", ":10")}
     for name, (dataset, half) in real.items():
@@ -106,14 +80,15 @@ def report(case: Case, opened: OpenedFiles, out: Path) -> None:
     importer = make_importer(case.dataset, [])
     paths = opened.of(case.source, lambda: import_one(importer, case.source, out))
     megabytes = sum(path.stat().st_size for path in paths) / 1e6
-    copied = best_s(lambda: copy(paths, out))
-    imported = best_s(lambda: import_one(importer, case.source, out))
+    copied = best_s(lambda: copy(paths, out), REPEATS)
+    imported = best_s(lambda: import_one(importer, case.source, out), REPEATS)
     print(
         f"importing {case.name} ({len(paths)} files, {megabytes:.0f} MB): {imported:.2f} s, copying {copied:.2f} s: "
         f"ratio {imported / copied:.2f} (at most 2 wanted)"
     )
     if case.half:
-        part, whole = peak_kib(case, out, "--frames", case.half), peak_kib(case, out)
+        command = ["log", "import", case.dataset, str(case.source), "-o", str(out), "--overwrite"]
+        part, whole = peak_kib(*command, "--frames", case.half), peak_kib(*command)
         print(f"  peak memory over twice the length: {whole / 1024:.0f} MiB, ratio {whole / part:.2f} (near 1 wanted)")
 
 

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from common import UPRIGHT
 
 from fbench.replay.check.survey import Survey, survey
 from fbench.replay.contracts.faults import FaultLog
@@ -19,7 +20,6 @@ from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
 NUM_POINTS, IMAGE_BYTES, POSES_A_FRAME = 50_000, 400_000, 10
-UPRIGHT = np.array([0.0, 0, 0, 1])
 RIG = Rig(
     {
         name: Mount("lidar" if name == "lidar" else "camera", np.zeros(3), UPRIGHT)

@@ -1,11 +1,10 @@
 """Overlap of rotated boxes from above: ours against shapely's on the same pairs, in one process."""
 
-import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import shapely
+from common import best_s
 
 from fbench.replay.data.arrays import Float64
 from fbench.replay.geometry.iou import flat_iou
@@ -32,15 +31,6 @@ def corners(boxes: Float64) -> Float64:
     cos, sin = np.cos(boxes[:, 6:]), np.sin(boxes[:, 6:])
     x, y = boxes[:, 3:4] * SIGNS[:, 0], boxes[:, 4:5] * SIGNS[:, 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=2) + boxes[:, None, :2]
-
-
-def best_s(function: Callable[[], object], repeat: int = 5) -> float:
-    times = []
-    for _ in range(repeat):
-        start = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def main() -> None:

@@ -3,66 +3,42 @@
 python benchmarks/bench_memory.py [GB of the longer one, default 4] [pipeline, default lidar3d]
 """
 
-import subprocess
 import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from made_drives import write_city_log
+from common import NOISE_PERIOD_NS, NOISE_POINTS, NOISE_RIG, peak_kib, write_city_log
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import Image, PointCloud
-from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
+from fbench.replay.data.rig import LogInfo
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.open import open_log
 
-STEP_NS, NUM_POINTS = 100_000_000, 50_000
-UPRIGHT = np.array([0.0, 0, 0, 1])
-RIG = Rig(
-    {"lidar": Mount("lidar", np.array([0, 0, 1.9]), UPRIGHT), "camera": Mount("camera", np.zeros(3), UPRIGHT)},
-    {"camera": CameraModel(np.array([[600.0, 0, 640], [0, 600, 360], [0, 0, 1]]), (1280, 720))},
-)
-CHILD = """
-import resource, sys
-from fbench.cli import main
-try:
-    main()
-except SystemExit as end:
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, end.code, file=sys.stderr)
-"""
-
 
 def clouds(folder: Path) -> list[PointCloud]:
-    """Some clouds of the city, filled up to `NUM_POINTS` with points high above."""
+    """Some clouds of the city, filled up to `NOISE_POINTS` with points high above."""
     write_city_log(folder / "city.mcap", 2.0)
     found = [m for m in open_log(folder / "city.mcap", FaultLog()).messages() if isinstance(m, PointCloud)]
     rng = np.random.Generator(np.random.Philox(1))
-    sky = rng.uniform((-80, -80, 40), (80, 80, 60), (NUM_POINTS, 3)).astype(np.float32)
+    sky = rng.uniform((-80, -80, 40), (80, 80, 60), (NOISE_POINTS, 3)).astype(np.float32)
     result = []
     for cloud in found:
-        xyz = np.concatenate([cloud.xyz, sky])[:NUM_POINTS]
-        result.append(PointCloud("lidar", 0, 0, xyz, xyz[:, 0].copy(), np.zeros(NUM_POINTS, np.uint16)))
+        xyz = np.concatenate([cloud.xyz, sky])[:NOISE_POINTS]
+        result.append(PointCloud("lidar", 0, 0, xyz, xyz[:, 0].copy(), np.zeros(NOISE_POINTS, np.uint16)))
     return result
 
 
 def write(path: Path, num_bytes: float, sweeps: list[PointCloud]) -> None:
     noise = Image("camera", 0, 0, np.random.Generator(np.random.Philox(2)).bytes(200_000), "jpeg", (1280, 720))
-    num = int(num_bytes / (NUM_POINTS * 18 + len(noise.data)))
-    with McapWriter(path, LogInfo("long", "long"), RIG, "none") as log:
+    num = int(num_bytes / (NOISE_POINTS * 18 + len(noise.data)))
+    with McapWriter(path, LogInfo("long", "long"), NOISE_RIG, "none") as log:
         for i in range(num):
-            stamp = 1_000_000_000 + i * STEP_NS
+            stamp = 1_000_000_000 + i * NOISE_PERIOD_NS
             log.write(replace(sweeps[i % len(sweeps)], stamp_ns=stamp, log_ns=stamp))
             log.write(replace(noise, stamp_ns=stamp, log_ns=stamp))
-
-
-def peak_kib(log: Path, pipeline: str) -> int:
-    command = [sys.executable, "-c", CHILD, "replay", str(log), "-p", pipeline, "--overwrite", "-o", str(log) + "-run"]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    kib, code = result.stderr.split()[-2:]
-    assert code == "0", result.stderr
-    return int(kib)
 
 
 def main() -> None:
@@ -75,7 +51,7 @@ def main() -> None:
         for size in (0.1 * gigabytes, gigabytes):
             path = folder / "long.mcap"
             write(path, 1e9 * size, sweeps)
-            peaks.append(peak_kib(path, pipeline))
+            peaks.append(peak_kib("replay", str(path), "-p", pipeline, "--overwrite", "-o", f"{path}-run"))
             print(f"{path.stat().st_size / 1e9:.2f} GB: peak {peaks[-1] / 1024:.0f} MiB")
             path.unlink()
     print(f"peak memory over ten times the length: ratio {peaks[1] / peaks[0]:.3f} (at most 1.05 wanted)")

@@ -13,6 +13,7 @@ import sys
 import time
 
 import numpy as np
+from common import best_s
 
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.choose import evaluate
@@ -97,23 +98,16 @@ def devkit_box(own: Objects, i: int) -> dict[str, object]:
     }  # fmt: skip
 
 
-def best_s(sequences: list[Sequence]) -> float:
-    times = []
-    for _ in range(5):
-        start = time.perf_counter()
-        ours(sequences)
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
 def main() -> None:
     ours([scene(999, 2)])  # compiles
     sequences = [scene(seed) for seed in range(NUM_SCENES)]
-    own_s = best_s(sequences)
+    own_s = best_s(lambda: ours(sequences))
     print(f"nuscenes-detection, {NUM_SCENES * NUM_STEPS * NUM_RESULTS} results: {1e3 * own_s:.0f} ms")
-    twice_s = best_s([*sequences, *(scene(seed) for seed in range(NUM_SCENES, 2 * NUM_SCENES))])
+    twice = [*sequences, *(scene(seed) for seed in range(NUM_SCENES, 2 * NUM_SCENES))]
+    twice_s = best_s(lambda: ours(twice))
     print(f"twice as many: {twice_s / own_s:.2f} times as long")
-    long_s = best_s([scene(0, NUM_STEPS * NUM_SCENES)])
+    long = [scene(0, NUM_STEPS * NUM_SCENES)]
+    long_s = best_s(lambda: ours(long))
     print(f"as one sequence: {long_s / own_s:.2f} times as long")
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
     if len(sys.argv) < 2:

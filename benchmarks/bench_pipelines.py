@@ -11,18 +11,16 @@ it calls fusion, so here, too, that is detection by all sensors and fusion witho
 import argparse
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from made_drives import write_drive
+from common import threads, write_drive
 
 from fbench.api.runs import replay
 from fbench.metrics.latency import stage_latency
-from fbench.replay.geometry.kernels import VARIABLE
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import describe_host
 from fbench.replay.setup.request import ReplayRequest
@@ -89,14 +87,6 @@ COMPONENTS = (
     Component("stereo rectification and disparity", "stereo3d", ("preprocess", "detect.stereo"),
               "rectification, disparity, quality, boxes", "129.38", (16.33, 16.33)),
 )  # fmt: skip
-
-
-@contextmanager
-def threads(num: int) -> Iterator[None]:
-    """Have pipelines that are made meanwhile use so many."""
-    os.environ[VARIABLE] = str(num)
-    yield
-    del os.environ[VARIABLE]
 
 
 def replayed(log: Path, pipeline: str, num_threads: int, folder: Path, frames: str | None = None) -> Run:

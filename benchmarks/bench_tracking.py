@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+from common import best_s
 from scipy.optimize import linear_sum_assignment
 
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
@@ -116,13 +117,13 @@ def images() -> list[Boxes2D]:
     return frames
 
 
-def space() -> list[Boxes3D]:
+def space(num_objects: int) -> list[Boxes3D]:
     rng = np.random.Generator(np.random.Philox(11))
-    place, speed = rng.uniform(-60, 60, (NUM_OBJECTS, 2)), rng.uniform(-8, 8, (NUM_OBJECTS, 2))
+    place, speed = rng.uniform(-60, 60, (num_objects, 2)), rng.uniform(-8, 8, (num_objects, 2))
     label, frames = np.array(["car", "pedestrian", "bicycle"]), []
     for _ in range(NUM_FRAMES):
         place = (place + speed * DT_S + 60) % 120 - 60
-        seen = rng.random(NUM_OBJECTS) < 0.9
+        seen = rng.random(num_objects) < 0.9
         num = int(seen.sum())
         center = np.column_stack([place[seen] + rng.normal(0, 0.15, (num, 2)), np.zeros(num)])
         frames.append(
@@ -151,31 +152,23 @@ def timed(step: Callable[[], object]) -> float:
     return 1e3 * (time.perf_counter() - start)
 
 
-def cpu_s(run: Callable[[], object]) -> float:
-    """Least CPU time [s] of some runs."""
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        run()
-        times.append(time.process_time() - start)
-    return min(times)
-
-
-def compare(name: str, own: Callable[[int], list[float]], plain: Callable[[], None]) -> None:
+def compare(name: str, num_objects: int, own: Callable[[int], list[float]], plain: Callable[[], None]) -> None:
     """Print figures of `own`, which takes how many frames to track."""
     first = timed(partial(own, 2))
     steps = own(NUM_FRAMES)
-    ratio = cpu_s(plain) / cpu_s(partial(own, NUM_FRAMES))
+    ratio = best_s(plain, 3, time.process_time) / best_s(partial(own, NUM_FRAMES), 3, time.process_time)
     print(
-        f"tracking {name}, {NUM_OBJECTS} objects: median {np.median(steps):.2f} ms, p99 {np.percentile(steps, 99):.2f} "
+        f"tracking {name}, {num_objects} objects: median {np.median(steps):.2f} ms, p99 {np.percentile(steps, 99):.2f} "
         f"ms a frame; {ratio:.1f} times as fast as object by object; first use {first:.0f} ms"
     )
 
 
 def main() -> None:
-    in_images, in_space = images(), space()
-    compare("2D", lambda num: track_2d(in_images[:num]), lambda: plain_2d(in_images))
-    compare("3D", lambda num: track_3d(in_space[:num]), lambda: plain_3d(in_space))
+    in_images = images()
+    compare("2D", NUM_OBJECTS, lambda num: track_2d(in_images[:num]), lambda: plain_2d(in_images))
+    for num_objects in (5, 20, NUM_OBJECTS):  # KITTI's sequences have about five
+        in_space = space(num_objects)
+        compare("3D", num_objects, lambda num, own=in_space: track_3d(own[:num]), lambda own=in_space: plain_3d(own))  # type: ignore[misc]
 
 
 if __name__ == "__main__":
