@@ -24,8 +24,7 @@ from typing import IO, Any, BinaryIO, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
-from fbench.replay.data.files import expanded, is_file
-from fbench.replay.geometry.kernels import fbench_cache
+from fbench.replay.data.files import expanded, fbench_cache, is_file
 
 _YOLOX_PAGE = "https://github.com/Megvii-BaseDetection/YOLOX/blob/main/demo/ONNXRuntime/README.md"
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"

@@ -1,9 +1,19 @@
-"""Writing files so that nobody ever sees half of one, and safe names for them."""
+"""Writing files so that nobody ever sees half of one, safe names for them, and the folder of caches."""
 
 import os
 import shutil
 from hashlib import blake2b
 from pathlib import Path
+
+from platformdirs import user_cache_path
+
+
+def fbench_cache() -> Path:
+    """Return the folder of fbench's caches: `$FBENCH_CACHE` where that is set, else in the user's cache. Raises
+    RuntimeError where the user has no home folder.
+    """
+    given = os.environ.get("FBENCH_CACHE", "")
+    return Path(given).expanduser().absolute() if given else user_cache_path("fbench", appauthor=False)
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Compilation of hot loops by numba: on first use, cached on disk by a digest of their sources.
+"""Compilation of hot loops by numba: on first use, cached on disk by a digest of what a kernel really calls.
 
 Only files that hold kernels import this one, because it imports numba.
 """
@@ -7,42 +7,23 @@ import hashlib
 import os
 import pickle
 import platform
-import sys
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, ParamSpec, Self, TypeVar
 
 import llvmlite.binding
 import numba
 import numpy as np
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.dispatcher import Dispatcher
 
-
-def fbench_cache() -> Path:
-    """Return the folder of fbench's caches: `$FBENCH_CACHE` where that is set, else in the user's cache. Raises
-    RuntimeError where the user has no home folder.
-    """
-    given = os.environ.get("FBENCH_CACHE", "")
-    return Path(given).expanduser().absolute() if given else user_cache() / "fbench"
-
-
-def user_cache() -> Path:
-    """Return the folder in which this user's programs keep caches. Raises RuntimeError where the user has no home
-    folder.
-    """
-    if sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
-        return Path(os.environ["LOCALAPPDATA"])
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    if Path(given).is_absolute():
-        return Path(given)
-    return Path.home() / ("Library/Caches" if sys.platform == "darwin" else ".cache")
-
+from fbench.replay.data.files import fbench_cache
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_OPTIONS = {"fastmath": False, "parallel": False, "nogil": True, "no_cfunc_wrapper": True}
 # What reading a damaged pickle raises (pickle's documentation names the first five), and the linker on damaged code.
 _DAMAGED = (
     pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError,
@@ -53,34 +34,118 @@ _DAMAGED = (
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` on its first call: one thread, IEEE arithmetic, the same result in every process.
 
-    The machine code is kept in a folder of the user's cache named by `kernel_digest`, so that a change to any file
-    beside the kernel, to a version or to the CPU starts an empty cache; numba itself only looks at the one file that
-    defines the function. A kernel may therefore call kernels of its own folder only. Where the cache can't be
-    written, every process compiles anew; what is damaged there is replaced.
+    The machine code is kept in fbench's cache under `kernel_digest`, so that a change to the kernel, to a kernel or
+    constant that it uses, to a version or to the CPU compiles it anew, and a change elsewhere doesn't. Where the cache
+    can't be written, every process compiles; what is damaged there is replaced.
     """
-    folder = cache_folder(Path(function.__code__.co_filename).parent)
-    if folder is None:
-        return _compiled(function, cache=False)
-    previous = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder)  # read by numba while it decorates
-    try:
-        return _compiled(function, cache=True)
-    finally:
-        numba.config.CACHE_DIR = previous
-
-
-def _compiled(function: Callable[P, R], cache: bool) -> Callable[P, R]:
-    compiled: Callable[P, R] = numba.njit(fastmath=False, parallel=False, nogil=True, no_cfunc_wrapper=True)(function)
-    if cache and isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
-        compiled._cache = _ForgivingCache(function)  # type: ignore[attr-defined]  # as its `enable_caching` does
+    compiled: Callable[P, R] = numba.njit(**_OPTIONS)(function)
+    if isinstance(compiled, Dispatcher):  # with NUMBA_DISABLE_JIT it is the function itself
+        compiled._cache = _KernelCache(function)  # type: ignore[attr-defined]  # as its `enable_caching` does
     return compiled
 
 
-class _ForgivingCache(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """A cache that at worst doesn't help: files cut short by a crash or a full disk cost a compilation, no run."""
+def kernel_digest(function: Callable[..., object]) -> str:
+    """Return the digest of a kernel: its bytecode and constants, all kernels and globals that it uses, wherever they
+    lie, the versions that compile it, and the CPU.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    versions = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
+    for text in (*versions, llvmlite.binding.get_host_cpu_name(), repr(_OPTIONS), *_describe_function(function, set())):
+        digest.update(f"{text}\0".encode())
+    return digest.hexdigest()
+
+
+def _describe_function(function: Any, known: set[int]) -> Iterator[str]:
+    """Yield what decides the machine code of a function, and of all that it calls; each function once."""
+    function = function.py_func if isinstance(function, Dispatcher) else function
+    if id(function) in known:
+        return
+    known.add(id(function))
+    names = set(_names_in(function.__code__))
+    yield from (function.__qualname__, repr(function.__defaults__))
+    yield from _describe_code(function.__code__, function.__doc__)
+    closure = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    used = {**function.__globals__, **{name: cell.cell_contents for name, cell in closure}}
+    for name in sorted(names & used.keys()):
+        yield name
+        yield from _describe_value(used[name], names, known)
+
+
+def _describe_value(value: Any, names: set[str], known: set[int]) -> Iterator[str]:
+    if isinstance(value, Dispatcher | FunctionType):
+        yield from _describe_function(value, known)
+    elif isinstance(value, ModuleType):  # of another module of fbench, kernels are attributes
+        yield value.__name__
+        for name in sorted(names & vars(value).keys()):
+            if isinstance(vars(value)[name], Dispatcher):
+                yield from _describe_function(vars(value)[name], known)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype.str}{value.shape}{value.tobytes().hex()}"
+    else:
+        yield repr(value)
+
+
+def _describe_code(code: CodeType, doc: str | None = None) -> Iterator[str]:
+    yield f"{code.co_code.hex()}{code.co_names}{code.co_varnames}{code.co_freevars}"
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _describe_code(value)
+        elif value != doc or doc is None:
+            yield repr(sorted(value, key=repr) if isinstance(value, frozenset) else value)
+
+
+def _names_in(code: CodeType) -> Iterator[str]:
+    yield from (*code.co_names, *code.co_freevars)
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _names_in(value)
+
+
+class _Locator(_CacheLocator):  # type: ignore[misc]  # numba has no types
+    """The place of a kernel's machine code, which holds as long as its digest."""
+
+    def __init__(self, function: Callable[..., object], folder: Path) -> None:
+        self._digest, self._folder = kernel_digest(function), folder
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Self | None:
+        """Return the place, unless none can be written."""
+        try:
+            locator = cls(py_func, fbench_cache() / "kernels")
+            locator.ensure_cache_path()
+        except (OSError, RuntimeError):  # read-only, full, or a user without a home
+            return None
+        return locator
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return self._digest
+
+    def get_disambiguator(self) -> str:
+        return self._digest
+
+
+class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """A cache that opens on first use, when all that a kernel calls is there, and that at worst doesn't help: files cut
+    short by a crash or a full disk cost a compilation, no run.
+    """
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        self._function, self._is_open = function, False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
+            if not self._is_open:
+                super().__init__(self._function)
+                self._is_open = True
             return super().load_overload(sig, target_context)
         except _DAMAGED:
             self._start_anew()
@@ -88,40 +153,18 @@ class _ForgivingCache(FunctionCache):  # type: ignore[misc]  # numba has no type
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
-            super().save_overload(sig, data)
+            if self._is_open:
+                super().save_overload(sig, data)
         except _DAMAGED:
             self._start_anew()
 
     def _start_anew(self) -> None:
         """Empty the index, so that the damaged files are overwritten by what is compiled next."""
         try:
-            self.flush()
+            if self._is_open:
+                self.flush()
         except OSError:  # full or read-only
             self.disable()
-
-
-def kernel_digest(sources: Path) -> str:
-    """Digest of all Python sources in the folder `sources`, of the versions that compile them, and of the CPU."""
-    digest = hashlib.blake2b(digest_size=16)
-    versions = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
-    for text in (*versions, llvmlite.binding.get_host_cpu_name()):
-        digest.update(f"{text}\0".encode())
-    for path in sorted(sources.glob("*.py")):
-        content = path.read_bytes()
-        digest.update(f"{path.name}\0{len(content)}\0".encode())
-        digest.update(content)
-    return digest.hexdigest()
-
-
-def cache_folder(sources: Path) -> Path | None:
-    """Return the folder for machine code made from the folder `sources`, or `None` where none can be written."""
-    try:
-        folder = fbench_cache() / "kernels" / kernel_digest(sources)
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except (OSError, RuntimeError):  # read-only, full, or a user without a home
-        return None
 
 
 VARIABLE = "FBENCH_THREADS"

@@ -5,18 +5,36 @@ from pathlib import Path
 import numba
 import pytest
 
+from fbench.replay.data.files import fbench_cache
 from fbench.replay.geometry import kernels
-from fbench.replay.geometry.kernels import user_cache
 
 SOURCE = """
-from fbench.replay.geometry.kernels import kernel
+import other
+from fbench.replay.geometry.kernels import kernel, kernel_digest
+from other import FACTOR
 
 @kernel
-def twice(value: int) -> int:
+def scale(value: int) -> int:
+    return FACTOR * other.double(value)
+
+print(scale(21), kernel_digest(scale))
+"""
+OTHER = """
+from fbench.replay.geometry.kernels import kernel
+
+FACTOR = 1
+
+@kernel
+def double(value: int) -> int:
     return 2 * value
 
-print(twice(21))
+@kernel
+def unused(value: int) -> int:
+    return 3 * value
 """
+
+
+LIMIT = 7
 
 
 @pytest.fixture
@@ -31,97 +49,119 @@ def sources(tmp_path: Path) -> Path:
     folder = tmp_path / "sources"
     folder.mkdir()
     (folder / "loops.py").write_text(SOURCE)
-    (folder / "other.py").write_text("a = 1\n")
+    (folder / "other.py").write_text(OTHER)
     return folder
 
 
 def run(sources: Path) -> str:
-    return subprocess.run([sys.executable, sources / "loops.py"], capture_output=True, text=True, check=True).stdout
+    """What the program prints: 42, and the digest of its kernel."""
+    return subprocess.run(
+        [sys.executable, "-B", sources / "loops.py"], capture_output=True, text=True, check=True
+    ).stdout
+
+
+def machine_code(cache: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
 
 
 @pytest.mark.slow
-def test_kernels_run_and_leave_machine_code_in_the_folder_of_their_digest(cache: Path, sources: Path):
-    assert run(sources) == "42\n"
-    folder = cache / "fbench" / "kernels" / kernels.kernel_digest(sources)
-    assert list(folder.rglob("*.nbc"))
-    assert run(sources) == "42\n"
+def test_kernels_run_and_leave_machine_code_under_their_digest(cache: Path, sources: Path):
+    answer, digest = run(sources).split()
+    assert answer == "42"
+    before = machine_code(cache / "fbench" / "kernels")
+    assert [name for name in before if f"scale-{digest}" in name]
+    assert len(before) == 2
+    assert run(sources).split() == ["42", digest]
+    assert machine_code(cache) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("import kernel", "import kernel  # a comment"),
+        ("3 * value", "4 * value"),
+        ("FACTOR = 1\n", "\nFACTOR = 1\n\n\n"),
+    ],
+)
+def test_what_a_kernel_does_not_call_costs_it_nothing(cache: Path, sources: Path, old: str, new: str):
+    first = run(sources)
+    before = machine_code(cache)
+    (sources / "other.py").write_text(OTHER.replace(old, new))
+    (sources / "loops.py").write_text(SOURCE.replace("@kernel", "# Another comment.\n@kernel"))
+    assert run(sources) == first
+    assert machine_code(cache) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("old", "new", "answer"), [("FACTOR = 1", "FACTOR = 2", "84"), ("2 * value", "3 * value", "63")]
+)
+def test_what_a_kernel_calls_in_another_file_compiles_it_anew(
+    cache: Path, sources: Path, old: str, new: str, answer: str
+):
+    digest = run(sources).split()[1]
+    (sources / "other.py").write_text(OTHER.replace(old, new))
+    now = run(sources).split()
+    assert now[0] == answer
+    assert now[1] != digest
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
 @pytest.mark.parametrize("damage", ["empty", "half", "garbage"])
 def test_damaged_machine_code_is_replaced(cache: Path, sources: Path, kind: str, damage: str):
-    run(sources)
-    (path,) = cache.rglob(kind)
+    wanted = run(sources)
+    (path,) = cache.rglob(f"loops.scale-{kind}")
     whole = path.read_bytes()
     path.write_bytes({"empty": b"", "half": whole[: len(whole) // 2], "garbage": b"\xffgarbage"}[damage])
-    assert run(sources) == "42\n"
+    assert run(sources) == wanted
     assert len(path.read_bytes()) == len(whole)
-    assert run(sources) == "42\n"
+    assert run(sources) == wanted
 
 
 @pytest.mark.slow
 def test_a_disk_that_fills_while_machine_code_is_saved(cache: Path, sources: Path):
     # No file may grow beyond a byte: the folder can be made, and nothing can be kept in it.
     code = "import resource, runpy, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+    code += "sys.path.insert(0, sys.argv[1].rpartition('/')[0]); "
     code += "resource.setrlimit(resource.RLIMIT_FSIZE, (1, 1)); runpy.run_path(sys.argv[1])"
     done = subprocess.run([sys.executable, "-c", code, sources / "loops.py"], capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "42\n", "")
+    assert (done.returncode, done.stdout[:3], done.stderr) == (0, "42 ", "")
     assert not list(cache.rglob("*.nbc"))
 
 
-def test_a_change_beside_the_kernel_starts_an_empty_cache(cache: Path, sources: Path):
-    before = kernels.cache_folder(sources)
-    (sources / "other.py").write_text("a = 2\n")
-    after = kernels.cache_folder(sources)
-    assert before is not None
-    assert after is not None
-    assert before != after
-    assert not list(after.iterdir())
+def test_versions_and_globals_change_the_digest(monkeypatch: pytest.MonkeyPatch):
+    def loop(values):
+        """Read a constant of this module."""
+        return [value * LIMIT for value in values]
 
-
-def test_renamed_sources_change_the_digest(sources: Path):
-    before = kernels.kernel_digest(sources)
-    (sources / "other.py").rename(sources / "another.py")
-    assert kernels.kernel_digest(sources) != before
-
-
-def test_versions_change_the_digest(sources: Path, monkeypatch: pytest.MonkeyPatch):
-    before = kernels.kernel_digest(sources)
+    before = kernels.kernel_digest(loop)
+    monkeypatch.setitem(globals(), "LIMIT", 8)
+    other = kernels.kernel_digest(loop)
     monkeypatch.setattr(numba, "__version__", "0.0")
-    assert kernels.kernel_digest(sources) != before
+    assert len({before, other, kernels.kernel_digest(loop)}) == 3
 
 
 @pytest.mark.slow
 def test_without_a_writable_cache_kernels_still_run(sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert kernels.cache_folder(sources) is None
-    assert run(sources) == "42\n"
-
-
-def test_without_a_home_there_is_no_cache(sources: Path, monkeypatch: pytest.MonkeyPatch):
-    def homeless() -> Path:
-        raise RuntimeError("no home")
-
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(Path, "home", homeless)
-    assert kernels.cache_folder(sources) is None
+    assert run(sources).startswith("42 ")
 
 
 def test_a_relative_cache_folder_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv("FBENCH_CACHE", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    assert user_cache() == tmp_path / ".cache"
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert fbench_cache() == tmp_path / ".cache" / "fbench"
 
 
-def test_all_caches_may_be_elsewhere(cache: Path, sources: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_all_caches_may_be_elsewhere(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("FBENCH_CACHE", str(tmp_path / "mine"))
-    assert kernels.cache_folder(sources).is_relative_to(tmp_path / "mine" / "kernels")
+    assert fbench_cache() == tmp_path / "mine"
     monkeypatch.setenv("FBENCH_CACHE", "")
-    assert kernels.cache_folder(sources).is_relative_to(cache / "fbench" / "kernels")
+    assert fbench_cache() == cache / "fbench"
 
 
 def test_decorating_leaves_numbas_own_cache_folder_alone(cache: Path):
