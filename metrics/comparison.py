@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fbench.metrics.definitions.catalog import DEFINITIONS
-from fbench.metrics.definitions.definition import Better
+from fbench.metrics.definitions.catalog import DEFINITIONS, Better
 from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.data.metadata import SCENE_ID
 from fbench.replay.data.scores import Score

@@ -1,10 +1,11 @@
 """Profiles by name, as data."""
 
 import json
+from typing import get_args
 
 import pytest
 
-from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, definition_of
+from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, Better, definition_of
 from fbench.metrics.files.sequences import open_files
 from fbench.metrics.profiles.catalog import PROFILES, described, explained, facts_of, profile_of
 from fbench.metrics.profiles.choose import chosen, evaluate, fitted, only
@@ -175,6 +176,7 @@ def test_only_some_classes(tmp_path):
 
 def test_cards_are_whole():
     for name, card in DEFINITIONS.items():
+        assert card.better in get_args(Better)
         assert name == card.name == card.name.lower()
         assert card.meaning.endswith(".")
         assert card.formula
