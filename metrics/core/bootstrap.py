@@ -1,22 +1,21 @@
 """Confidence intervals by the percentile bootstrap."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
-from functools import reduce
+from functools import cache, reduce
 from operator import add
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fbench.metrics.profiles.profile import Statistics
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.arrays import Int64
 from fbench.replay.data.scores import Score
 
 Summed = TypeVar("Summed")
-Number = int | Fraction
 
 
 def weighted_sums(units: Sequence[Summed], total: Summed, times: Int64) -> Iterator[Summed] | None:
@@ -27,72 +26,59 @@ def weighted_sums(units: Sequence[Summed], total: Summed, times: Int64) -> Itera
     intervals don't need them exactly.
     """
     try:
-        rows = [list(_numbers(unit)) for unit in units]
-        if any(_form(unit) != _form(total) for unit in units):
-            return None
-        if [sum(column) for column in zip(*rows, strict=True)] != list(_numbers(total)):
-            return None
-    except _OtherError:
+        form, numbers = _split(total)
+        parts = [_split(unit) for unit in units]
+    except _NotAddedError:
         return None
-    table = np.array([[float(number) for number in row] for row in rows], np.float64)
-    sums = np.zeros((len(times), table.shape[1]))
-    for unit, row in enumerate(table):  # not a product of matrices: BLAS may round in another order
-        sums += times[:, unit, None] * row
-    return _built(total, sums)
+    if any(own != form for own, _ in parts):
+        return None
+    if [sum(column) for column in zip(*(row for _, row in parts), strict=True)] != numbers:
+        return None
+    sums = np.zeros((len(times), len(numbers)))
+    for unit, (_, row) in enumerate(parts):  # not a product of matrices: BLAS may round in another order
+        sums += times[:, unit, None] * np.array([float(number) for number in row])
+    return (_fill(total, iter(row)) for row in sums.tolist())
 
 
-class _OtherError(Exception):
+class _NotAddedError(Exception):
     """Something that isn't added as numbers are."""
 
 
-def _numbers(value: Any) -> Iterator[Number]:
+def _split(value: Any) -> tuple[object, list[int | Fraction]]:
+    """Return what a value is but for its numbers, and these in their order."""
     if isinstance(value, Fraction) or type(value) is int:
-        yield value
-    for _, part in _parts(value):
-        yield from _numbers(part)
-
-
-def _form(value: Any) -> object:
-    """What it is but for its numbers."""
-    if isinstance(value, Fraction) or type(value) is int:
-        return type(value)
-    parts = tuple((name, _form(part)) for name, part in _parts(value))
-    if parts or is_dataclass(value) or isinstance(value, tuple | dict):
-        return type(value), parts
-    if isinstance(value, np.ndarray) and not value.size:
-        return np.ndarray
+        return type(value), [value]
     if value is None or isinstance(value, str | bool):
-        return value
-    raise _OtherError
-
-
-def _parts(value: Any) -> list[tuple[str, Any]]:
+        return value, []
+    if isinstance(value, np.ndarray) and not value.size:
+        return np.ndarray, []
     if is_dataclass(value):
-        return [(field.name, getattr(value, field.name)) for field in fields(value)]
-    if isinstance(value, dict):
-        return [(repr(key), part) for key, part in value.items()]
-    return [(str(i), part) for i, part in enumerate(value)] if isinstance(value, tuple) else []
+        parts = {field.name: _split(getattr(value, field.name)) for field in fields(value)}
+    elif isinstance(value, dict):
+        parts = {repr(key): _split(part) for key, part in value.items()}
+    elif isinstance(value, tuple):
+        parts = {str(i): _split(part) for i, part in enumerate(value)}
+    else:
+        raise _NotAddedError
+    form = type(value), tuple((name, own) for name, (own, _) in parts.items())
+    return form, [number for _, numbers in parts.values() for number in numbers]
 
 
-def _built(total: Summed, sums: Float64) -> Iterator[Summed]:
-    for row in sums.tolist():
-        yield _filled(total, iter(row))
-
-
-def _filled(value: Any, numbers: Iterator[float]) -> Any:
+def _fill(value: Any, numbers: Iterator[float]) -> Any:
     """The same with other numbers."""
     if isinstance(value, Fraction):
         return Fraction(next(numbers))
     if type(value) is int:
         return round(next(numbers))
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(value, **{field.name: _filled(getattr(value, field.name), numbers) for field in fields(value)})
+        return replace(value, **{field.name: _fill(getattr(value, field.name), numbers) for field in fields(value)})
     if isinstance(value, dict):
-        return {key: _filled(part, numbers) for key, part in value.items()}
-    return tuple(_filled(part, numbers) for part in value) if isinstance(value, tuple) else value
+        return {key: _fill(part, numbers) for key, part in value.items()}
+    return tuple(_fill(part, numbers) for part in value) if isinstance(value, tuple) else value
 
 
 S = TypeVar("S", bound=Statistics)
+Key = TypeVar("Key", bound=Hashable)
 LEAST_UNITS = 5  # Of fewer, resamples are too few different ones to say anything
 MOST_UNDEFINED = 0.05  # Share of resamples in which a number may be undefined; they are left out
 _AT_ONCE = 3  # Units whose sums are kept by how often each was drawn
@@ -119,10 +105,6 @@ class Bootstrap:
         drawn = generator(self.seed, "bootstrap", num_units).integers(0, num_units, (self.num, num_units))
         return np.array([np.bincount(row, minlength=num_units) for row in drawn], np.int64)
 
-    def said(self, num_units: int, unit: str) -> str:
-        """Say how an interval was made."""
-        return f"{100 * self.share:g} % of {self.num} bootstrap resamples of {num_units} {unit}"
-
 
 @dataclass(frozen=True)
 class Interval:
@@ -132,16 +114,9 @@ class Interval:
     high: float
 
 
-def interval(
-    statistics: Mapping[str, S], value: Callable[[S], float | None], how: Bootstrap, unit: str = "logs"
-) -> Interval | str:
-    """Return the interval of one number, or why there is none; see `intervals`."""
-    return intervals(statistics, lambda total: {"": value(total)}, how, unit)[""]
-
-
 def intervals(
-    statistics: Mapping[str, S], values: Callable[[S], Mapping[str, float | None]], how: Bootstrap, unit: str = "logs"
-) -> dict[str, Interval | str]:
+    statistics: Mapping[str, S], values: Callable[[S], Mapping[Key, float | None]], how: Bootstrap, unit: str = "logs"
+) -> dict[Key, Interval | str]:
     """Return the interval of each number, or why there is none.
 
     Units are drawn with replacement, as many as there are, and their statistics added, so that ratios are taken of
@@ -149,22 +124,31 @@ def intervals(
 
     Args:
         statistics: Of each unit, by name: logs, sequences, segments.
-        values: Numbers of a sum, by name; `None` where undefined.
+        values: Numbers of a sum, by key; `None` where undefined.
         how: Seed and number of resamples.
         unit: What is drawn, for reasons.
     """
     names = values(reduce(add, statistics.values())) if statistics else {}
     units = [statistics[name] for name in sorted(statistics)]
     if len(units) < LEAST_UNITS:
-        why = f"{len(units)} {unit}, at least {LEAST_UNITS} are needed"
-        return dict.fromkeys(names, why)
-    found: dict[str, list[float]] = {name: [] for name in names}
+        return dict.fromkeys(names, f"{len(units)} {unit}, at least {LEAST_UNITS} are needed")
+    found: dict[Key, list[float]] = {name: [] for name in names}
     draws, often = np.unique(how.times(len(units)), axis=0, return_counts=True)  # few units: many are alike
-    for total, num in zip(_sums(units, draws), often.tolist(), strict=True):
+    sums = weighted_sums(units, reduce(add, units), draws) or _add_one_by_one(units, draws)
+    for total, num in zip(sums, often.tolist(), strict=True):
         for name, value in values(total).items():
             if value is not None and name in found:
                 found[name] += [value] * num
-    return {name: _between(of, how) for name, of in found.items()}
+    return {name: _interval(own, how) for name, own in found.items()}
+
+
+def _interval(values: Sequence[float], how: Bootstrap) -> Interval | str:
+    missing = how.num - len(values)
+    if missing > MOST_UNDEFINED * how.num:
+        return f"undefined in {missing} of {how.num} resamples"
+    rest = (1 - how.share) / 2
+    low, high = np.quantile(np.array(values), [rest, 1 - rest]).tolist()
+    return Interval(low, high)
 
 
 def with_intervals(
@@ -178,63 +162,35 @@ def with_intervals(
 
     `rows_of` is called for every resample: a thousand times as long as it takes once.
     """
-    rows = rows_of(reduce(add, (statistics[name] for name in sorted(statistics))))
     wanted = None if metrics is None else frozenset(metrics)
 
-    def values(total: S) -> dict[str, float | None]:
-        return {_key(row): row.value for row in rows_of(total) if wanted is None or row.metric in wanted}
+    def values(total: S) -> dict[Key, float | None]:
+        return {row.key: row.value for row in rows_of(total) if wanted is None or row.metric in wanted}
 
     found = intervals(statistics, values, how, unit)
-    return [_with(row, found.get(_key(row)), how.said(len(statistics), unit)) for row in rows]
+    made = f"{100 * how.share:g} % of {how.num} bootstrap resamples of {len(statistics)} {unit}"
+    rows = []
+    for row in rows_of(reduce(add, (statistics[name] for name in sorted(statistics)))):
+        own = None if row.value is None else found.get(row.key)
+        if isinstance(own, Interval):
+            rows.append(replace(row, low=own.low, high=own.high, interval=made))
+        else:
+            rows.append(row if own is None else replace(row, interval=own))
+    return rows
 
 
-def _with(row: Score, found: Interval | str | None, said: str) -> Score:
-    if found is None or row.value is None:
-        return row
-    if isinstance(found, str):
-        return replace(row, interval=found)
-    return replace(row, low=found.low, high=found.high, interval=said)
+def _add_one_by_one(units: Sequence[S], draws: Int64) -> Iterator[S]:
+    """Yield the sum of each draw (K, U); sums of a few units come back often and are kept."""
+    groups = [units[first : first + _AT_ONCE] for first in range(0, len(units), _AT_ONCE)]
 
-
-def _key(row: Score) -> str:
-    return f"{row.metric}\n{row.class_}\n{row.slice}\n{row.matching}"
-
-
-def _between(values: Sequence[float], how: Bootstrap) -> Interval | str:
-    missing = how.num - len(values)
-    if missing > MOST_UNDEFINED * how.num:
-        return f"undefined in {missing} of {how.num} resamples"
-    rest = (1 - how.share) / 2
-    low, high = np.quantile(np.array(values), [rest, 1 - rest]).tolist()
-    return Interval(low, high)
-
-
-def _sums(units: Sequence[S], draws: Int64) -> Iterator[S]:
-    """Yield the sum of each draw (K, U)."""
-    quick = weighted_sums(units, reduce(add, units), draws)
-    sums = _Sums(units)
-    return (sums.of(times) for times in draws.tolist()) if quick is None else quick
-
-
-class _Sums(Generic[S]):
-    """Sums of units, each any number of times; small sums come back often and are kept."""
-
-    def __init__(self, units: Sequence[S]) -> None:
-        self._groups = [units[first : first + _AT_ONCE] for first in range(0, len(units), _AT_ONCE)]
-        self._kept: list[dict[tuple[int, ...], S]] = [{} for _ in self._groups]
-
-    def of(self, times: Sequence[int]) -> S:
-        """Return the sum in which each unit is so many times; at least one isn't 0."""
-        parts = [self._part(at, tuple(times[at * _AT_ONCE :][:_AT_ONCE])) for at in range(len(self._groups))]
-        return reduce(add, (part for part in parts if part is not None))
-
-    def _part(self, at: int, times: tuple[int, ...]) -> S | None:
+    @cache
+    def add_group(at: int, times: tuple[int, ...]) -> S | None:
         if not any(times):
             return None
-        kept = self._kept[at]
-        if times not in kept:
-            first = next(i for i, num in enumerate(times) if num)
-            rest = self._part(at, (*times[:first], times[first] - 1, *times[first + 1 :]))
-            unit = self._groups[at][first]
-            kept[times] = unit if rest is None else rest + unit
-        return kept[times]
+        first = next(i for i, num in enumerate(times) if num)
+        rest = add_group(at, (*times[:first], times[first] - 1, *times[first + 1 :]))
+        return groups[at][first] if rest is None else rest + groups[at][first]
+
+    for times in draws.tolist():
+        sums = [add_group(at, tuple(times[at * _AT_ONCE :][:_AT_ONCE])) for at in range(len(groups))]
+        yield reduce(add, (part for part in sums if part is not None))

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from fbench.metrics.core.similarity import Blocks
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -39,16 +38,13 @@ def match_greedily(
     from fbench.metrics.core.assignment_kernel import greedy_blocks  # numba takes a while to import
 
     num = int(truth_start[-1])
-    ranks = np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64)
-    many = np.zeros(num, bool) if shared is None else np.array(shared, bool)
-    starts = _copy(truth_start), _copy(estimate_start), _copy(block_start)
-    values = np.array(similarity, np.float64)
-    return greedy_blocks(values, *starts, _copy(order), np.array(floors, np.float64), strict, ranks, many)
-
-
-def _copy(rows: Int64) -> Int64:
-    """Kernels are compiled for writeable arrays."""
-    return np.array(rows, np.int64)
+    # All are copied, because kernels are compiled for writeable arrays.
+    return greedy_blocks(
+        np.array(similarity, np.float64), np.array(truth_start, np.int64), np.array(estimate_start, np.int64),
+        np.array(block_start, np.int64), np.array(order, np.int64), np.array(floors, np.float64), strict,
+        np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64),
+        np.zeros(num, bool) if shared is None else np.array(shared, bool),
+    )  # fmt: skip
 
 
 def score_order(step: Int64, score: Float64, content: Array) -> Int64:
@@ -96,19 +92,27 @@ def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> In
     Returns:
         (M,) the truth box of each estimate, -1 where it has none.
     """
+    from fbench.metrics.core.assignment_kernel import assign  # numba takes a while to import
+
     num_truth, num_estimates = similarity.shape
     truth, estimates, _ = _valid_pairs(similarity, floor)
     row_of = np.full(num_estimates, -1, np.int64)
     row_of[estimates] = truth  # right wherever nobody competes
-    rivals = (np.bincount(truth, minlength=num_truth)[truth] > 1) | (
-        np.bincount(estimates, minlength=num_estimates)[estimates] > 1
-    )
+    num_per_truth, num_per_estimate = np.bincount(truth, minlength=num_truth), np.bincount(estimates)
+    competes = (num_per_truth[truth] > 1) | (num_per_estimate[estimates] > 1)
     favoured = np.ones(num_estimates, bool) if late is None else ~late
-    for step in np.unique(np.searchsorted(similarity.row_start, truth[rivals], side="right") - 1):
+    for step in np.unique(np.searchsorted(similarity.row_start, truth[competes], side="right") - 1):
         first, columns = similarity.row_start[step], slice(*similarity.column_start[step : step + 2])
-        chosen_rows, chosen_columns = _best(similarity.block(int(step)), floor, favoured[columns])
+        block = similarity.block(int(step))
+        valid = block >= floor
+        low, high = block[valid].min(), block[valid].max()
+        quality = np.where(valid, block - low, 0.0) / (high - low if high > low else 1.0)
+        # Three ranks in one number: m pairs sum to at most m in quality and m * weight in favour, m < weight.
+        weight = min(block.shape) + 1
+        column_of = assign(np.where(valid, -(weight * weight + weight * favoured[columns] + quality), np.inf), 0.0)
+        rows = np.flatnonzero(column_of >= 0)
         row_of[columns] = -1
-        row_of[columns.start + chosen_columns] = first + chosen_rows
+        row_of[columns.start + column_of[rows]] = first + rows
     return row_of
 
 
@@ -116,16 +120,3 @@ def _valid_pairs(similarity: Blocks, floor: float) -> tuple[Int64, Int64, Float6
     valid = np.flatnonzero(similarity.values >= floor)
     truth, estimates = similarity.pairs
     return truth[valid], estimates[valid], similarity.values[valid]
-
-
-def _best(block: Float64, floor: float, favoured: Bool) -> tuple[Int64, Int64]:
-    """Rows and columns of the best pairs of one step, which has at least one."""
-    valid = block >= floor
-    low, high = block[valid].min(), block[valid].max()
-    quality = np.where(valid, block - low, 0.0) / (high - low if high > low else 1.0)
-    # Three ranks in one number: m pairs sum to at most m in quality and m * weight in favour, m < weight.
-    weight = min(block.shape) + 1
-    gain = np.where(valid, weight * weight + weight * favoured[None, :] + quality, 0.0)
-    rows, columns = linear_sum_assignment(gain, maximize=True)
-    kept = valid[rows, columns]
-    return rows[kept], columns[kept]

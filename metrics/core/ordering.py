@@ -41,37 +41,16 @@ def life_ranks(box: Int64, track: Int64) -> Int64:
     return rank[np.searchsorted(names, track)]
 
 
-def in_order(objects: Objects) -> Objects:
-    """Sort the boxes of each step by place, size, score, class and what else is known of them, so that the order in
+def content_order(objects: Objects) -> Int64:
+    """Return the rows (N,) by step, place, size, score, class and what else is known of the boxes, so that the order in
     which they come never decides a match. Equal boxes go by the life of their tracks: ids are names only.
     """
-    box = content_ranks([objects.step, *_columns(objects)])
-    if len(box) and int(box.max()) + 1 < len(box):
-        return objects[np.lexsort((life_ranks(box, objects.track_id), box))]
-    return objects[np.argsort(box, kind="stable")]
-
-
-def _columns(objects: Objects) -> list[Array]:
-    """What tells the boxes of a step apart, most important first."""
     o = objects
-    boxes = [box.T for box in (o.center_m, o.size_lwh_m) if box is not None]
-    boxes += [] if o.yaw_rad is None else [o.yaw_rad[None]]
-    boxes += [] if o.xyxy_px is None else [o.xyxy_px.T]
-    others = (o.distance_m, o.range_rate_mps, o.visibility, o.sources, o.ignore, o.inside, o.seen)
-    last = [] if o.predicted is None else [o.predicted]
-    return [*(row for box in boxes for row in box), o.score, *(c for c in others if c is not None), o.label, *last]
-
-
-def by_content(objects: Objects, rows: Int64) -> Int64:
-    """Order rows (K,) within their steps by box, then by the life of their tracks: ids are names only."""
-    chosen = objects[rows]
-    box = content_ranks([chosen.step, *_order_columns(chosen)])
-    return np.asarray(rows[np.lexsort((life_ranks(box, chosen.track_id), box))])
-
-
-def _order_columns(objects: Objects) -> list[Array]:
-    """What tells boxes of a step apart, most important first."""
-    boxes = (objects.xyxy_px, objects.center_m, objects.size_lwh_m)
-    columns = [column for box in boxes if box is not None for column in box.T]
-    yaw = [] if objects.yaw_rad is None else [objects.yaw_rad]
-    return [*columns, *yaw, objects.score, objects.label]
+    geometry = (o.center_m, o.size_lwh_m, o.yaw_rad, o.xyxy_px)
+    others = (o.score, o.distance_m, o.range_rate_mps, o.visibility, o.sources, o.ignore, o.inside, o.seen, o.label)
+    columns = [column for values in geometry if values is not None for column in np.atleast_2d(values.T)]
+    columns += [column for column in (*others, o.predicted) if column is not None]
+    box = content_ranks([o.step, *columns])
+    if len(box) and int(box.max()) + 1 < len(box):
+        return np.lexsort((life_ranks(box, o.track_id), box))
+    return np.argsort(box, kind="stable")

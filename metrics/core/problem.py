@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
+from fbench.metrics.core.sequence import Objects, are_finite
 from fbench.metrics.profiles.profile import Likeness
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
-from fbench.replay.data.boxes import MAX_MAGNITUDE
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +63,10 @@ class Problem:
         """Estimated tracks that count."""
         return int(self.estimate_id.max(initial=-1)) + 1
 
-    def block(self, step: int) -> Float64:
-        """Similarity (n, m) of one step."""
-        n, m = (int(s[step + 1] - s[step]) for s in (self.truth_start, self.estimate_start))
-        block: Float64 = np.asarray(self.similarity[self.block_start[step] : self.block_start[step + 1]])
-        return block.reshape(n, m)
+    @property
+    def starts(self) -> tuple[Int64, Int64, Int64]:
+        """Offsets of truth, estimates and similarities for kernels, which are compiled for writeable arrays."""
+        return np.array(self.truth_start), np.array(self.estimate_start), np.array(self.block_start)
 
 
 def is_valid(objects: Objects, likeness: Likeness) -> Bool:
@@ -78,38 +76,31 @@ def is_valid(objects: Objects, likeness: Likeness) -> Bool:
     good: Bool = np.isfinite(objects.score)
     if not len(objects):
         return good
-    if likeness == "iou2d":
-        box = _known(objects.xyxy_px, "boxes in images")
-        good &= _finite(box) & np.all(box[:, 2:] >= box[:, :2], axis=1)
-        return good
-    center, size = _known(objects.center_m, "3D boxes"), _known(objects.size_lwh_m, "3D boxes")
-    yaw = _known(objects.yaw_rad, "3D boxes")[:, None]
-    good &= _finite(np.hstack([center, size, yaw])) & np.all(size >= 0, axis=1)
-    return good
+    parts, is_inverted = _geometry(objects, likeness)
+    return np.asarray(np.all([good, ~is_inverted, *map(are_finite, parts.values())], axis=0))
 
 
 def faults(objects: Objects, row: int, likeness: Likeness) -> list[str]:
     """Say what is wrong with one object that isn't valid."""
+    parts, is_inverted = _geometry(objects, likeness)
     found = [] if np.isfinite(objects.score[row]) else ["its score isn't finite"]
+    found += [f"its {what} isn't finite" for what, part in parts.items() if not are_finite(part[row : row + 1])[0]]
+    if is_inverted[row]:
+        is_flat = likeness == "iou2d"
+        found.append(
+            "its right is left of its left, or its bottom above its top" if is_flat else "its size is negative"
+        )
+    return found
+
+
+def _geometry(objects: Objects, likeness: Likeness) -> tuple[dict[str, Float64], Bool]:
+    """What is compared (N, K) by name, and which objects (N,) have a negative size."""
     if likeness == "iou2d":
-        box = _known(objects.xyxy_px, "boxes in images")[row : row + 1]
-        return found + ([] if _finite(box)[0] else ["its rectangle isn't finite"]) + (
-            ["its right is left of its left, or its bottom above its top"] if (box[0, 2:] < box[0, :2]).any() else []
-        )  # fmt: skip
-    center, size = _known(objects.center_m, "3D boxes"), _known(objects.size_lwh_m, "3D boxes")
-    yaw = _known(objects.yaw_rad, "3D boxes")[:, None]
-    parts = (("centre", center), ("size", size), ("heading", yaw))
-    found += [f"its {what} isn't finite" for what, values in parts if not _finite(values[row : row + 1])[0]]
-    return found + (["its size is negative"] if (size[row] < 0).any() else [])
-
-
-def _known(values: Float64 | None, what: str) -> Float64:
-    if values is None:
-        raise MetricError(f"there are no {what} to score")
-    return values
-
-
-def _finite(values: Float64) -> Bool:
-    magnitude = np.abs(np.nan_to_num(values, nan=np.inf, posinf=np.inf, neginf=-np.inf))
-    small: Bool = np.all(magnitude < MAX_MAGNITUDE, axis=1)
-    return small
+        if objects.xyxy_px is None:
+            raise MetricError("there are no boxes in images to score")
+        inverted = objects.xyxy_px[:, 2:] < objects.xyxy_px[:, :2]
+        return {"rectangle": objects.xyxy_px}, inverted.any(axis=1)
+    if objects.center_m is None or objects.size_lwh_m is None or objects.yaw_rad is None:
+        raise MetricError("there are no 3D boxes to score")
+    parts = {"centre": objects.center_m, "size": objects.size_lwh_m, "heading": objects.yaw_rad[:, None]}
+    return parts, (objects.size_lwh_m < 0).any(axis=1)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, freeze_fields
+from fbench.replay.data.boxes import MAX_MAGNITUDE
 
 Space = Literal["2d", "3d", "both"]  # Where boxes are compared: in images, or in the ground plane and in space
 
@@ -68,6 +69,11 @@ class Objects:
     def starts(self, num_steps: int) -> Int64:
         """Offsets (num_steps + 1,) of the rows of each step: step s has rows `starts[s]:starts[s + 1]`."""
         return np.searchsorted(self.step, np.arange(num_steps + 1)).astype(np.int64)
+
+
+def are_finite(values: Float64) -> Bool:
+    """Tell which rows (N,) of (N, K) numbers are finite, and not absurdly large."""
+    return np.asarray((np.abs(values) < MAX_MAGNITUDE).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

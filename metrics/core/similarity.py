@@ -5,11 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
+from fbench.metrics.core.sequence import Objects, are_finite
 from fbench.metrics.profiles.profile import Likeness
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.geometry.iou import comparable, flat_iou
 
 
@@ -44,13 +43,12 @@ class Blocks:
     def select(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
         row, column = self.pairs
-        starts = [_before(mask)[start] for mask, start in ((rows, self.row_start), (columns, self.column_start))]
-        return Blocks(starts[0], starts[1], block_starts(*starts), self.values[rows[row] & columns[column]])
-
-
-def _before(mask: Bool) -> Int64:
-    """(N + 1,) how many are marked before each place."""
-    return np.concatenate([[0], np.cumsum(mask)]).astype(np.int64)
+        row_start, column_start = (
+            np.concatenate([[0], np.cumsum(mask)])[start]
+            for mask, start in ((rows, self.row_start), (columns, self.column_start))
+        )
+        start = block_starts(row_start, column_start)
+        return Blocks(row_start, column_start, start, self.values[rows[row] & columns[column]])
 
 
 def block_starts(row_start: Int64, column_start: Int64) -> Int64:
@@ -102,11 +100,20 @@ def blocks(
     Raises:
         MetricError: where boxes have no rectangle, or no solid, as the likeness needs.
     """
+    if likeness == "iou2d":
+        return image_overlaps(truth, estimates, truth_start, estimate_start, np.zeros(len(truth), bool))
     starts = _starts(truth_start, estimate_start)
-    block_start = starts[2]
     if likeness in ("ioubev", "iou3d"):
-        return flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"), block_start
-    return _compiled(truth, estimates, starts, likeness, ego_m), block_start
+        return flat_iou(_solids(truth), _solids(estimates), *starts[:2], likeness == "iou3d"), starts[2]
+    from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks  # numba takes a while to import
+
+    if likeness == "plane":
+        a, b = _solids(truth), _solids(estimates)
+        ego = np.zeros((len(truth_start) - 1, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
+        return plane_blocks(a, b, comparable(a), comparable(b), *starts, ego), starts[2]
+    num_axes = 2 if likeness == "bev" else 3
+    a, b = _centers(truth, num_axes), _centers(estimates, num_axes)
+    return distance_blocks(a, b, are_finite(a), are_finite(b), *starts), starts[2]
 
 
 def image_overlaps(
@@ -117,38 +124,21 @@ def image_overlaps(
     Regions hold any number of objects (KITTI's DontCare, COCO's crowds). 0 where the estimate has no area; -inf where
     one of the two isn't finite or has a negative size.
     """
+    from fbench.metrics.core.similarity_kernel import rectangle_blocks  # numba takes a while to import
+
     starts = _starts(truth_start, estimate_start)
-    return _rectangle_blocks(truth, estimates, starts, region), starts[2]
+    sides = _rectangles(truth), _rectangles(estimates)
+    sound = (are_finite(xyxy) & (xyxy[:, 2] >= xyxy[:, 0]) & (xyxy[:, 3] >= xyxy[:, 1]) for xyxy in sides)
+    return rectangle_blocks(*sides, *sound, *starts, region), starts[2]
 
 
 def _starts(truth_start: Int64, estimate_start: Int64) -> tuple[Int64, Int64, Int64]:
-    """Offsets of truth, estimates and blocks, as kernels want them."""
-    starts = np.array(truth_start, np.int64), np.array(estimate_start, np.int64)
-    return *starts, block_starts(*starts)
-
-
-def _compiled(
-    truth: Objects, estimates: Objects, starts: tuple[Int64, Int64, Int64], likeness: Likeness, ego_m: Array | None
-) -> Float64:
-    # numba takes a while to import
-    from fbench.metrics.core.similarity_kernel import distance_blocks, plane_blocks
-
-    if likeness == "iou2d":
-        return _rectangle_blocks(truth, estimates, starts, np.zeros(len(truth), bool))
-    if likeness == "plane":
-        a, b = _solids(truth), _solids(estimates)
-        ego = np.zeros((len(starts[0]) - 1, 2)) if ego_m is None else np.ascontiguousarray(ego_m[:, :2], np.float64)
-        return plane_blocks(a, b, comparable(a), comparable(b), *starts, ego)
-    num_axes = 2 if likeness == "bev" else 3
-    a, b = _centers(truth, num_axes), _centers(estimates, num_axes)
-    return distance_blocks(a, b, _finite(a), _finite(b), *starts)
-
-
-def _rectangle_blocks(truth: Objects, estimates: Objects, starts: tuple[Int64, Int64, Int64], region: Bool) -> Float64:
-    from fbench.metrics.core.similarity_kernel import rectangle_blocks
-
-    a, b = _rectangles(truth), _rectangles(estimates)
-    return rectangle_blocks(a, b, _filled(a), _filled(b), *starts, region)
+    """Offsets of truth, estimates and blocks for kernels, which are compiled for writeable arrays."""
+    return (
+        np.array(truth_start, np.int64),
+        np.array(estimate_start, np.int64),
+        block_starts(truth_start, estimate_start),
+    )
 
 
 def _rectangles(objects: Objects) -> Float64:
@@ -156,7 +146,7 @@ def _rectangles(objects: Objects) -> Float64:
         if len(objects):
             raise MetricError("iou2d: boxes have no rectangles in images; match them in 3D")
         return np.zeros((0, 4))
-    return np.array(objects.xyxy_px)  # a copy: kernels are compiled for writeable arrays only
+    return np.array(objects.xyxy_px)  # a copy, which is writeable
 
 
 def _centers(objects: Objects, num_axes: int) -> Float64:
@@ -174,13 +164,3 @@ def _solids(objects: Objects) -> Float64:
             raise MetricError("boxes have no size or heading in space; match them by their centres (bev, center3d)")
         return np.zeros((0, 7))
     return np.column_stack([centers, objects.size_lwh_m, objects.yaw_rad])
-
-
-def _finite(values: Float64) -> Bool:
-    finite: Bool = np.all(np.abs(np.nan_to_num(values, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
-    return finite
-
-
-def _filled(xyxy: Float64) -> Bool:
-    filled: Bool = _finite(xyxy) & (xyxy[:, 2] >= xyxy[:, 0]) & (xyxy[:, 3] >= xyxy[:, 1])
-    return filled

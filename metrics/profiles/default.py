@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.core.ordering import in_order
+from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, added, label_group
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
@@ -65,9 +65,7 @@ class DefaultProfile:
         """Return the statistics of one sequence. Raises MetricError where boxes lack what the match compares, or an id
         is twice in one frame of a class (GT003).
         """
-        known = replace(
-            sequence, truth=in_order(_named(sequence.truth)), estimates=in_order(_named(sequence.estimates))
-        )
+        known = replace(sequence, truth=_named(sequence.truth), estimates=_named(sequence.estimates))
         return DefaultStatistics(tuple(self._entry(known, group) for group in _groups(known)))
 
     def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
@@ -105,9 +103,11 @@ def _groups(sequence: Sequence) -> Iterable[Group]:
 
 
 def _named(objects: Objects) -> Objects:
+    """In the order of their content, by the names of fbench."""
     words, which = np.unique(objects.label, return_inverse=True)
     names = np.array([label(str(word)) for word in words], np.str_)
-    return replace(objects, label=names[which] if len(words) else objects.label)
+    named = replace(objects, label=names[which] if len(words) else objects.label)
+    return named[content_order(named)]
 
 
 def _rank(name: str) -> int:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fbench.metrics.core.ordering import in_order
+from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.profile import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -46,7 +46,8 @@ def objects_of(
         seen=None if seen is None else seen[order],
         predicted=boxes.predicted,
     )
-    return in_order(_with_place(common, boxes, None if xyxy_px is None else xyxy_px[order]))
+    objects = _with_place(common, boxes, None if xyxy_px is None else xyxy_px[order])
+    return objects[content_order(objects)]
 
 
 def nothing(name: str, num_unlabelled: int) -> Sequence:

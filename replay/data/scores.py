@@ -72,6 +72,11 @@ class Score:
     interval: str | None = None
     """How the interval was made: `95 % of 1000 bootstrap resamples of 21 logs`; or why there is none."""
 
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """What tells it apart from the other scores of a run: metric, class, slice and matching."""
+        return self.metric, self.class_, self.slice, self.matching
+
     def __post_init__(self) -> None:
         if self.value is not None and not math.isfinite(self.value):
             raise MetricError(

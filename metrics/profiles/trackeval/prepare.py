@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.core.ordering import by_content
+from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.similarity import blocks, image_overlaps, pairs_of
@@ -242,7 +242,8 @@ def _of_class(
     rows = np.flatnonzero(truth), np.flatnonzero(estimates)
     if preparation.order == "as given":
         return rows
-    return by_content(sequence.truth, rows[0]), by_content(sequence.estimates, rows[1])
+    truth_order, estimate_order = content_order(sequence.truth[rows[0]]), content_order(sequence.estimates[rows[1]])
+    return rows[0][truth_order], rows[1][estimate_order]
 
 
 def _up_to(height_px: float, xyxy: Float64) -> Bool:

@@ -7,10 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, objects, sequence
 
-from fbench.metrics.core.ordering import in_order
+from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.sequence import Objects
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.replay.data.scores import Score
+
+
+def in_order(boxes: Objects) -> Objects:
+    return boxes[content_order(boxes)]
 
 
 def test_by_place_then_score_then_class() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.bootstrap import Bootstrap, Interval, interval, intervals, weighted_sums, with_intervals
+from fbench.metrics.core.bootstrap import Bootstrap, Interval, intervals, weighted_sums, with_intervals
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.metrics.profiles.profile import Match
@@ -43,6 +43,10 @@ class Longest:
 
     def __add__(self, other: "Longest") -> "Longest":
         return Longest(max(self.length, other.length))
+
+
+def interval(units, value, how: Bootstrap) -> Interval | str:  # type: ignore[no-untyped-def]
+    return intervals(units, lambda total: {"": value(total)}, how)[""]
 
 
 UNITS = {f"log {i}": Share(i, 10, Fraction(1, 2**i)) for i in range(8)}
