@@ -49,8 +49,7 @@ def match_greedily(
 
 def score_order(step: Int64, score: Float64, content: Array) -> Int64:
     """Return rows (M,) by step, then score descending (NaN last), then content (M, K), for `match_greedily`."""
-    keys = [content[:, k] for k in reversed(range(content.shape[1]))]
-    return np.lexsort((*keys, -score, step)).astype(np.int64)
+    return np.lexsort((*content.T[::-1], -score, step)).astype(np.int64)
 
 
 def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | None = None) -> Int64:

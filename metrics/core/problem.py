@@ -86,10 +86,8 @@ def faults(objects: Objects, row: int, likeness: Likeness) -> list[str]:
     found = [] if np.isfinite(objects.score[row]) else ["its score isn't finite"]
     found += [f"its {what} isn't finite" for what, part in parts.items() if not are_finite(part[row : row + 1])[0]]
     if is_inverted[row]:
-        is_flat = likeness == "iou2d"
-        found.append(
-            "its right is left of its left, or its bottom above its top" if is_flat else "its size is negative"
-        )
+        turned = "its right is left of its left, or its bottom above its top"
+        found.append(turned if likeness == "iou2d" else "its size is negative")
     return found
 
 

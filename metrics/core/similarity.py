@@ -127,18 +127,15 @@ def image_overlaps(
     from fbench.metrics.core.similarity_kernel import rectangle_blocks  # numba takes a while to import
 
     starts = _starts(truth_start, estimate_start)
-    sides = _rectangles(truth), _rectangles(estimates)
-    sound = (are_finite(xyxy) & (xyxy[:, 2] >= xyxy[:, 0]) & (xyxy[:, 3] >= xyxy[:, 1]) for xyxy in sides)
-    return rectangle_blocks(*sides, *sound, *starts, region), starts[2]
+    a, b = _rectangles(truth), _rectangles(estimates)
+    sound_a, sound_b = (are_finite(xyxy) & np.all(xyxy[:, 2:] >= xyxy[:, :2], axis=1) for xyxy in (a, b))
+    return rectangle_blocks(a, b, sound_a, sound_b, *starts, region), starts[2]
 
 
 def _starts(truth_start: Int64, estimate_start: Int64) -> tuple[Int64, Int64, Int64]:
     """Offsets of truth, estimates and blocks for kernels, which are compiled for writeable arrays."""
-    return (
-        np.array(truth_start, np.int64),
-        np.array(estimate_start, np.int64),
-        block_starts(truth_start, estimate_start),
-    )
+    starts = np.array(truth_start, np.int64), np.array(estimate_start, np.int64)
+    return *starts, block_starts(*starts)
 
 
 def _rectangles(objects: Objects) -> Float64:

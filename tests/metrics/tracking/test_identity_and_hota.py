@@ -8,6 +8,7 @@ from scipy.optimize import linear_sum_assignment
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.core.similarity import Blocks
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.trackeval.fields import alpha_fields, identity_fields, mean_fields
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, overlaps, problems
@@ -29,10 +30,11 @@ def dense(one, floor):
     """The definition: a square matrix in which each track may stay alone (Ristani et al. 2016)."""
     g, e = one.num_truth_ids, one.num_estimate_ids
     common = np.zeros((g, e))
+    blocks = Blocks(one.truth_start, one.estimate_start, one.block_start, one.similarity)
     for step in range(one.num_steps):
         rows = slice(*one.truth_start[step : step + 2])
         columns = slice(*one.estimate_start[step : step + 2])
-        for i, j in zip(*np.nonzero(one.block(step) >= floor), strict=True):
+        for i, j in zip(*np.nonzero(blocks.block(step) >= floor), strict=True):
             common[one.truth_id[rows][i], one.estimate_id[columns][j]] += 1
     sizes = np.bincount(one.truth_id, minlength=g), np.bincount(one.estimate_id, minlength=e)
     cost = np.full((g + e, g + e), 1e9)
