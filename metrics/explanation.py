@@ -17,7 +17,7 @@ from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.columns import View, of_steps
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
-from fbench.metrics.tracking.scores import Followed, followed, require_unique_ids
+from fbench.metrics.tracking.scores import Followed, follow_tracks, require_unique_ids
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
 from fbench.replay.data.arrays import Array, Float64, Int64
 from fbench.replay.data.boxes import LABELS, finite
@@ -355,7 +355,7 @@ def _detections(view: View, group: Group, frame: int, options: ScoreOptions) -> 
 
 def _tracks(view: View, group: Group, frame: int, options: ScoreOptions) -> Table:
     """Whom a track is on depends on the frames before."""
-    found = followed(view.sequence, group, view.match)
+    found = follow_tracks(view.sequence, group, view.match)
     held, used = found.counted, np.flatnonzero(found.used)
     partner = np.full(len(held.estimate_row), -1, np.int64)
     partner[used] = found.pairs.truth_of

@@ -1,11 +1,24 @@
-"""Sums of floats as fractions, so that adding statistics never rounds."""
+"""Sums that never round: floats added as fractions, and counts added field by field."""
 
-from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from fractions import Fraction
+from typing import Any, Self
 
 import numpy as np
 
 from fbench.replay.data.arrays import Float64, Int64
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Base of dataclasses of numbers, tuples of numbers and other counts, which add field by field."""
+
+    def __add__(self, other: Self) -> Self:
+        return type(self)(*(_add(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)))
+
+
+def _add(one: Any, other: Any) -> Any:
+    return tuple(map(_add, one, other)) if isinstance(one, tuple) else one + other
 
 
 def exact_sum(values: Float64) -> Fraction:
@@ -35,8 +48,3 @@ def fractions(digits: Int64) -> tuple[Fraction, ...]:
         tops[row] += value << 32 * (place - lowest)
     shift = LOWEST - 32 * lowest
     return tuple(Fraction(top, 1 << shift) if shift > 0 else Fraction(top << -shift) for top in tops)
-
-
-def plus(ones: Sequence[Fraction], others: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    """Add two lists element by element."""
-    return tuple(a + b for a, b in zip(ones, others, strict=True))

@@ -42,6 +42,8 @@ class Blocks:
 
     def select(self, rows: Bool, columns: Bool) -> "Blocks":
         """Return the pairs of the marked rows (N,) and columns (M,), numbered from 0 on."""
+        if rows.all() and columns.all():
+            return self
         row, column = self.pairs
         row_start, column_start = (
             np.concatenate([[0], np.cumsum(mask)])[start]

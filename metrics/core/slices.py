@@ -1,7 +1,7 @@
 """Slices of a sequence, groups of classes, and statistics labeled by them."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -11,6 +11,7 @@ from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.profiles.profile import Statistics
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import VEHICLES, Source
+from fbench.replay.data.scores import Score, ratio
 
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
 VISIBILITIES = (0.0, 0.4, 0.6, 0.8, 1.0)  # The steps that nuScenes labels
@@ -42,7 +43,7 @@ def by_seen(sequence: Sequence) -> Iterator[Part]:
 
 def by_range(sequence: Sequence, range_m: float) -> Iterator[Part]:
     """Yield the sequence by distance in the ground plane, as far as `range_m`."""
-    truth, estimates = _range(sequence.truth), _range(sequence.estimates)
+    truth, estimates = ground_range(sequence.truth), ground_range(sequence.estimates)
     if truth is None or estimates is None:
         return
     edges = [edge for edge in RANGES_M if edge < range_m] + [min(range_m, RANGES_M[-1])]
@@ -75,8 +76,8 @@ def by_source(sequence: Sequence) -> Iterator[Part]:
             yield Part(f"source {name}", *every, held)
 
 
-def _range(objects: Objects) -> Float64 | None:
-    """(N,) distance from the body in the ground plane [m], or as the source tells it."""
+def ground_range(objects: Objects) -> Float64 | None:
+    """Distance (N,) from the body in the ground plane [m], else as the source reports it."""
     if objects.center_m is None:
         return objects.distance_m
     return np.asarray(np.hypot(objects.center_m[:, 0], objects.center_m[:, 1]))
@@ -132,8 +133,22 @@ class Heading:
     class_: str
     slice: str
     matching: str
-    reason: str | None  # Why nothing can be scored
-    num_frames: int  # That were scored
+    reason: str | None = None  # Why nothing can be scored
+    num_frames: int = 0  # That were scored
+
+    def score(
+        self, metric: str, value: float | None, reason: str | None, counts: Mapping[str, int | float], unit: str = "1"
+    ) -> Score:
+        """Return one row; null with the reason where there is one."""
+        return Score(
+            metric, self.class_, self.slice, self.matching, None if reason else value, reason or None, unit, counts
+        )
+
+    def ratio(
+        self, metric: str, top: float, bottom: float, why: str, counts: Mapping[str, int | float], unit: str = "1"
+    ) -> Score:
+        """Return `top / bottom` as one row; null with the reason `why` where `bottom` is 0."""
+        return ratio(metric, self.class_, self.matching, top, bottom, why, counts, unit, self.slice)
 
 
 @dataclass(frozen=True)
@@ -155,10 +170,9 @@ class Entry(Generic[S]):
         return Entry(heading, self.counts + other.counts)
 
 
-def added(tables: Iterable[Iterable[Entry[S]]]) -> tuple[Entry[S], ...]:
+def add_entries(tables: Iterable[Iterable[Entry[S]]]) -> tuple[Entry[S], ...]:
     """Add the entries of several runs; what only some of them have stays, in the order in which it first comes."""
     sums: dict[tuple[str, str, str], Entry[S]] = {}
-    for table in tables:
-        for entry in table:
-            sums[entry.key] = sums[entry.key] + entry if entry.key in sums else entry
+    for entry in itertools.chain.from_iterable(tables):
+        sums[entry.key] = sums[entry.key] + entry if entry.key in sums else entry
     return tuple(sums.values())

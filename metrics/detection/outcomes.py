@@ -6,49 +6,39 @@ from functools import cached_property
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.matching import match_best, match_greedy
 from fbench.metrics.core.problem import is_valid
 from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps, pairs_of
+from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.metrics.core.slices import Group, Part
 from fbench.metrics.profiles.profile import Match
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 
 
 @dataclass(frozen=True, eq=False)
-class Alike:
+class Candidates:
     """T truth boxes of a sequence and the M estimates of one class, and how alike they are."""
 
     sequence: Sequence
+    match: Match
     must: Bool  # (T,) truth boxes to be found; the others may excuse estimates
     estimate_row: Int64  # (M,) rows of the sequence's estimates
-    similarity: Blocks  # (T, M), higher is nearer; -inf for invalid estimates
-    excuse: Blocks
-    """(T, M), as `similarity`, or the share of the estimate that is in the truth box; -inf where the box couldn't
-    excuse the estimate if it needn't be found."""
-    match: Match
-    invalid: Bool  # (M,) estimates that aren't finite, or have negative sizes
-
-
-@dataclass(frozen=True, eq=False)
-class Counted:
-    """One class of a sequence, or of a part of it: N truth boxes to be found, M estimates, K truth boxes that may
-    excuse estimates.
-    """
-
-    sequence: Sequence
-    truth_row: Int64  # (N,) rows of the sequence's truth
-    rest_row: Int64  # (K,) its other rows
-    estimate_row: Int64  # (M,) rows of the sequence's estimates
-    similarity: Blocks  # (N, M), higher is nearer; -inf for invalid estimates
-    excuse: Blocks  # (K, M), as `similarity`; -inf where the box doesn't excuse the estimate
-    match: Match
     inside: Bool  # (M,) false for estimates outside the region: they can be hits but no false alarms
     invalid: Bool  # (M,) estimates that aren't finite, or have negative sizes
+    all_similarity: Blocks  # (T, M), higher is nearer; -inf for invalid estimates
+    all_excuse: Blocks
+    """(T, M), as `all_similarity`, or the share of the estimate that is in the truth box; -inf where the box couldn't
+    excuse the estimate if it needn't be found."""
+
+    @cached_property
+    def truth_row(self) -> Int64:
+        """(N,) rows of the truth boxes to be found."""
+        return np.flatnonzero(self.must)
 
     @cached_property
     def truth(self) -> Objects:
-        """The N truth boxes."""
+        """The N truth boxes to be found."""
         return self.sequence.truth[self.truth_row]
 
     @cached_property
@@ -61,13 +51,31 @@ class Counted:
         """(M,) of the estimates."""
         return self.sequence.estimates.score[self.estimate_row]
 
-    @property
-    def shared_excuse(self) -> bool:
-        """Whether one box can excuse several estimates."""
-        return self.match.likeness == "iou2d"
+    @cached_property
+    def similarity(self) -> Blocks:
+        """(N, M) of the truth boxes to be found."""
+        return self.all_similarity.select(self.must, np.ones(len(self.estimate_row), bool))
+
+    @cached_property
+    def excuse(self) -> Blocks:
+        """(K, M) of the other truth boxes."""
+        return self.all_excuse.select(~self.must, np.ones(len(self.estimate_row), bool))
+
+    def select(self, part: Part) -> "Candidates":
+        """Return what counts of a part of the sequence."""
+        rows, everything = self.estimate_row, np.ones(len(self.must), bool)
+        given = part.estimates[rows] | ~self.invalid  # elsewhere, what isn't valid is nobody's false alarm
+        if part.given is not None:
+            given &= part.given[rows]
+        return replace(
+            self, must=self.must & part.truth, estimate_row=rows[given],
+            inside=(self.inside & part.estimates[rows])[given], invalid=self.invalid[given],
+            all_similarity=self.all_similarity.select(everything, given),
+            all_excuse=self.all_excuse.select(everything, given),
+        )  # fmt: skip
 
 
-def alike(sequence: Sequence, group: Group, match: Match) -> Alike:
+def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     """Compare all truth with the estimates of one class.
 
     In space a truth box that needn't be found excuses one estimate that matches it. In images it excuses all estimates
@@ -76,41 +84,25 @@ def alike(sequence: Sequence, group: Group, match: Match) -> Alike:
     """
     truth, estimate_row = sequence.truth, np.flatnonzero(group.holds(sequence.estimates))
     estimates = sequence.estimates[estimate_row]
-    starts = [objects.starts(len(sequence.steps)) for objects in (truth, estimates)]
+    starts = truth.starts(len(sequence.steps)), estimates.starts(len(sequence.steps))
     invalid = ~is_valid(estimates, match.likeness)
-    values, start = blocks(truth, estimates, starts[0], starts[1], match.likeness, sequence.ego_m)
-    pairs = pairs_of(starts[0], starts[1])
+    values, start = blocks(truth, estimates, *starts, match.likeness, sequence.ego_m)
+    shares = values
     if match.likeness == "iou2d":
-        shares, _ = image_overlaps(truth, estimates, starts[0], starts[1], np.ones(len(truth), bool))
-    else:
-        shares = values
-    usable = ~invalid[pairs[1]]
-    excused = usable & group.excuses(truth, estimates, pairs)
-    similarity, excuse = (
-        Blocks(starts[0], starts[1], start, np.where(held, numbers, -np.inf))
-        for held, numbers in ((usable, values), (excused, shares))
-    )
-    return Alike(sequence, group.counts(truth), estimate_row, similarity, excuse, match, invalid)
-
-
-def counted(pairs: Alike, part: Part | None = None) -> Counted:
-    """Select what counts: of the whole sequence, or of a part of it."""
-    rows, num = pairs.estimate_row, len(pairs.estimate_row)
-    estimates = pairs.sequence.estimates
-    inside = np.ones(num, bool) if estimates.inside is None else estimates.inside[rows]
-    must, given = pairs.must, np.ones(num, bool)
-    if part is not None:
-        must, inside = must & part.truth, inside & part.estimates[rows]
-        given = part.estimates[rows] | ~pairs.invalid  # elsewhere, what isn't valid is nobody's false alarm
-        given = given if part.given is None else given & part.given[rows]
-    return Counted(
-        pairs.sequence, np.flatnonzero(must), np.flatnonzero(~must), rows[given], pairs.similarity.select(must, given),
-        pairs.excuse.select(~must, given), pairs.match, inside[given], pairs.invalid[given],
+        shares, _ = image_overlaps(truth, estimates, *starts, np.ones(len(truth), bool))
+    pairs = Blocks(*starts, start, values)
+    usable = ~invalid[pairs.pairs[1]]
+    excused = usable & group.excuses(truth, estimates, pairs.pairs)
+    return Candidates(
+        sequence, match, group.counts(truth), estimate_row,
+        np.ones(len(estimates), bool) if estimates.inside is None else estimates.inside, invalid,
+        replace(pairs, values=np.where(usable, values, -np.inf)),
+        replace(pairs, values=np.where(excused, shares, -np.inf)),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class BoxCounts:
+class BoxCounts(Counts):
     """Hits and misses."""
 
     tp: int = 0
@@ -120,12 +112,6 @@ class BoxCounts:
     invalid: int = 0  # Estimates that aren't finite; they are in `fp` too
     invalid_truth: int = 0  # Truth boxes that aren't finite; they are left out
     predicted: int = 0  # Estimates that counted though nothing measured them: predictions of a tracker
-
-    def __add__(self, other: "BoxCounts") -> "BoxCounts":
-        return BoxCounts(
-            self.tp + other.tp, self.fp + other.fp, self.fn + other.fn, self.ignored + other.ignored,
-            self.invalid + other.invalid, self.invalid_truth + other.invalid_truth, self.predicted + other.predicted,
-        )  # fmt: skip
 
     @property
     def gt(self) -> int:
@@ -159,75 +145,70 @@ class Outcome(IntEnum):
 class Judgement:
     """Partners and outcomes of the boxes of one class of one sequence."""
 
-    counted: Counted
+    candidates: Candidates
     truth_of_estimate: Int64  # (M,) which of the N truth boxes was found; -1: none
     outcome: Array  # (M,) int8 `Outcome`
+
+    @property
+    def used(self) -> Bool:
+        """(M,) hits and false alarms."""
+        return ~np.isin(self.outcome, (Outcome.OUTSIDE, Outcome.EXCUSED))
 
     @property
     def counts(self) -> BoxCounts:
         """Sums over all steps."""
         num = np.bincount(self.outcome, minlength=len(Outcome)).tolist()
         tp, invalid = num[Outcome.HIT], num[Outcome.INVALID]
-        predicted = self.counted.sequence.estimates.predicted
+        sequence, predicted = self.candidates.sequence, self.candidates.estimates.predicted
         return BoxCounts(
             tp=tp,
             fp=num[Outcome.FALSE_ALARM] + invalid,
-            fn=len(self.counted.truth_row) - tp,
+            fn=len(self.candidates.truth_row) - tp,
             ignored=num[Outcome.OUTSIDE] + num[Outcome.EXCUSED],
             invalid=invalid,
-            invalid_truth=self.counted.sequence.num_invalid_truth,
-            predicted=0 if predicted is None else self._num_counting(predicted[self.counted.estimate_row]),
+            invalid_truth=sequence.num_invalid_truth,
+            predicted=0 if predicted is None else int(np.count_nonzero(predicted & self.used)),
         )
 
-    def _num_counting(self, marked: Bool) -> int:
-        """How many of the marked estimates (M,) are hits or false alarms."""
-        return int(np.count_nonzero(marked & ~np.isin(self.outcome, (Outcome.OUTSIDE, Outcome.EXCUSED))))
 
-
-def judge_detections(counted: Counted) -> Judgement:
+def judge_detections(candidates: Candidates) -> Judgement:
     """Match greedily: of the estimates inside the region, then of the others, the best score chooses first."""
-    partner = match_greedy(counted.similarity, counted.match.floor, counted.score, ~counted.inside)
-    return judged(counted, partner)
+    c = candidates
+    return _judge(c, match_greedy(c.similarity, c.match.floor, c.score, ~c.inside))
 
 
-def judge_ranked(counted: Counted) -> Judgement:
+def judge_ranked(candidates: Candidates) -> Judgement:
     """Match greedily by score alone, so that what is left at a higher threshold is matched as it would be there."""
-    return judged(counted, match_greedy(counted.similarity, counted.match.floor, counted.score))
+    return _judge(candidates, match_greedy(candidates.similarity, candidates.match.floor, candidates.score))
 
 
-def judge_tracks(counted: Counted) -> Judgement:
+def judge_tracks(candidates: Candidates) -> Judgement:
     """Match each step for most pairs, then most estimates inside the region, then the best total."""
-    return judged(counted, match_best(counted.similarity, counted.match.floor, ~counted.inside), by_score=False)
+    c = candidates
+    return _judge(c, match_best(c.similarity, c.match.floor, ~c.inside), by_score=False)
 
 
-def judged(counted: Counted, partner: Int64, by_score: bool = True) -> Judgement:
+def _judge(candidates: Candidates, partner: Int64, by_score: bool = True) -> Judgement:
     """An estimate without partner is a false alarm unless it is excused or outside the region.
 
     Args:
-        counted: What was matched.
+        candidates: What was matched.
         partner: (M,) truth box of each estimate; -1: none.
         by_score: Whether the best score is excused first, as it is matched first; else as many as possible are.
     """
-    free = partner < 0
+    c, free = candidates, partner < 0
     outcome = np.where(free, Outcome.FALSE_ALARM, Outcome.HIT).astype(np.int8)
-    outcome[free & ~counted.inside] = Outcome.OUTSIDE
-    candidates = free & counted.inside & ~counted.invalid
-    if candidates.any():
-        outcome[_excused(counted, candidates, by_score)] = Outcome.EXCUSED
-    outcome[counted.invalid] = Outcome.INVALID
-    return Judgement(counted, partner, outcome)
-
-
-def _excused(counted: Counted, candidates: Array, by_score: bool) -> Array:
-    """Which of the candidates (M,) lie on truth that needn't be found."""
-    excuse = counted.excuse
-    _rows, columns = excuse.pairs
-    good = (excuse.values >= counted.match.floor) & candidates[columns]
-    excused = np.zeros(len(candidates), bool)
-    if counted.shared_excuse:
-        excused[columns[good]] = True
-        return excused
-    single = replace(excuse, values=np.where(good, excuse.values, -np.inf))
-    if by_score:
-        return np.asarray(match_greedy(single, counted.match.floor, counted.score) >= 0)
-    return np.asarray(match_best(single, counted.match.floor) >= 0)
+    outcome[free & ~c.inside] = Outcome.OUTSIDE
+    excusable = free & c.inside & ~c.invalid
+    if excusable.any():
+        columns = c.excuse.pairs[1]
+        good = (c.excuse.values >= c.match.floor) & excusable[columns]
+        if c.match.likeness == "iou2d":  # one box can excuse several estimates
+            outcome[columns[good]] = Outcome.EXCUSED
+        else:
+            single = replace(c.excuse, values=np.where(good, c.excuse.values, -np.inf))
+            floor = c.match.floor
+            found = match_greedy(single, floor, c.score) if by_score else match_best(single, floor)
+            outcome[found >= 0] = Outcome.EXCUSED
+    outcome[c.invalid] = Outcome.INVALID
+    return Judgement(c, partner, outcome)

@@ -1,38 +1,32 @@
 """Precision, recall and F1 of detections at every score threshold, and deviations of distance and speed."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 
 import numpy as np
 
-from fbench.metrics.core.exact import exact_sum
+from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.sequence import Sequence
-from fbench.metrics.core.slices import Group, Heading, Part
+from fbench.metrics.core.slices import Group, Heading
 from fbench.metrics.detection.outcomes import (
-    Alike,
     BoxCounts,
     Judgement,
     Outcome,
-    alike,
-    counted,
+    compare_class,
     judge_detections,
     judge_ranked,
 )
 from fbench.metrics.profiles.profile import Match
-from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.scores import Score, ratio
+from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.scores import Score
 
 
 @dataclass(frozen=True)
-class Deviation:
+class Deviation(Counts):
     """Sum of absolute errors of some hits; can be added exactly in any order."""
 
     total: Fraction = Fraction(0)
     num: int = 0
-
-    def __add__(self, other: "Deviation") -> "Deviation":
-        return Deviation(self.total + other.total, self.num + other.num)
 
     @classmethod
     def of(cls, truth: Float64 | None, estimates: Float64 | None) -> "Deviation":
@@ -84,15 +78,19 @@ class Ranking:
     @classmethod
     def of(cls, scores: Float64, hit: Bool, num_truth: int) -> "Ranking":
         """Count K estimates that are a hit or a false alarm."""
-        return cls(*_merged(scores, hit.astype(np.int64), (~hit).astype(np.int64)), num_truth)
+        return cls._merge(scores, hit.astype(np.int64), (~hit).astype(np.int64), num_truth)
 
     def __add__(self, other: "Ranking") -> "Ranking":
-        both = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
-        return Ranking(*_merged(*both), self.num_truth + other.num_truth)
+        scores, tp, fp = (
+            np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("scores", "tp", "fp")
+        )
+        return self._merge(scores, tp, fp, self.num_truth + other.num_truth)
 
-    @property
-    def _columns(self) -> tuple[Array, Array, Array]:
-        return self.scores, self.tp, self.fp
+    @classmethod
+    def _merge(cls, scores: Float64, tp: Int64, fp: Int64, num_truth: int) -> "Ranking":
+        falling, at = np.unique(-scores, return_inverse=True)
+        hits, alarms = (np.bincount(at, part, len(falling)).astype(np.int64) for part in (tp, fp))
+        return cls(-falling, hits, alarms, num_truth)
 
     @property
     def reason(self) -> str | None:
@@ -120,54 +118,30 @@ class Ranking:
         return float(np.append(precision, 0.0)[at].mean())
 
 
-def _merged(scores: Float64, tp: Int64, fp: Int64) -> tuple[Float64, Int64, Int64]:
-    unique, at = np.unique(-scores, return_inverse=True)
-    sums = [np.zeros(len(unique), np.int64) for _ in range(2)]
-    for total, part in zip(sums, (tp, fp), strict=True):
-        np.add.at(total, at, part)
-    return -unique, sums[0], sums[1]
-
-
-def _no_ranking() -> Ranking:
-    return Ranking.of(np.zeros(0), np.zeros(0, bool), 0)
-
-
 @dataclass(frozen=True)
-class DetectionCounts:
+class DetectionCounts(Counts):
     """Sufficient statistics of one class."""
 
     boxes: BoxCounts = field(default_factory=BoxCounts)  # At the score threshold that the results have
-    ranking: Ranking = field(default_factory=_no_ranking)
+    ranking: Ranking = field(default_factory=lambda: Ranking.of(np.zeros(0), np.zeros(0, bool), 0))
     distance: Deviation = field(default_factory=Deviation)  # [m]
     range_rate: Deviation = field(default_factory=Deviation)  # [m/s]
-
-    def __add__(self, other: "DetectionCounts") -> "DetectionCounts":
-        return DetectionCounts(
-            self.boxes + other.boxes, self.ranking + other.ranking, self.distance + other.distance,
-            self.range_rate + other.range_rate,
-        )  # fmt: skip
 
 
 def detection_counts(sequence: Sequence, group: Group, match: Match) -> DetectionCounts:
     """Match and count one class of one sequence. Raises MetricError where boxes lack what the match compares."""
-    held = counted(alike(sequence, group, match))
-    found = judge_detections(held)
-    ranked = judge_ranked(held)
-    counts = np.isin(ranked.outcome, [Outcome.HIT, Outcome.FALSE_ALARM, Outcome.INVALID])
-    counts &= np.isfinite(held.score)
-    ranking = Ranking.of(held.score[counts], ranked.outcome[counts] == Outcome.HIT, len(held.truth_row))
-    return DetectionCounts(found.counts, ranking, *_deviations(sequence, found))
+    candidates = compare_class(sequence, group, match)
+    found, ranked = judge_detections(candidates), judge_ranked(candidates)
+    counts = ranked.used & np.isfinite(candidates.score)
+    is_hit = ranked.outcome[counts] == Outcome.HIT
+    ranking = Ranking.of(candidates.score[counts], is_hit, len(candidates.truth_row))
+    return DetectionCounts(found.counts, ranking, *_deviations(found))
 
 
-def part_counts(pairs: Alike, part: Part) -> DetectionCounts:
-    """Count a part of a sequence at the score threshold that the results have, and nothing else."""
-    return DetectionCounts(judge_detections(counted(pairs, part)).counts)
-
-
-def _deviations(sequence: Sequence, found: Judgement) -> tuple[Deviation, Deviation]:
-    hits = np.flatnonzero(found.truth_of_estimate >= 0)
-    truth = found.counted.truth_row[found.truth_of_estimate[hits]]
-    estimates = found.counted.estimates[hits]
+def _deviations(found: Judgement) -> tuple[Deviation, Deviation]:
+    sequence, hits = found.candidates.sequence, np.flatnonzero(found.truth_of_estimate >= 0)
+    truth = found.candidates.truth_row[found.truth_of_estimate[hits]]
+    estimates = found.candidates.estimates[hits]
     if estimates.distance_m is None and estimates.range_rate_mps is None:
         return Deviation(), Deviation()
     distance, rate = sequence.truth.distance_m, range_rates(sequence)
@@ -180,16 +154,13 @@ def _deviations(sequence: Sequence, found: Judgement) -> tuple[Deviation, Deviat
 def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     """Return F1, precision and recall at the operating point."""
     boxes = n.boxes
-    table: Mapping[str, tuple[float, float, str]] = {
-        "f1": (boxes.tp, boxes.tp + boxes.fn / 2 + boxes.fp / 2, "no truth and no estimates"),
-        "precision": (boxes.tp, boxes.estimates, "no estimates"),
-        "recall": (boxes.tp, boxes.gt, "no truth boxes"),
-    }
     counts = {**boxes.named(with_predicted=True), "frames": head.num_frames}
-    return [
-        ratio(metric, head.class_, head.matching, top, bottom, head.reason or why, counts, part=head.slice)
-        for metric, (top, bottom, why) in table.items()
-    ]
+    table = (
+        ("f1", boxes.tp + boxes.fn / 2 + boxes.fp / 2, "no truth and no estimates"),
+        ("precision", boxes.estimates, "no estimates"),
+        ("recall", boxes.gt, "no truth boxes"),
+    )
+    return [head.ratio(metric, boxes.tp, bottom, head.reason or why, counts) for metric, bottom, why in table]
 
 
 def curve_rows(n: DetectionCounts, head: Heading) -> list[Score]:
@@ -198,21 +169,18 @@ def curve_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     best, threshold = (None, None) if reason else n.ranking.best_f1()
     ap = None if reason else n.ranking.average_precision()
     counts = {"gt": n.ranking.num_truth, "frames": head.num_frames}
-    return [
-        Score(metric, head.class_, head.slice, head.matching, value, reason, "1", counts)
-        for metric, value in (("best_f1", best), ("best_f1_threshold", threshold), ("ap", ap))
-    ]
+    table = (("best_f1", best), ("best_f1_threshold", threshold), ("ap", ap))
+    return [head.score(metric, value, reason, counts) for metric, value in table]
 
 
 def deviation_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     """Return the mean absolute errors of distance [m] and range rate [m/s] of the hits."""
-    return [
-        ratio(
-            metric, head.class_, head.matching, float(error.total), error.num, head.reason or f"no hit tells {what}",
-            {"hits": error.num, "error_sum": float(error.total)}, unit, head.slice,
-        )
-        for metric, error, unit, what in (
-            ("distance_error", n.distance, "m", "its distance"),
-            ("range_rate_error", n.range_rate, "m/s", "its range rate"),
-        )
-    ]  # fmt: skip
+    table = (
+        ("distance_error", n.distance, "m", "its distance"),
+        ("range_rate_error", n.range_rate, "m/s", "its range rate"),
+    )
+    rows = []
+    for metric, error, unit, what in table:
+        total, why = float(error.total), head.reason or f"no hit tells {what}"
+        rows.append(head.ratio(metric, total, error.num, why, {"hits": error.num, "error_sum": total}, unit))
+    return rows

@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, added, label_group
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, add_entries, label_group
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
@@ -37,7 +37,7 @@ class DefaultStatistics:
     entries: tuple[Entry[Both], ...]
 
     def __add__(self, other: "DefaultStatistics") -> "DefaultStatistics":
-        return DefaultStatistics(added([self.entries, other.entries]))
+        return DefaultStatistics(add_entries([self.entries, other.entries]))
 
 
 @dataclass(frozen=True)

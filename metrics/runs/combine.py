@@ -8,7 +8,7 @@ from operator import add
 from typing import TypeVar
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
-from fbench.metrics.core.slices import VEHICLE, Entry, Heading, added
+from fbench.metrics.core.slices import VEHICLE, Entry, Heading, add_entries
 from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs import detection, tracking
@@ -119,7 +119,7 @@ class RunTable:
 
     def __add__(self, other: "RunTable") -> "RunTable":
         return RunTable(
-            added([self.detection, other.detection]), added([self.tracking, other.tracking]), self.matching,
+            add_entries([self.detection, other.detection]), add_entries([self.tracking, other.tracking]), self.matching,
             self.num_scored + other.num_scored, self.num_frames + other.num_frames,
         )  # fmt: skip
 
@@ -233,7 +233,7 @@ def _intervals(
     metrics: Sequence[str],
 ) -> Iterator[Score]:
     """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
-    for total in added(tables[name] for name in sorted(tables)):
+    for total in add_entries(tables[name] for name in sorted(tables)):
         if total.heading.slice == "all" and total.heading.reason is None:
             units = {name: _counts(table, total, nothing) for name, table in tables.items()}
             yield from with_intervals(units, partial(_rows, rows_of, total.heading), how, unit, metrics)

@@ -17,14 +17,13 @@ from fbench.metrics.core.slices import (
     by_source,
     by_visibility,
 )
-from fbench.metrics.detection.outcomes import alike
+from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import (
     DetectionCounts,
     curve_rows,
     detection_counts,
     detection_rows,
     deviation_rows,
-    part_counts,
 )
 from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.columns import View
@@ -121,8 +120,11 @@ def _slices(run: Run, view: View, options: ScoreOptions) -> list[Entry[Detection
     parts = [] if options.seen else [*by_seen(sequence)]
     parts += [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
     parts += region_parts(run, sequence)
-    pairs = alike(sequence, VEHICLE, view.match)
+    whole = compare_class(sequence, VEHICLE, view.match)
     return [
-        Entry(Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored), part_counts(pairs, part))
+        Entry(
+            Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored),
+            DetectionCounts(judge_detections(whole.select(part)).counts),
+        )
         for part in parts
     ]

@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.metrics.core.exact import exact_sum
+from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
-from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.arrays import Float64, Int64, freeze_fields
 
 
 @dataclass(frozen=True)
@@ -49,19 +49,13 @@ class ClearPairs:
     def __post_init__(self) -> None:
         freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))
 
-    @property
-    def is_switch(self) -> Bool:
-        """(N,) whether the truth track's last match, after any gap, was with another id."""
-        return self.has(SWITCH)
-
-    def has(self, bit: int) -> Bool:
-        """(N,) whether the event is this."""
-        found: Bool = (self.event & bit) != 0
-        return found
+    def count(self, event: int) -> int:
+        """How many matches are an event."""
+        return int(np.count_nonzero(self.event & event))
 
 
 @dataclass(frozen=True)
-class ClearCounts:
+class ClearCounts(Counts):
     """Sufficient statistics of CLEAR."""
 
     tp: int = 0
@@ -77,13 +71,6 @@ class ClearCounts:
     ascends: int = 0
     migrations: int = 0
     similarity: Fraction = Fraction(0)  # Sum over matches; distances are negated
-
-    def __add__(self, other: "ClearCounts") -> "ClearCounts":
-        return ClearCounts(*(a + b for a, b in zip(self._all, other._all, strict=True)))  # type: ignore[arg-type]
-
-    @property
-    def _all(self) -> tuple[int | Fraction, ...]:
-        return tuple(vars(self).values())
 
     @property
     def num_truth(self) -> int:
@@ -121,22 +108,24 @@ def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None =
     made = clear_pairs(problem, rules) if pairs is None else pairs
     rows = np.flatnonzero(made.estimate_of >= 0)
     tp, num_truth, num_estimates = len(rows), problem.num_truth, problem.num_estimates
-    started = int(made.has(START).sum()) - len(np.unique(problem.truth_id[rows]))
     is_whole = rules.counts_one_sided or (num_truth > 0 and num_estimates > 0)
-    tracked, partly, lost = _lifespans(problem, rows, rules)
+    size = np.bincount(problem.truth_id, minlength=problem.num_truth_ids)
+    share = np.bincount(problem.truth_id[rows], minlength=len(size)) / size
+    is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
+    tracked, lost = np.count_nonzero(is_tracked), np.count_nonzero(share < rules.lost_share)
     return ClearCounts(
         tp=tp,
         fn=num_truth - tp,
         fp=num_estimates - tp,
-        switches=int(made.is_switch.sum()),
-        fragmentations=started,
+        switches=made.count(SWITCH),
+        fragmentations=made.count(START) - len(np.unique(problem.truth_id[rows])),
         mostly_tracked=tracked,
-        partly_tracked=partly,
+        partly_tracked=len(size) - tracked - lost,
         mostly_lost=lost,
         num_steps=problem.num_steps if is_whole else 0,
-        transfers=int(made.has(TRANSFER).sum()),
-        ascends=int(made.has(ASCEND).sum()),
-        migrations=int(made.has(MIGRATE).sum()),
+        transfers=made.count(TRANSFER),
+        ascends=made.count(ASCEND),
+        migrations=made.count(MIGRATE),
         similarity=exact_sum(similarities(problem, rows, made.estimate_of[rows])),
     )
 
@@ -147,13 +136,3 @@ def similarities(problem: Problem, truth: Int64, estimate: Int64) -> Float64:
     width = problem.estimate_start[step + 1] - problem.estimate_start[step]
     i, j = truth - problem.truth_start[step], estimate - problem.estimate_start[step]
     return np.asarray(problem.similarity[problem.block_start[step] + i * width + j])
-
-
-def _lifespans(problem: Problem, matched: Int64, rules: ClearRules) -> tuple[int, int, int]:
-    """Truth tracks that are mostly tracked, partly tracked, mostly lost."""
-    size = np.bincount(problem.truth_id, minlength=problem.num_truth_ids)
-    share = np.bincount(problem.truth_id[matched], minlength=len(size)) / size
-    is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
-    is_lost = share < rules.lost_share
-    tracked, lost = int(is_tracked.sum()), int(is_lost.sum())
-    return tracked, len(size) - tracked - lost, lost

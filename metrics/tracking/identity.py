@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.similarity import block_starts
 from fbench.replay.data.arrays import Bool, Int64
@@ -32,15 +33,12 @@ def near_pairs(problem: Problem, is_near: Bool) -> NearPairs:
 
 
 @dataclass(frozen=True)
-class IdentityCounts:
+class IdentityCounts(Counts):
     """Sufficient statistics of IDF1, IDP and IDR: boxes under the right identity, and the others."""
 
     tp: int = 0
     fn: int = 0
     fp: int = 0
-
-    def __add__(self, other: "IdentityCounts") -> "IdentityCounts":
-        return IdentityCounts(self.tp + other.tp, self.fn + other.fn, self.fp + other.fp)
 
 
 def identity_counts(problem: Problem, floor: float) -> IdentityCounts:

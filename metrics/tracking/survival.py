@@ -1,35 +1,29 @@
 """Survival of occlusions: whether tracks keep their id while what they follow can't be seen."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.sequence import Steps
-from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.scores import Score, ratio
+from fbench.metrics.core.slices import Heading
+from fbench.replay.data.arrays import Float64, Int64
+from fbench.replay.data.scores import Score
 
 LENGTHS_S = (0.0, 0.5, 1.0, 2.0, np.inf)
 HIDDEN_BELOW = 0.2  # Truth boxes with a smaller visible share count as hidden
 
 
 @dataclass(frozen=True)
-class SurvivalCounts:
+class SurvivalCounts(Counts):
     """Occlusions of truth tracks by length: after how many the object had the id that it had before."""
 
     occlusions: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
     survived: tuple[int, ...] = (0,) * (len(LENGTHS_S) - 1)
-    untimed: int = 0  # Occlusions of which nobody tells the length: frames have no stamps
+    untimed: int = 0  # Occlusions of unknown length: frames have no stamps
     untimed_survived: int = 0
-
-    def __add__(self, other: "SurvivalCounts") -> "SurvivalCounts":
-        return SurvivalCounts(
-            tuple(a + b for a, b in zip(self.occlusions, other.occlusions, strict=True)),
-            tuple(a + b for a, b in zip(self.survived, other.survived, strict=True)),
-            self.untimed + other.untimed,
-            self.untimed_survived + other.untimed_survived,
-        )
 
 
 def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | None, steps: Steps) -> SurvivalCounts:
@@ -46,11 +40,12 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
         visibility: (N,) visible share; NaN or `None`: seen.
         steps: Of the sequence.
     """
-    order, seen = _tracks(problem, visibility, steps)
+    seen = np.ones(problem.num_truth, bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
     counts = np.zeros((2, len(LENGTHS_S)), np.int64)  # in front those of unknown length
-    step_of = _steps_of(problem)
-    place = steps.places
-    for track in order:
+    step_of, place = np.repeat(np.arange(problem.num_steps), np.diff(problem.truth_start)), steps.places
+    order = np.argsort(problem.truth_id, kind="stable")
+    order = order[problem.truth_id[order] >= 0]
+    for track in np.split(order, np.flatnonzero(np.diff(problem.truth_id[order])) + 1):
         rows = track[seen[track]]
         at = step_of[rows]
         breaks = np.flatnonzero(np.diff(place[at]) > 1) + 1
@@ -66,33 +61,16 @@ def survival_counts(problem: Problem, partner_id: Int64, visibility: Float64 | N
     return SurvivalCounts(tuple(occlusions), tuple(survived), untimed, untimed_survived)
 
 
-def survival_rows(n: SurvivalCounts, class_: str, matching: str, reason: str | None, part: str) -> list[Score]:
+def survival_rows(n: SurvivalCounts, head: Heading, reason: str | None) -> list[Score]:
     """Return the share of occlusions that were survived: of all, then by length."""
     total = {"occlusions": sum(n.occlusions) + n.untimed, "survived": sum(n.survived) + n.untimed_survived}
-    why = reason or "no tracked object was occluded"
-    name = "occlusion_survival"
-    top, bottom = (0, 0) if reason else (total["survived"], total["occlusions"])
-    rows = [ratio(name, class_, matching, top, bottom, why, total, part=part)]
-    if reason or not bottom:
+    bottom, name = 0 if reason else total["occlusions"], "occlusion_survival"
+    rows = [head.ratio(name, total["survived"], bottom, reason or "no tracked object was occluded", total)]
+    if not bottom:
         return rows
+    why = "no tracked object was occluded that long" if any(n.occlusions) else "frames have no stamps"
     for low, high, num, kept in zip(LENGTHS_S[:-1], LENGTHS_S[1:], n.occlusions, n.survived, strict=True):
-        length = f"over {low:g} s" if high == np.inf else f"{low:g}-{high:g} s"
-        slice_ = f"occlusion {length}" if part == "all" else f"{part}, occlusion {length}"
-        why = "no tracked object was occluded that long" if any(n.occlusions) else "frames have no stamps"
-        counts = {"occlusions": num, "survived": kept}
-        rows.append(ratio(name, class_, matching, kept, num, why, counts, part=slice_))
+        part = f"occlusion over {low:g} s" if high == np.inf else f"occlusion {low:g}-{high:g} s"
+        own = replace(head, slice=part if head.slice == "all" else f"{head.slice}, {part}")
+        rows.append(own.ratio(name, kept, num, why, {"occlusions": num, "survived": kept}))
     return rows
-
-
-def _tracks(problem: Problem, visibility: Float64 | None, steps: Steps) -> tuple[list[Int64], Bool]:
-    """Rows of each truth track in the order of its steps, and which rows (N,) are seen."""
-    seen = np.ones(problem.num_truth, bool) if visibility is None else ~(visibility < HIDDEN_BELOW)
-    order = np.argsort(problem.truth_id, kind="stable")
-    order = order[problem.truth_id[order] >= 0]
-    if not len(order):
-        return [], seen
-    return np.split(order, np.flatnonzero(np.diff(problem.truth_id[order])) + 1), seen
-
-
-def _steps_of(problem: Problem) -> Int64:
-    return np.repeat(np.arange(problem.num_steps), np.diff(problem.truth_start))

@@ -9,16 +9,20 @@ from tests.metrics.standard.made import Box, sequence
 
 from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import VEHICLE, Part, by_range, by_source, by_visibility
-from fbench.metrics.detection.outcomes import BoxCounts, alike
-from fbench.metrics.detection.scores import detection_counts, part_counts
+from fbench.metrics.detection.outcomes import BoxCounts, Candidates, compare_class, judge_detections
+from fbench.metrics.detection.scores import detection_counts
 from fbench.metrics.profiles.profile import Match
 
 MATCH = Match("bev", 2.0)
 C, L, R = 1, 2, 4
 
 
+def box_counts(whole: Candidates, part: Part) -> BoxCounts:
+    return judge_detections(whole.select(part)).counts
+
+
 def counts(whole: Sequence, part: Part) -> tuple[int, int, int, int]:
-    boxes = part_counts(alike(whole, VEHICLE, MATCH), part).boxes
+    boxes = box_counts(compare_class(whole, VEHICLE, MATCH), part)
     return boxes.tp, boxes.fp, boxes.fn, boxes.ignored
 
 
@@ -83,7 +87,7 @@ def test_a_part_counts_as_a_smaller_region_does(seed: int) -> None:
         truth=replace(whole.truth, inside=part.truth),
         estimates=replace(whole.estimates, inside=part.estimates)[given_rows],
     )
-    assert part_counts(alike(whole, VEHICLE, MATCH), part).boxes == detection_counts(alone, VEHICLE, MATCH).boxes
+    assert box_counts(compare_class(whole, VEHICLE, MATCH), part) == detection_counts(alone, VEHICLE, MATCH).boxes
 
 
 @given(st.integers(0, 10_000))
@@ -91,8 +95,8 @@ def test_truth_of_all_ranges_is_all_truth(seed: int) -> None:
     rng = np.random.Generator(np.random.PCG64(seed))
     truth, found = ([Box(0, float(x)) for x in rng.integers(0, 50, 8)] for _ in range(2))
     whole = sequence(truth, found, 1)
-    pairs = alike(whole, VEHICLE, MATCH)
-    total = sum((part_counts(pairs, part).boxes for part in by_range(whole, 50)), BoxCounts())
+    pairs = compare_class(whole, VEHICLE, MATCH)
+    total = sum((box_counts(pairs, part) for part in by_range(whole, 50)), BoxCounts())
     assert total.gt == len(truth)
 
 
@@ -101,7 +105,7 @@ def test_what_isnt_valid_is_a_false_alarm_where_it_is() -> None:
     found = [Box(0, 5, score=np.nan), Box(0, 15), Box(0, np.nan)]
     whole = sequence([Box(0, 15)], found, 1)
     assert detection_counts(whole, VEHICLE, MATCH).boxes == BoxCounts(tp=1, fp=2, invalid=2)
-    parts = {part.name: part_counts(alike(whole, VEHICLE, MATCH), part).boxes for part in by_range(whole, 20)}
+    parts = {part.name: box_counts(compare_class(whole, VEHICLE, MATCH), part) for part in by_range(whole, 20)}
     assert parts == {
         "range 0-10 m": BoxCounts(fp=1, invalid=1, ignored=1), "range 10-20 m": BoxCounts(tp=1)
     }  # fmt: skip
