@@ -9,20 +9,18 @@ import numpy as np
 
 from fbench.metrics.core.problem import faults
 from fbench.metrics.core.sequence import Objects
-from fbench.metrics.core.similarity import Blocks
-from fbench.metrics.core.slices import VEHICLE, Group, label_group
-from fbench.metrics.detection.outcomes import Counted, alike, counted, judge_detections
-from fbench.metrics.detection.outcomes import Outcome as Outcome_of_outcomes
-from fbench.metrics.profiles.profile import Match
+from fbench.metrics.core.slices import VEHICLE, Group, ground_range, label_group
+from fbench.metrics.detection.outcomes import Judgement, compare_class, judge_detections
+from fbench.metrics.detection.outcomes import Outcome as BoxOutcome
 from fbench.metrics.runs.columns import View, of_steps
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import views
-from fbench.metrics.tracking.scores import Followed, follow_tracks, require_unique_ids
+from fbench.metrics.tracking.scores import follow_tracks, require_unique_ids
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
-from fbench.replay.data.arrays import Array, Float64, Int64
+from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import LABELS, finite
 from fbench.replay.data.scores import ScoreOptions
-from fbench.replay.runs.folder import FrameRecord, Run
+from fbench.replay.runs.folder import Run
 
 Outcome = Literal["hit", "missed", "false alarm", "ignored", "invalid"]
 
@@ -76,135 +74,116 @@ class Explanation:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Partners and outcomes of one class of one sequence."""
+class _Judged:
+    """Outcomes of one class, and what they depend on."""
 
     what: Literal["detection", "track"]
     group: Group
-    counted: Counted
-    partner: Int64  # (M,) which of the N truth boxes that must be found each estimate is on; -1: none
-    outcome: Array  # (M,) `judge.Outcome`
     options: ScoreOptions
+    judgement: Judgement
     switches: Mapping[int, tuple[int, int]]
     """Of estimates that are another track than the one that was on their truth before: its id, and its last frame."""
 
     @cached_property
     def found_by(self) -> Int64:
         """(N,) which estimate is on each truth box; -1: none."""
-        found = np.full(len(self.counted.truth_row), -1, np.int64)
-        hits = np.flatnonzero(self.partner >= 0)
-        found[self.partner[hits]] = hits
+        found = np.full(len(self.judgement.candidates.truth_row), -1, np.int64)
+        hits = np.flatnonzero(self.judgement.truth_of_estimate >= 0)
+        found[self.judgement.truth_of_estimate[hits]] = hits
         return found
 
-    @property
-    def match(self) -> Match:
-        """What matches."""
-        return self.counted.match
-
-
-def verdicts(judged: Judged, steps: Int64) -> Table:
-    """Return what became of the boxes at these steps."""
-    one_by_one = [_Step(judged, int(step)) for step in steps]
-    truth = (verdict for step in one_by_one for verdict in step.truth())
-    estimates = (verdict for step in one_by_one for verdict in step.estimates())
-    return Table(judged.what, tuple(truth), tuple(estimates))
+    def table(self, steps: Int64) -> Table:
+        """Return what became of the boxes at these steps."""
+        parts = [_Step(self, int(step)) for step in steps]
+        truth, estimates = ([v for part in parts for v in part.verdicts(side)] for side in ("truth", "estimates"))
+        return Table(self.what, tuple(truth), tuple(estimates))
 
 
 class _Step:
     """One step of a sequence. Boxes are numbered from 0 on, all of a side, whatever their class."""
 
-    def __init__(self, judged: Judged, step: int) -> None:
-        self.judged, self.step = judged, step
-        sequence, counted = judged.counted.sequence, judged.counted
-        self.camera = sequence.steps.camera[step] if sequence.steps.camera else ""
+    def __init__(self, judged: _Judged, step: int) -> None:
+        c = judged.judgement.candidates
+        self.judged, self.candidates, self.match = judged, c, c.match
+        self.truth, self.estimates = c.sequence.truth, c.sequence.estimates
+        self.camera = c.sequence.steps.camera[step] if c.sequence.steps.camera else ""
         self.place = "image" if self.camera else "frame"
-        self.truth_rows, self.estimate_rows = (
-            np.flatnonzero(objects.step == step) for objects in (sequence.truth, sequence.estimates)
-        )
-        self.similarity = _Near(counted.similarity, step)
-        self.excuse = _Near(counted.excuse, step)
+        self.truth_rows = range(*np.searchsorted(self.truth.step, [step, step + 1]).tolist())
+        self.estimate_rows = range(*np.searchsorted(self.estimates.step, [step, step + 1]).tolist())
+        self.similarity, self.excuse = c.similarity.block(step), c.excuse.block(step)
+        self.first_n, self.first_m = int(c.similarity.row_start[step]), int(c.similarity.column_start[step])
+        self.first_k = int(c.excuse.row_start[step])
 
-    def truth(self) -> list[Verdict]:
-        """All truth boxes."""
-        place = {int(row): n for n, row in enumerate(self.judged.counted.truth_row)}
-        return [self._of_truth(int(row), place.get(int(row))) for row in self.truth_rows]
-
-    def estimates(self) -> list[Verdict]:
-        """All estimates."""
-        place = {int(row): m for m, row in enumerate(self.judged.counted.estimate_row)}
-        return [self._of_estimate(int(row), place.get(int(row))) for row in self.estimate_rows]
+    def verdicts(self, side: str) -> list[Verdict]:
+        """Return those of all boxes of a side."""
+        if side == "truth":
+            place = {row: n for n, row in enumerate(self.candidates.truth_row.tolist())}
+            return [self._of_truth(row, place.get(row)) for row in self.truth_rows]
+        place = {row: m for m, row in enumerate(self.candidates.estimate_row.tolist())}
+        return [self._of_estimate(row, place.get(row)) for row in self.estimate_rows]
 
     def _of_truth(self, row: int, n: int | None) -> Verdict:
-        truth = self.judged.counted.sequence.truth
         if n is None:
-            return self._verdict("truth", row, "ignored", self._why_ignored(truth, row))
-        m = int(self.judged.found_by[n])
-        if m < 0:
-            return self._verdict("truth", row, "missed", self._why_missed(n))
-        near = self.similarity.value(n, m)
-        return self._verdict("truth", row, "hit", f"{self._estimate(m)} is on it, {self._said(near)}", (m, near))
+            return self._verdict("truth", row, "ignored", self._why_ignored(row))
+        what, m = self.judged.what, int(self.judged.found_by[n])
+        values = self.similarity[n - self.first_n]
+        if m >= 0:
+            near = float(values[m - self.first_m])
+            reason = f"{self._estimate(m)} is on it, {self._reach(near)}"
+            return self._verdict("truth", row, "hit", reason, int(self.candidates.estimate_row[m]), near)
+        best, near = _nearest(values)
+        if best is None:
+            return self._verdict("truth", row, "missed", f"no {what} in this {self.place}")
+        m = best + self.first_m
+        nearest = f"{self._estimate(m)}, {self._reach(near)}"
+        if near < self.match.floor:
+            return self._verdict("truth", row, "missed", f"no {what} {self._limit()}; nearest is {nearest}")
+        taken = int(self.judged.judgement.truth_of_estimate[m])
+        busy = f"is on {self._truth(taken)}" if taken >= 0 else "doesn't count"
+        return self._verdict("truth", row, "missed", f"{nearest}, {busy}")
 
     def _of_estimate(self, row: int, m: int | None) -> Verdict:
         judged, what = self.judged, self.judged.what
-        estimates = judged.counted.sequence.estimates
         if m is None:
-            told = f"labelled {estimates.label[row]}, which" if estimates.label[row] else "without a class, which"
-            why = f"{told} isn't scored as {judged.group.name}"
+            own = self.estimates.label[row]
+            label = f"labelled {own}" if own else "without a class"
+            return self._verdict(what, row, "ignored", f"{label}, which isn't scored as {judged.group.name}")
+        outcome = judged.judgement.outcome[m]
+        if outcome == BoxOutcome.HIT:
+            n = int(judged.judgement.truth_of_estimate[m])
+            near = float(self.similarity[n - self.first_n, m - self.first_m])
+            why = f"on {self._truth(n)}, {self._reach(near)}"
+            why += "" if self.candidates.inside[m] else "; itself outside of the region"
+            if m in judged.switches:
+                number, frame = judged.switches[m]
+                why += f"; id switch: was {number} at frame {frame}"
+            return self._verdict(what, row, "hit", why, int(self.candidates.truth_row[n]), near)
+        if outcome == BoxOutcome.INVALID:
+            return self._verdict(what, row, "invalid", "; ".join(faults(self.estimates, row, self.match.likeness)))
+        if outcome == BoxOutcome.OUTSIDE:
+            return self._verdict(what, row, "ignored", self._why_outside(self.estimates, row))
+        if outcome == BoxOutcome.EXCUSED:
+            k = self.first_k + int(np.nanargmax(self.excuse[:, m - self.first_m]))
+            by = int(np.flatnonzero(~self.candidates.must)[k])
+            why = f"on truth {by - self.truth_rows.start}, which needn't be found: {self._why_ignored(by)}"
             return self._verdict(what, row, "ignored", why)
-        outcome = Outcome_of_outcomes(int(judged.outcome[m]))
-        if outcome == Outcome_of_outcomes.HIT:
-            n = int(judged.partner[m])
-            near = self.similarity.value(n, m)
-            return self._verdict(what, row, "hit", self._why_hit(n, m, near), (n, near))
-        if outcome == Outcome_of_outcomes.INVALID:
-            return self._verdict(what, row, "invalid", "; ".join(faults(estimates, row, judged.match.likeness)))
-        if outcome == Outcome_of_outcomes.OUTSIDE:
-            return self._verdict(what, row, "ignored", self._why_outside(estimates, row))
-        if outcome == Outcome_of_outcomes.EXCUSED:
-            return self._verdict(what, row, "ignored", self._why_excused(m))
         return self._verdict(what, row, "false alarm", self._why_false(m))
 
-    def _why_ignored(self, truth: Objects, row: int) -> str:
-        if truth.ignore is not None and truth.ignore[row]:
-            return "marked as ignored"
-        if not self.judged.group.holds(truth)[row]:
-            return f"not of class {self.judged.group.name}: {truth.label[row] or 'without a label'}"
-        return self._why_outside(truth, row)
-
-    def _why_missed(self, n: int) -> str:
-        m, near = self.similarity.of_row(n)
-        if m is None:
-            return f"no {self.judged.what} in this {self.place}"
-        if near < self.judged.match.floor:
-            return f"no {self.judged.what} {self._reach}; nearest is {self._estimate(m)}, {self._said(near)}"
-        taken = int(self.judged.partner[m])
-        busy = f"is on {self._truth(taken)}" if taken >= 0 else "doesn't count"
-        return f"{self._estimate(m)}, {self._said(near)}, {busy}"
-
-    def _why_hit(self, n: int, m: int, near: float) -> str:
-        why = f"on {self._truth(n)}, {self._said(near)}"
-        if not self.judged.counted.inside[m]:
-            why += "; itself outside of the region"
-        if m in self.judged.switches:
-            number, frame = self.judged.switches[m]
-            why += f"; id switch: was {number} at frame {frame}"
-        return why
-
     def _why_false(self, m: int) -> str:
-        n, near = self.similarity.of_column(m)
-        if n is None:
+        best, near = _nearest(self.similarity[:, m - self.first_m])
+        if best is None:
             return f"no truth to be found in this {self.place}"
-        if near < self.judged.match.floor:
-            return f"no truth {self._reach}; nearest is {self._truth(n)}, {self._said(near)}"
-        return f"{self._truth(n)}, {self._said(near)}, is taken by {self._estimate(int(self.judged.found_by[n]))}"
+        n = best + self.first_n
+        if near < self.match.floor:
+            return f"no truth {self._limit()}; nearest is {self._truth(n)}, {self._reach(near)}"
+        return f"{self._truth(n)}, {self._reach(near)}, is taken by {self._estimate(int(self.judged.found_by[n]))}"
 
-    def _why_excused(self, m: int) -> str:
-        k, _ = self.excuse.of_column(m)
-        counted = self.judged.counted
-        row = int(counted.rest_row[k or 0])
-        return f"on truth {self._number(row, self.truth_rows)}, which needn't be found: " + self._why_ignored(
-            counted.sequence.truth, row
-        )
+    def _why_ignored(self, row: int) -> str:
+        if self.truth.ignore is not None and self.truth.ignore[row]:
+            return "marked as ignored"
+        if not self.judged.group.holds(self.truth)[row]:
+            return f"not of class {self.judged.group.name}: {self.truth.label[row] or 'without a label'}"
+        return self._why_outside(self.truth, row)
 
     def _why_outside(self, objects: Objects, row: int) -> str:
         options, range_m = self.judged.options, _range(objects, row)
@@ -216,23 +195,18 @@ class _Step:
         causes += [f"it isn't on {' or '.join(sorted(options.regions))}"] if options.regions else []
         return "outside of the region" + (f": {', or '.join(causes)}" if causes else "")
 
-    @property
-    def _reach(self) -> str:
-        match = self.judged.match
-        return f"within {match.threshold:g} m" if match.is_distance else f"with an IoU of {match.threshold:g} or more"
+    def _limit(self) -> str:
+        threshold = self.match.threshold
+        return f"within {threshold:g} m" if self.match.is_distance else f"with an IoU of {threshold:g} or more"
 
-    def _said(self, near: float) -> str:
-        return f"{-near:.2f} m away" if self.judged.match.is_distance else f"IoU {near:.2f}"
+    def _reach(self, near: float) -> str:
+        return f"{-near:.2f} m away" if self.match.is_distance else f"IoU {near:.2f}"
 
     def _estimate(self, m: int) -> str:
-        row = int(self.judged.counted.estimate_row[m])
-        return f"{self.judged.what} {self._number(row, self.estimate_rows)}"
+        return f"{self.judged.what} {self.candidates.estimate_row[m] - self.estimate_rows.start}"
 
     def _truth(self, n: int) -> str:
-        return f"truth {self._number(int(self.judged.counted.truth_row[n]), self.truth_rows)}"
-
-    def _number(self, row: int, rows: Int64) -> int:
-        return row - int(rows[0])
+        return f"truth {self.candidates.truth_row[n] - self.truth_rows.start}"
 
     def _verdict(
         self,
@@ -240,48 +214,23 @@ class _Step:
         row: int,
         outcome: Outcome,
         reason: str,
-        partner: tuple[int, float] | None = None,
+        partner: int | None = None,
+        near: float | None = None,
     ) -> Verdict:
-        counted = self.judged.counted
-        own, other, rows, others, of = (
-            (counted.sequence.truth, counted.sequence.estimates, self.truth_rows, self.estimate_rows,
-             counted.estimate_row)
-            if side == "truth" else
-            (counted.sequence.estimates, counted.sequence.truth, self.estimate_rows, self.truth_rows,
-             counted.truth_row)
-        )  # fmt: skip
-        with_row = None if partner is None else int(of[partner[0]])
+        """Verdict on one row of a side, and its partner's row of the other."""
+        own, other, rows, others = self.truth, self.estimates, self.truth_rows, self.estimate_rows
+        if side != "truth":
+            own, other, rows, others = other, own, others, rows
         return Verdict(
-            side, self._number(row, rows), self.camera, str(own.label[row]), outcome, reason, _id(own, row),
+            side, row - rows.start, self.camera, str(own.label[row]), outcome, reason, _id(own, row),
             None if side == "truth" else _finite(own.score[row]), _range(own, row),
-            None if with_row is None else self._number(with_row, others),
-            None if with_row is None else _id(other, with_row), None if partner is None else abs(partner[1]),
+            None if partner is None else partner - others.start, None if partner is None else _id(other, partner),
+            None if near is None else abs(near),
         )  # fmt: skip
 
 
-class _Near:
-    """Values of the pairs of one step, by the rows and columns of the whole sequence."""
-
-    def __init__(self, blocks: Blocks, step: int) -> None:
-        self.values = blocks.block(step)
-        self.first = int(blocks.row_start[step]), int(blocks.column_start[step])
-
-    def value(self, row: int, column: int) -> float:
-        """Of one pair."""
-        return float(self.values[row - self.first[0], column - self.first[1]])
-
-    def of_row(self, row: int) -> tuple[int | None, float]:
-        """The column that is nearest, and how near."""
-        at, value = _best(self.values[row - self.first[0]])
-        return (None if at is None else at + self.first[1]), value
-
-    def of_column(self, column: int) -> tuple[int | None, float]:
-        """The row that is nearest, and how near."""
-        at, value = _best(self.values[:, column - self.first[1]])
-        return (None if at is None else at + self.first[0]), value
-
-
-def _best(values: Float64) -> tuple[int | None, float]:
+def _nearest(values: Float64) -> tuple[int | None, float]:
+    """Where the best value is, and the value."""
     if not np.isfinite(values).any():
         return None, -np.inf
     at = int(np.nanargmax(values))
@@ -294,9 +243,8 @@ def _id(objects: Objects, row: int) -> int | None:
 
 
 def _range(objects: Objects, row: int) -> float | None:
-    if objects.center_m is not None:
-        return _finite(np.hypot(objects.center_m[row, 0], objects.center_m[row, 1]))
-    return None if objects.distance_m is None else _finite(objects.distance_m[row])
+    range_m = ground_range(objects[row : row + 1])
+    return None if range_m is None else _finite(range_m[0])
 
 
 def _finite(value: float) -> float | None:
@@ -316,68 +264,50 @@ def explain_frame(run: Run, options: ScoreOptions, frame: int, class_: str = VEH
         ConfigError: where there is no such frame or class.
         MetricError: where the frame has no truth, so that it isn't scored, or an id is twice in a frame (GT003).
     """
-    group, shared = _group(class_), SharedRun(run.folder)
+    if class_ not in (VEHICLE.name, *LABELS):
+        raise ConfigError(f"unknown class '{class_}'{did_you_mean(class_, [VEHICLE.name, *LABELS])}")
+    group, shared = VEHICLE if class_ == VEHICLE.name else label_group(class_), SharedRun(run.folder)
     record = next((f for f in run.frames if f.index == frame), None)
     if record is None:
         known = f"{run.frames[0].index} to {run.frames[-1].index}" if run.frames else "none"
         raise ConfigError(f"{run.folder}: there is no frame {frame}; frames are {known}")
     found, tracked = (views(shared, table, options)[0] for table in (shared.detections, shared.tracks))
-    reason = found.reason or (None if (found.sequence.steps.frame == frame).any() else "it has no truth")
+    is_frame = found.sequence.steps.frame == frame
+    reason = found.reason or (None if is_frame.any() else "it has no truth")
     if reason is not None:
         raise MetricError(f"{run.folder}: frame {frame} isn't scored: {reason}", "GT001")
     require_unique_ids(tracked.sequence, str(run.folder))
-    tables = (_detections(found, group, frame, options), _tracks(tracked, group, frame, options))
-    return Explanation(frame, record.stamp_ns, class_, found.matching, _num_invalid(shared, record, found), tables)
+    is_recorded = found.match.likeness == "iou2d" and "2d" in record.truth_spaces.split()
+    truth = shared.truth2d(frame) if is_recorded else shared.truth3d(frame)
+    num_invalid = 0 if truth is None else int((~finite(truth)[0]).sum())
+
+    own = of_steps(found.sequence, is_frame)
+    detections = judge_detections(compare_class(own, group, found.match))
+    tables = (
+        _Judged("detection", group, options, detections, {}).table(np.arange(len(own.steps))),
+        # Whom a track is on depends on the frames before.
+        _judge_tracks(tracked, group, options).table(np.flatnonzero(tracked.sequence.steps.frame == frame)),
+    )
+    return Explanation(frame, record.stamp_ns, class_, found.matching, num_invalid, tables)
 
 
-def _num_invalid(run: Run, record: FrameRecord, view: View) -> int:
-    is_recorded = view.match.likeness == "iou2d" and "2d" in record.truth_spaces.split()
-    truth = run.truth2d(record.index) if is_recorded else run.truth3d(record.index)
-    return 0 if truth is None else int((~finite(truth)[0]).sum())
-
-
-def _group(class_: str) -> Group:
-    if class_ == VEHICLE.name:
-        return VEHICLE
-    if class_ not in LABELS:
-        raise ConfigError(f"unknown class '{class_}'{did_you_mean(class_, [VEHICLE.name, *LABELS])}")
-    return label_group(class_)
-
-
-def _detections(view: View, group: Group, frame: int, options: ScoreOptions) -> Table:
-    own = of_steps(view.sequence, view.sequence.steps.frame == frame)
-    found = judge_detections(counted(alike(own, group, view.match)))
-    judged = Judged(
-        "detection", group, found.counted, found.truth_of_estimate, found.outcome, options, {}
-    )  # fmt: skip
-    return verdicts(judged, np.arange(len(own.steps)))
-
-
-def _tracks(view: View, group: Group, frame: int, options: ScoreOptions) -> Table:
-    """Whom a track is on depends on the frames before."""
+def _judge_tracks(view: View, group: Group, options: ScoreOptions) -> _Judged:
     found = follow_tracks(view.sequence, group, view.match)
-    held, used = found.counted, np.flatnonzero(found.used)
-    partner = np.full(len(held.estimate_row), -1, np.int64)
+    candidates, used = found.judgement.candidates, np.flatnonzero(found.judgement.used)
+    partner = np.full(len(candidates.estimate_row), -1, np.int64)
     partner[used] = found.pairs.truth_of
     outcome = found.judgement.outcome.copy()
-    outcome[used] = np.where(found.pairs.truth_of >= 0, Outcome_of_outcomes.HIT, Outcome_of_outcomes.FALSE_ALARM)
-    outcome[held.invalid] = Outcome_of_outcomes.INVALID
-    judged = Judged("track", group, held, partner, outcome, options, _switches(found))
-    return verdicts(judged, np.flatnonzero(view.sequence.steps.frame == frame))
-
-
-def _switches(found: Followed) -> dict[int, tuple[int, int]]:
-    """Matches of truth with another id than at its last match: id and frame of that, by the estimate (M,)."""
-    held, used = found.counted, np.flatnonzero(found.used)
-    frames = held.sequence.steps.frame[held.truth.step]
+    outcome[used] = np.where(found.pairs.truth_of >= 0, BoxOutcome.HIT, BoxOutcome.FALSE_ALARM)
+    outcome[candidates.invalid] = BoxOutcome.INVALID
+    frames = view.sequence.steps.frame[candidates.truth.step]
     rows = np.flatnonzero(found.pairs.estimate_of >= 0)
     last: dict[int, tuple[int, int]] = {}
     switches: dict[int, tuple[int, int]] = {}
     for row, estimate in zip(rows.tolist(), used[found.pairs.estimate_of[rows]].tolist(), strict=True):
-        number, truth = int(held.estimates.track_id[estimate]), int(found.problem.truth_id[row])
+        number, truth = int(candidates.estimates.track_id[estimate]), int(found.problem.truth_id[row])
         if number < 0:
             continue
         if truth in last and last[truth][0] != number:
             switches[estimate] = last[truth]
         last[truth] = number, int(frames[row])
-    return switches
+    return _Judged("track", group, options, Judgement(candidates, partner, outcome), switches)

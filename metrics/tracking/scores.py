@@ -101,15 +101,15 @@ def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part |
     found = follow_tracks(sequence, group, match, part)
     problem, pairs, truth = found.problem, found.pairs, found.judgement.candidates.truth
     track_id = found.judgement.candidates.estimates.track_id[found.judgement.used]
-    clear = replace(
-        clear_counts(problem, _clear_rules(match), pairs), switches=_count_switches(problem, pairs, track_id)
-    )
+    switches = _count_switches(problem, pairs, track_id)
+    clear = replace(clear_counts(problem, _clear_rules(match), pairs), switches=switches)
+    partner_id = np.append(problem.estimate_id, -1)[pairs.estimate_of]
     # Distances become 1 - d / threshold, as TrackEval has it for 3D (`_calculate_euclidean_similarity`).
     near = 1.0 + problem.similarity / match.threshold if match.is_distance else problem.similarity
     return TrackingCounts(
         replace(found.judgement.counts, tp=clear.tp, fp=clear.fp, fn=clear.fn), clear,
         identity_counts(problem, match.floor), hota_counts(replace(problem, similarity=np.maximum(near, 0.0))),
-        survival_counts(problem, np.append(problem.estimate_id, -1)[pairs.estimate_of], truth.visibility, sequence.steps),
+        survival_counts(problem, partner_id, truth.visibility, sequence.steps),
         int((truth.track_id >= 0).sum()), len(track_id), int((track_id >= 0).sum()),
     )  # fmt: skip
 
