@@ -241,12 +241,12 @@ def _score_again(run: Run, request: ScoreRequest) -> ScoreResult:
 
 def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
     """Add the counts of several runs, one in memory at a time."""
-    from fbench.metrics.runs.combine import combined, measure_run, told_of
+    from fbench.metrics.runs.combine import combine_runs, describe_gaps, measure_run
 
     complete = all(run.manifest.complete for run in runs)
     measured = [measure_run(run, request.options) for run in runs]
-    rows = combined(measured, request.resampling.bootstrap())
-    return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(told_of(measured)), complete=complete)
+    rows = combine_runs(measured, request.resampling.bootstrap())
+    return ScoreResult(rows, f"{len(runs)} runs together", warnings=tuple(describe_gaps(measured)), complete=complete)
 
 
 def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:

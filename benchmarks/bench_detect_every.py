@@ -15,7 +15,7 @@ from pathlib import Path
 from common import write_drive
 
 from fbench.api.runs import replay
-from fbench.metrics.runs.combine import combined, measure_run
+from fbench.metrics.runs.combine import combine_runs, measure_run
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
@@ -67,7 +67,7 @@ def main() -> None:
         for pipeline in args.pipelines.split(","):
             for every in map(int, args.every.split(",")):
                 runs = replayed(logs, pipeline, [*args.settings, f"detect_every={every}"], Path(folder) / "runs")
-                rows = combined(measure_run(run, ScoreOptions()) for run in runs)
+                rows = combine_runs(measure_run(run, ScoreOptions()) for run in runs)
                 counts = next(row.counts for row in rows if row.metric == "f1")
                 share = counts.get("predicted", 0) / max(1, counts["tp"] + counts["fp"])
                 numbers = (percent(rows, name) for name in ("f1", "mota", "mota_no_fp"))

@@ -164,7 +164,7 @@ def with_intervals(
     """
     wanted = None if metrics is None else frozenset(metrics)
 
-    def values(total: S) -> dict[Key, float | None]:
+    def values(total: S) -> dict[tuple[str, str, str, str], float | None]:
         return {row.key: row.value for row in rows_of(total) if wanted is None or row.metric in wanted}
 
     found = intervals(statistics, values, how, unit)

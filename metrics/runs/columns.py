@@ -7,6 +7,7 @@ import numpy as np
 
 from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.metrics.core.slices import Heading
 from fbench.metrics.profiles.profile import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -123,6 +124,10 @@ class View:
     def num_scored(self) -> int:
         """Frames that have truth; none where there is nothing to score."""
         return 0 if self.reason else self.num_frames - self.sequence.num_unlabelled
+
+    def heading(self, class_: str, part: str = "all") -> Heading:
+        """Return what rows of one class have in common."""
+        return Heading(class_, part, self.matching, self.reason, self.num_scored)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,20 +1,18 @@
-"""Scores of several runs of one pipeline together: counts are added, ratios taken of the sums."""
+"""Scores of one run, and of several runs of one pipeline together: counts are added, ratios taken of the sums."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import reduce
 from operator import add
 from typing import TypeVar
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
-from fbench.metrics.core.slices import VEHICLE, Entry, Heading, add_entries
+from fbench.metrics.core.slices import VEHICLE, Entry, add_entries
 from fbench.metrics.detection.scores import DetectionCounts
 from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs import detection, tracking
-from fbench.metrics.runs.detection import coverage, detection_entries
 from fbench.metrics.runs.places import SharedRun
-from fbench.metrics.runs.tracking import tracking_entries
 from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.contracts.protocols import Metric
@@ -38,65 +36,23 @@ def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> lis
     order. Raises MetricError where truth or results can't be scored.
     """
     shared = SharedRun(run.folder)
-    rows = [row for metric in metrics for row in metric.scores(shared, options)]
-    return ordered(rows)
+    return _sort_rows([row for metric in metrics for row in metric.scores(shared, options)])
 
 
-def ordered(rows: Sequence[Score]) -> list[Score]:
-    """Return rows of one run, or of several together, primary rows first."""
+def _sort_rows(rows: Sequence[Score]) -> list[Score]:
     native = next((row.matching for row in rows if row.metric in _FIRST), "")
     classes = list(dict.fromkeys(row.class_ for row in rows))
     slices = list(dict.fromkeys(row.slice for row in rows))
-    return sorted(rows, key=lambda row: _rank(row, native, classes, slices))
 
+    def rank(row: Score) -> tuple[int, int, int]:
+        metric = _ORDER.index(row.metric) if row.metric in _ORDER else len(_ORDER)
+        if row.slice != "all":
+            return 3, slices.index(row.slice), metric
+        if row.class_ == VEHICLE.name:
+            return int(row.matching != native), 0, metric
+        return (4, 0, metric) if row.class_ == "all" else (2, classes.index(row.class_), metric)
 
-def _rank(row: Score, native: str, classes: Sequence[str], slices: Sequence[str]) -> tuple[int, int, int]:
-    metric = _ORDER.index(row.metric) if row.metric in _ORDER else len(_ORDER)
-    if row.slice != "all":
-        return 3, slices.index(row.slice), metric
-    if row.class_ == VEHICLE.name:
-        return int(row.matching != native), 0, metric
-    return (4, 0, metric) if row.class_ == "all" else (2, classes.index(row.class_), metric)
-
-
-IN_VIEW = ", in view"
-
-
-def require_one_matching(matchings: Iterable[tuple[str, str]]) -> None:
-    """Refuse to add counts of different boxes: some rigs have cameras, in whose view truth must be, others don't.
-
-    Args:
-        matchings: Name of the log, and how boxes match and which of them count in the pipeline's own space.
-
-    Raises:
-        ConfigError: naming two that differ.
-    """
-    found: dict[str, str] = {}
-    for log, matching in matchings:
-        found.setdefault(matching, log)
-    if len(found) < 2:
-        return
-    (one, first), (other, second) = list(found.items())[:2]
-    is_view = one.replace(IN_VIEW, "") == other.replace(IN_VIEW, "")
-    advice = "--all-around leaves cameras out" if is_view else "score them apart"
-    raise ConfigError(f"runs count different boxes: '{one}' on log '{first}', '{other}' on log '{second}'; {advice}")
-
-
-def of_some_runs(runs: Sequence[tuple[str, Iterable[Heading]]]) -> list[str]:
-    """Say which rows only some of the runs have, as those in images where a rig has no cameras.
-
-    Args:
-        runs: Name of the log, and headings of what was measured.
-    """
-    logs: dict[str, list[str]] = {}
-    for log, headings in runs:
-        for matching in dict.fromkeys(heading.matching for heading in headings if heading.reason is None):
-            logs.setdefault(matching, []).append(log)
-    return [
-        f"rows by '{matching}' are of {len(held)} of {len(runs)} runs only: {', '.join(held)}"
-        for matching, held in logs.items()
-        if len(held) < len(runs)
-    ]
+    return sorted(rows, key=rank)
 
 
 S = TypeVar("S", bound=Statistics)
@@ -123,24 +79,23 @@ class RunTable:
             self.num_scored + other.num_scored, self.num_frames + other.num_frames,
         )  # fmt: skip
 
-    @property
-    def has_truth(self) -> bool:
-        """Whether there is anything to score in the pipeline's own space."""
-        return any(entry.heading.matching == self.matching and not entry.heading.reason for entry in self.detection)
-
     def rows(self) -> list[Score]:
         """Return all rows, primary ones first."""
-        return ordered([*self.rows_of_entries(), coverage(self.matching, self.num_scored, self.num_frames)])
-
-    def rows_of_entries(self) -> list[Score]:
-        """Return the rows of detections, then of tracks."""
         rows = [row for entry in self.detection for row in detection.rows_of(entry)]
-        return rows + [row for entry in self.tracking for row in tracking.rows_of(entry)]
+        rows += [row for entry in self.tracking for row in tracking.rows_of(entry)]
+        return _sort_rows([*rows, detection.coverage(self.matching, self.num_scored, self.num_frames)])
 
-    def of_part(self, part: str) -> "RunTable":
+    def as_part(self, part: str) -> "RunTable":
         """Return the whole of it as a slice of something larger."""
-        return replace(self, detection=tuple(_of_part(self.detection, part)),
-                       tracking=tuple(_of_part(self.tracking, part)))  # fmt: skip
+        return replace(
+            self, detection=tuple(_as_part(self.detection, part)), tracking=tuple(_as_part(self.tracking, part))
+        )
+
+
+def _as_part(entries: Iterable[Entry[S]], part: str) -> Iterator[Entry[S]]:
+    for entry in entries:
+        if entry.heading.slice == "all":
+            yield Entry(replace(entry.heading, slice=part), entry.counts)
 
 
 @dataclass(frozen=True)
@@ -151,11 +106,6 @@ class RunStatistics:
     pipeline: str
     tags: Mapping[str, str]  # `log`, and the words of its metadata: scenario, condition ...
     table: RunTable
-
-    @property
-    def name(self) -> str:
-        """As one text."""
-        return "\n".join(self.key)
 
 
 def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> RunStatistics:
@@ -171,7 +121,8 @@ def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> 
         ConfigError: where the options ask for regions that the log hasn't.
     """
     manifest, shared = run.manifest, SharedRun(run.folder)
-    found, tracked = detection_entries(shared, options, match), tracking_entries(shared, options, match)
+    found = detection.detection_entries(shared, options, match)
+    tracked = tracking.tracking_entries(shared, options, match)
     native = found[0].heading
     words = {key: value for key, value in manifest.log.metadata.items() if _is_word(value)}
     return RunStatistics(
@@ -181,7 +132,16 @@ def measure_run(run: Run, options: ScoreOptions, match: Match | None = None) -> 
     )  # fmt: skip
 
 
-def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
+def _is_word(value: str) -> bool:
+    """Not a number, and not a text as long as that of regions."""
+    try:
+        float(value)
+    except ValueError:
+        return 0 < len(value) <= _LONGEST_WORD
+    return False
+
+
+def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> list[Score]:
     """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
     differ, as slices such as `condition fog`.
 
@@ -193,75 +153,6 @@ def combined(runs: Iterable[RunStatistics], how: Bootstrap | None = None) -> lis
         MetricError: where there is no run, runs are of several pipelines, or one is there twice.
         ConfigError: where runs count different boxes in the pipeline's own space.
     """
-    known = _checked(runs)
-    total = reduce(add, (run.table for run in known))
-    rows = total.rows() if how is None else _with_intervals(known, how)
-    for part, members in _parts(known):
-        own = reduce(add, (run.table for run in members)).of_part(part)
-        rows += [row for row in own.rows() if row.slice != "all"]
-    return rows
-
-
-def told_of(runs: Sequence[RunStatistics]) -> list[str]:
-    """Return what there is to say of runs that are scored together: which rows only some of them have."""
-    return of_some_runs([(run.tags["log"], [entry.heading for entry in run.table.detection]) for run in runs])
-
-
-def resampled(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
-    """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
-    bare = [replace(table, detection=tuple(map(_without_curve, table.detection))) for table in tables.values()]
-    known = {_key(row): row for row in _intervals(
-        dict(zip(tables, (table.detection for table in bare), strict=True)), detection.rows_of, DetectionCounts(), how,
-        unit, metrics)}  # fmt: skip
-    known |= {_key(row): row for row in _intervals(
-        {name: table.tracking for name, table in tables.items()}, tracking.rows_of, TrackingCounts(), how, unit,
-        metrics)}  # fmt: skip
-    rows = reduce(add, (tables[name] for name in sorted(tables))).rows()
-    return [_copied(row, known.get(_key(row))) for row in rows]
-
-
-def _with_intervals(runs: Sequence[RunStatistics], how: Bootstrap) -> list[Score]:
-    return resampled({run.name: run.table for run in runs}, how, "logs", (*RATES, *OF_TRACKS))
-
-
-def _intervals(
-    tables: Mapping[str, Sequence[Entry[S]]],
-    rows_of: Callable[[Entry[S]], list[Score]],
-    nothing: S,
-    how: Bootstrap,
-    unit: str,
-    metrics: Sequence[str],
-) -> Iterator[Score]:
-    """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
-    for total in add_entries(tables[name] for name in sorted(tables)):
-        if total.heading.slice == "all" and total.heading.reason is None:
-            units = {name: _counts(table, total, nothing) for name, table in tables.items()}
-            yield from with_intervals(units, partial(_rows, rows_of, total.heading), how, unit, metrics)
-
-
-def _counts(table: Sequence[Entry[S]], wanted: Entry[S], nothing: S) -> S:
-    return next((entry.counts for entry in table if entry.key == wanted.key), nothing)
-
-
-def _rows(rows_of: Callable[[Entry[S]], list[Score]], heading: Heading, counts: S) -> list[Score]:
-    return rows_of(Entry(heading, counts))
-
-
-def _without_curve(entry: Entry[DetectionCounts]) -> Entry[DetectionCounts]:
-    """Curves would take long to resample."""
-    n = entry.counts
-    return Entry(entry.heading, DetectionCounts(n.boxes, distance=n.distance, range_rate=n.range_rate))
-
-
-def _copied(row: Score, other: Score | None) -> Score:
-    return row if other is None else replace(row, low=other.low, high=other.high, interval=other.interval)
-
-
-def _key(row: Score) -> tuple[str, str, str, str]:
-    return row.metric, row.class_, row.slice, row.matching
-
-
-def _checked(runs: Iterable[RunStatistics]) -> list[RunStatistics]:
     known = sorted(runs, key=lambda run: run.key)
     if not known:
         raise MetricError("no run to score")
@@ -271,8 +162,30 @@ def _checked(runs: Iterable[RunStatistics]) -> list[RunStatistics]:
     twice = [key for key, num in Counter(run.key for run in known).items() if num > 1]
     if twice:
         raise MetricError(f"the run of '{pipelines[0]}' on log '{twice[0][0]}' is there twice; give it once")
-    require_one_matching((run.tags["log"], run.table.matching) for run in known if run.table.has_truth)
-    return known
+    _require_one_matching(known)
+    if how is None:
+        rows = reduce(add, (run.table for run in known)).rows()
+    else:
+        rows = resample({"\n".join(run.key): run.table for run in known}, how, "logs", (*RATES, *OF_TRACKS))
+    for part, members in _parts(known):
+        own = reduce(add, (run.table for run in members)).as_part(part)
+        rows += [row for row in own.rows() if row.slice != "all"]
+    return rows
+
+
+def _require_one_matching(runs: Iterable[RunStatistics]) -> None:
+    """Refuse to add counts of different boxes: some rigs have cameras, in whose view truth must be, others don't."""
+    found: dict[str, str] = {}
+    for run in runs:
+        headings = (entry.heading for entry in run.table.detection)
+        if any(heading.matching == run.table.matching and not heading.reason for heading in headings):
+            found.setdefault(run.table.matching, run.tags["log"])
+    if len(found) > 1:
+        (one, first), (other, second) = list(found.items())[:2]
+        is_view = one.replace(", in view", "") == other.replace(", in view", "")
+        advice = "--all-around leaves cameras out" if is_view else "score them apart"
+        which = f"'{one}' on log '{first}', '{other}' on log '{second}'"
+        raise ConfigError(f"runs count different boxes: {which}; {advice}")
 
 
 def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatistics]]]:
@@ -288,16 +201,65 @@ def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatist
             yield f"{tag} {value}", [run for run in runs if run.tags.get(tag) == value]
 
 
-def _is_word(value: str) -> bool:
-    """Not a number, and not a text as long as that of regions."""
-    try:
-        float(value)
-    except ValueError:
-        return 0 < len(value) <= _LONGEST_WORD
-    return False
+def describe_gaps(runs: Sequence[RunStatistics]) -> list[str]:
+    """Say which rows only some of the runs have that are scored together, as those in images where a rig has no
+    cameras.
+    """
+    logs: dict[str, list[str]] = {}
+    for run in runs:
+        headings = (entry.heading for entry in run.table.detection)
+        for matching in dict.fromkeys(heading.matching for heading in headings if heading.reason is None):
+            logs.setdefault(matching, []).append(run.tags["log"])
+    return [
+        f"rows by '{matching}' are of {len(held)} of {len(runs)} runs only: {', '.join(held)}"
+        for matching, held in logs.items()
+        if len(held) < len(runs)
+    ]
 
 
-def _of_part(entries: Iterable[Entry[S]], part: str) -> Iterator[Entry[S]]:
-    for entry in entries:
-        if entry.heading.slice == "all":
-            yield Entry(replace(entry.heading, slice=part), entry.counts)
+def resample(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
+    """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
+    # Curves would take long to resample.
+    no_curve = DetectionCounts().ranking
+    bare = {
+        name: [Entry(entry.heading, replace(entry.counts, ranking=no_curve)) for entry in table.detection]
+        for name, table in tables.items()
+    }
+    tracks = {name: table.tracking for name, table in tables.items()}
+    found = [
+        *_resample_entries(bare, detection.rows_of, DetectionCounts(), how, unit, metrics),
+        *_resample_entries(tracks, tracking.rows_of, TrackingCounts(), how, unit, metrics),
+    ]
+    return copy_intervals(found, reduce(add, (tables[name] for name in sorted(tables))).rows())
+
+
+def _resample_entries(
+    tables: Mapping[str, Sequence[Entry[S]]],
+    rows_of: Callable[[Entry[S]], list[Score]],
+    nothing: S,
+    how: Bootstrap,
+    unit: str,
+    metrics: Sequence[str],
+) -> Iterator[Score]:
+    """Yield the rows of each class and space with intervals; a unit that lacks a class has nothing of it."""
+    for total in add_entries(tables[name] for name in sorted(tables)):
+        if total.heading.slice != "all" or total.heading.reason is not None:
+            continue
+        units = {
+            name: next((entry.counts for entry in table if entry.key == total.key), nothing)
+            for name, table in tables.items()
+        }
+
+        def rows(counts: S, total: Entry[S] = total) -> list[Score]:
+            return rows_of(Entry(total.heading, counts))
+
+        yield from with_intervals(units, rows, how, unit, metrics)
+
+
+def copy_intervals(found: Iterable[Score], rows: Iterable[Score]) -> list[Score]:
+    """Return rows with the intervals that were found for them."""
+    known = {row.key: row for row in found}
+    return [
+        replace(row, low=own.low, high=own.high, interval=own.interval) if (own := known.get(row.key)) else row
+        for row in rows
+    ]

@@ -1,22 +1,19 @@
 """Scores of a run's detections."""
 
+from collections.abc import Iterator
 from collections.abc import Sequence as Sequence_of_abc
 
-import numpy as np
-
-from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import (
     VEHICLE,
     VISIBILITY_SLICES,
     Entry,
-    Group,
-    Heading,
     Part,
     by_range,
     by_seen,
     by_source,
     by_visibility,
-)
+)  # fmt: skip
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import (
     DetectionCounts,
@@ -24,38 +21,13 @@ from fbench.metrics.detection.scores import (
     detection_counts,
     detection_rows,
     deviation_rows,
-)
+)  # fmt: skip
 from fbench.metrics.profiles.profile import Match
-from fbench.metrics.runs.columns import View
 from fbench.metrics.runs.places import ground_points, has_poses, regions_of
-from fbench.metrics.runs.spaces import label_groups, views
-from fbench.replay.data.arrays import Float64
+from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.replay.data.metadata import inside
 from fbench.replay.data.scores import Score, ScoreOptions, ratio
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.tables import BoxTable
-
-
-def region_parts(run: Run, sequence: Sequence) -> list[Part]:
-    """Return the part of a sequence in the ground plane that lies in each kind of the log's regions; none where the
-    log has no regions or no poses.
-    """
-    if sequence.truth.center_m is None or sequence.estimates.center_m is None:
-        return []
-    regions = regions_of(run)
-    kinds = dict.fromkeys(region.kind for region in regions)
-    if not kinds or not has_poses(run):
-        return []
-    sides = [_points(run, sequence, objects) for objects in (sequence.truth, sequence.estimates)]
-    return [
-        Part(f"region {kind}", *(inside([r for r in regions if r.kind == kind], points) for points in sides))
-        for kind in kinds
-    ]
-
-
-def _points(run: Run, sequence: Sequence, objects: Objects) -> Float64:
-    center_m = np.zeros((0, 3)) if objects.center_m is None else objects.center_m
-    return ground_points(run, sequence.steps.frame[objects.step], center_m)
 
 
 class Detection:
@@ -82,14 +54,31 @@ def detection_entries(
     of `match`, see `views`.
     """
     spaces = views(run, run.detections, options, match)
-    slices = () if spaces[0].reason else _slices(run, spaces[0], options)
-    return (*whole_entries(spaces, run.detections), *slices)
+    entries, native = measure_classes(spaces, run.detections, detection_counts, DetectionCounts()), spaces[0]
+    if native.reason:
+        return entries
+    sequence = native.sequence
+    whole = compare_class(sequence, VEHICLE, native.match)
+    parts = [] if options.seen else [*by_seen(sequence)]
+    parts += [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
+    slices = (
+        Entry(native.heading(VEHICLE.name, part.name), DetectionCounts(judge_detections(whole.select(part)).counts))
+        for part in (*parts, *_by_region(run, sequence))
+    )
+    return *entries, *slices
 
 
-def whole_entries(spaces: Sequence_of_abc[View], table: BoxTable) -> tuple[Entry[DetectionCounts], ...]:
-    """Measure all vehicles in each space, then labels in the first."""
-    entries = [_entry(view, VEHICLE) for view in spaces]
-    return (*entries, *(_entry(spaces[0], group) for group in label_groups(spaces[0], table)))
+def _by_region(run: Run, sequence: Sequence) -> Iterator[Part]:
+    """Yield what lies in each kind of the log's regions, of a sequence in the ground plane of a log with poses."""
+    truth, estimates, regions = sequence.truth, sequence.estimates, regions_of(run)
+    if truth.center_m is None or estimates.center_m is None or not regions or not has_poses(run):
+        return
+    frame = sequence.steps.frame
+    truth_points = ground_points(run, frame[truth.step], truth.center_m)
+    estimate_points = ground_points(run, frame[estimates.step], estimates.center_m)
+    for kind in dict.fromkeys(region.kind for region in regions):
+        own = [region for region in regions if region.kind == kind]
+        yield Part(f"region {kind}", inside(own, truth_points), inside(own, estimate_points))
 
 
 def rows_of(entry: Entry[DetectionCounts]) -> list[Score]:
@@ -108,23 +97,3 @@ def coverage(matching: str, num_scored: int, num_frames: int) -> Score:
     """Return the share of frames that have truth and so were scored."""
     counts = {"scored": num_scored, "frames": num_frames}
     return ratio("coverage", "all", matching, num_scored, num_frames, "no frames", counts)
-
-
-def _entry(view: View, group: Group) -> Entry[DetectionCounts]:
-    counts = DetectionCounts() if view.reason else detection_counts(view.sequence, group, view.match)
-    return Entry(Heading(group.name, "all", view.matching, view.reason, view.num_scored), counts)
-
-
-def _slices(run: Run, view: View, options: ScoreOptions) -> list[Entry[DetectionCounts]]:
-    sequence = view.sequence
-    parts = [] if options.seen else [*by_seen(sequence)]
-    parts += [*by_range(sequence, options.range_m), *by_visibility(sequence), *by_source(sequence)]
-    parts += region_parts(run, sequence)
-    whole = compare_class(sequence, VEHICLE, view.match)
-    return [
-        Entry(
-            Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored),
-            DetectionCounts(judge_detections(whole.select(part)).counts),
-        )
-        for part in parts
-    ]

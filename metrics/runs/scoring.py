@@ -6,12 +6,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
+from fbench.metrics.detection.scores import DetectionCounts, detection_counts
 from fbench.metrics.profiles.profile import Match
-from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.columns import View, of_steps
-from fbench.metrics.runs.combine import OF_TRACKS, RATES, RunTable, combined, measure_run, resampled, told_of
+from fbench.metrics.runs.combine import (
+    OF_TRACKS,
+    RATES,
+    RunTable,
+    combine_runs,
+    copy_intervals,
+    describe_gaps,
+    measure_run,
+    resample,
+)
 from fbench.metrics.runs.places import SharedRun
-from fbench.metrics.runs.spaces import views
+from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
@@ -39,7 +49,7 @@ class Pieces:
             yield replace(view, sequence=of_steps(sequence, piece == number), num_frames=num_frames)
 
 
-def pieces(run: Run, least: int) -> Pieces | str:
+def cut_run(run: Run, least: int) -> Pieces | str:
     """Cut a run into segments, or where it has less than `least` of them into as many equal stretches of time as it
     has seconds, `MOST` at most; or say why it can't be cut so.
     """
@@ -73,45 +83,36 @@ def intervals_of_run(
 ) -> list[Score]:
     """Return the rows of a run, those about all boxes of a class with intervals where they have a number.
 
-    Segments are resampled; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
+    Segments are resample; a run of fewer than `LEAST_UNITS` is cut into equal stretches of at least 1 s instead. That
     cuts tracks too, so only what depends on single steps gets an interval then: precision, recall, F1, MOTA and MOTP,
     but not IDF1 or HOTA. (A switch just at a cut is not seen in resamples; MOTA itself counts it.) Raises MetricError
     where an id occurs twice in one frame.
     """
     shared = SharedRun(run.folder)
-    cut = pieces(shared, LEAST_UNITS)
+    cut = cut_run(shared, LEAST_UNITS)
     if isinstance(cut, str):
-        return [_said(row, cut) if row.metric in (*RATES, *OF_TRACKS) else row for row in rows]
-    metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
-    found = {_key(row): row for row in resampled(_tables(shared, options, cut, match), how, cut.unit, metrics)}
-    rows = [_like(row, found.get(_key(row))) for row in rows]
-    cut_too = f"{cut.unit} cut tracks"
-    return [_said(row, cut_too) if cut.cuts_tracks and row.metric in OF_TRACKS else row for row in rows]
-
-
-def _tables(run: Run, options: ScoreOptions, cut: Pieces, match: Match | None) -> dict[str, RunTable]:
-    found = [list(cut.views(view)) for view in views(run, run.detections, options, match)]
-    tracked = [list(cut.views(view)) for view in views(run, run.tracks, options, match)]
-    tables = (
-        RunTable(
-            detection.whole_entries(one, run.detections), tracking.whole_entries(other, run.tracks), one[0].matching,
-            one[0].num_scored, one[0].num_frames,
+        return [_say(row, cut, (*RATES, *OF_TRACKS)) for row in rows]
+    detections, tracks = (
+        zip(*(cut.views(view) for view in views(shared, table, options, match)), strict=True)
+        for table in (shared.detections, shared.tracks)
+    )
+    tables = {
+        f"{number:06d}": RunTable(
+            measure_classes(found, shared.detections, detection_counts, DetectionCounts()),
+            measure_classes(tracked, shared.tracks, tracking_counts, TrackingCounts()),
+            found[0].matching, found[0].num_scored, found[0].num_frames,
         )
-        for one, other in zip(zip(*found, strict=True), zip(*tracked, strict=True), strict=True)
-    )  # fmt: skip
-    return {f"{number:06d}": table for number, table in enumerate(tables)}
+        for number, (found, tracked) in enumerate(zip(detections, tracks, strict=True))
+    }  # fmt: skip
+    metrics = RATES if cut.cuts_tracks else (*RATES, *OF_TRACKS)
+    rows = copy_intervals(resample(tables, how, cut.unit, metrics), rows)
+    return [_say(row, f"{cut.unit} cut tracks", OF_TRACKS) for row in rows] if cut.cuts_tracks else rows
 
 
-def _like(row: Score, other: Score | None) -> Score:
-    return row if other is None else replace(row, low=other.low, high=other.high, interval=other.interval)
-
-
-def _said(row: Score, why: str) -> Score:
-    return row if row.value is None or row.slice != "all" else replace(row, interval=why)
-
-
-def _key(row: Score) -> tuple[str, str, str, str]:
-    return row.metric, row.class_, row.slice, row.matching
+def _say(row: Score, why: str, metrics: Sequence[str]) -> Score:
+    if row.metric not in metrics or row.value is None or row.slice != "all":
+        return row
+    return replace(row, interval=why)
 
 
 _OPTIONS = ScoreOptions()
@@ -131,6 +132,6 @@ def own_rows(runs: Sequence[Run], match: Match | None, how: Bootstrap | None) ->
     """
     measured = [measure_run(run, _OPTIONS, match) for run in runs]
     if len(measured) > 1:
-        return combined(measured, how), told_of(measured)
+        return combine_runs(measured, how), describe_gaps(measured)
     rows = measured[0].table.rows()
     return rows if how is None else intervals_of_run(runs[0], _OPTIONS, rows, how, match), []

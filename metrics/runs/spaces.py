@@ -1,13 +1,15 @@
 """The spaces in which a run is scored: the ground plane and its images."""
 
+from collections.abc import Callable
+from collections.abc import Sequence as Sequence_of_abc
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.core.slices import Group, label_group
-from fbench.metrics.profiles.profile import Match
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
+from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs.columns import Labelled, View, nothing, objects_of
 from fbench.metrics.runs.places import on_ground, once, only_seen, require_told, seen_by_some
 from fbench.replay.contracts.errors import MetricError
@@ -19,6 +21,8 @@ from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.geometry.camera import in_image, not_projectable, project_body, project_boxes
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
+
+S = TypeVar("S", bound=Statistics)
 
 
 def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
@@ -249,11 +253,19 @@ def views(run: Run, table: BoxTable, options: ScoreOptions, match: Match | None 
     return (ground_view(run, table, options), image) if isinstance(table.boxes, Boxes3D) else (image,)
 
 
-def label_groups(view: View, table: BoxTable) -> tuple[Group, ...]:
-    """Return a group for each label that truth or results have, where the pipeline knows labels."""
-    if table.boxes.label is None:
-        return ()
-    truth, estimates = view.sequence.truth, view.sequence.estimates
-    asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
-    met = {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
-    return tuple(label_group(label) for label in LABELS if label in met)
+def measure_classes(
+    spaces: Sequence_of_abc[View], table: BoxTable, measure: Callable[[Sequence, Group, Match], S], nothing: S
+) -> tuple[Entry[S], ...]:
+    """Measure all vehicles in each space, then labels in the first: those that truth or results have, where the
+    pipeline knows labels. Where there is nothing to score the statistics are `nothing`.
+    """
+    classes = [(view, VEHICLE) for view in spaces]
+    if table.boxes.label is not None:
+        truth, estimates = spaces[0].sequence.truth, spaces[0].sequence.estimates
+        asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
+        met = {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
+        classes += [(spaces[0], label_group(label)) for label in LABELS if label in met]
+    return tuple(
+        Entry(view.heading(group.name), nothing if view.reason else measure(view.sequence, group, view.match))
+        for view, group in classes
+    )

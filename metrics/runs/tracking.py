@@ -1,15 +1,13 @@
 """Scores of a run's tracks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, by_seen
+from fbench.metrics.core.slices import VEHICLE, Entry, by_seen
 from fbench.metrics.profiles.profile import Match
-from fbench.metrics.runs.columns import View
-from fbench.metrics.runs.spaces import label_groups, views
+from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.tables import BoxTable
 
 
 class Tracking:
@@ -45,29 +43,17 @@ def tracking_entries(run: Run, options: ScoreOptions, match: Match | None = None
     where = f"'{run.manifest.pipeline}' on log '{run.manifest.log.name}'"
     for view in spaces:
         require_unique_ids(view.sequence, where)
-    return (*whole_entries(spaces, run.tracks), *_slices(spaces[0], options))
-
-
-def whole_entries(spaces: Sequence[View], table: BoxTable) -> tuple[Entry[TrackingCounts], ...]:
-    """Measure all vehicles in each space, then labels in the first; ids are unique in each step."""
-    entries = [_entry(view, VEHICLE) for view in spaces]
-    return (*entries, *(_entry(spaces[0], group) for group in label_groups(spaces[0], table)))
+    entries, native = measure_classes(spaces, run.tracks, tracking_counts, TrackingCounts()), spaces[0]
+    # Only what holds for whole tracks is a slice: what is seen, but not distances, which change along a track.
+    parts = () if native.reason or options.seen else by_seen(native.sequence)
+    slices = (
+        Entry(native.heading(VEHICLE.name, part.name), tracking_counts(native.sequence, VEHICLE, native.match, part))
+        for part in parts
+    )
+    return *entries, *slices
 
 
 def rows_of(entry: Entry[TrackingCounts]) -> list[Score]:
     """Return the rows of one entry."""
     unit = "iou" if entry.heading.matching.startswith("iou") else "m"
     return tracking_rows(entry.counts, entry.heading, unit)
-
-
-def _entry(view: View, group: Group) -> Entry[TrackingCounts]:
-    counts = TrackingCounts() if view.reason else tracking_counts(view.sequence, group, view.match)
-    return Entry(Heading(group.name, "all", view.matching, view.reason, view.num_scored), counts)
-
-
-def _slices(view: View, options: ScoreOptions) -> Iterator[Entry[TrackingCounts]]:
-    """Only what can be told of whole tracks: what is seen, but not distances, which change along a track."""
-    if view.reason is None and not options.seen:
-        for part in by_seen(view.sequence):
-            counts = tracking_counts(view.sequence, VEHICLE, view.match, part)
-            yield Entry(Heading(VEHICLE.name, part.name, view.matching, None, view.num_scored), counts)

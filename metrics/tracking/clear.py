@@ -112,7 +112,7 @@ def clear_counts(problem: Problem, rules: ClearRules, pairs: ClearPairs | None =
     size = np.bincount(problem.truth_id, minlength=problem.num_truth_ids)
     share = np.bincount(problem.truth_id[rows], minlength=len(size)) / size
     is_tracked = share >= rules.tracked_share if rules.tracked_inclusive else share > rules.tracked_share
-    tracked, lost = np.count_nonzero(is_tracked), np.count_nonzero(share < rules.lost_share)
+    tracked, lost = int(is_tracked.sum()), int((share < rules.lost_share).sum())
     return ClearCounts(
         tp=tp,
         fn=num_truth - tp,

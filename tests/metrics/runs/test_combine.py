@@ -15,7 +15,7 @@ from fbench.api.scores import Resampling, ScoreRequest, score
 from fbench.cli.score_show import show_together
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.profiles.profile import Match
-from fbench.metrics.runs.combine import RunStatistics, combined, measure_run, score_run, told_of
+from fbench.metrics.runs.combine import RunStatistics, combine_runs, describe_gaps, measure_run, score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.scoring import own_rows
 from fbench.metrics.runs.tracking import Tracking
@@ -46,13 +46,13 @@ def table(rows: list[Score]) -> dict[tuple[str, str, str], Score]:
 
 def test_one_run_scores_as_it_does_alone(tmp_path: Path) -> None:
     run = written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR), Case(RIGHT)], seed="3")
-    assert combined(measured(run)) == score_run(run, ScoreOptions(), METRICS)
+    assert combine_runs(measured(run)) == score_run(run, ScoreOptions(), METRICS)
 
 
 def test_counts_are_added_not_ratios_averaged(tmp_path: Path) -> None:
     good = written(tmp_path, "a", [Case(RIGHT, CAR)] * 3)
     bad = written(tmp_path, "b", [Case(WRONG, CAR), Case(WRONG)])
-    rows = table(combined(measured(good, bad)))
+    rows = table(combine_runs(measured(good, bad)))
     f1 = rows["f1", "vehicle", "all"]
     assert (f1.value, f1.counts["tp"], f1.counts["fp"], f1.counts["fn"]) == (0.75, 3, 1, 1)
     assert rows["mota", "vehicle", "all"].value == 0.5
@@ -69,7 +69,7 @@ def test_slices_are_by_words_that_differ(tmp_path: Path) -> None:
         written(tmp_path, "b", [Case(WRONG, CAR)], condition="fog", traffic="low", seed="2", **words),
         written(tmp_path, "c", [Case(RIGHT, CAR)], condition="fog", traffic="high", seed="3", **words),
     ]
-    rows = table(combined(measured(*runs)))
+    rows = table(combine_runs(measured(*runs)))
     slices = {slice_ for metric, _, slice_ in rows if metric == "f1" and not slice_.startswith("range")}
     assert slices == {
         "all", "log a", "log b", "log c", "condition clear", "condition fog", "traffic high", "traffic low"
@@ -81,7 +81,7 @@ def test_slices_are_by_words_that_differ(tmp_path: Path) -> None:
 def test_the_order_of_runs_changes_nothing(tmp_path: Path) -> None:
     found = zip("abc", [RIGHT, WRONG, WRONG], strict=True)
     runs = measured(*(written(tmp_path, name, [Case(RIGHT, CAR), Case(boxes, CAR)]) for name, boxes in found))
-    first, *others = [combined(order) for order in permutations(runs)]
+    first, *others = [combine_runs(order) for order in permutations(runs)]
     assert all(rows == first for rows in others)
 
 
@@ -90,7 +90,7 @@ def test_what_only_some_runs_have_is_kept(tmp_path: Path) -> None:
     labelled = boxes3d((10, 0), label="car", ids=[7])
     runs = measured(written(tmp_path, "a", [Case(labelled, CAR)]), written(tmp_path, "b", [Case(labelled, van)]),
                     written(tmp_path, "c", [Case(labelled)]))  # fmt: skip
-    rows = table(combined(runs))
+    rows = table(combine_runs(runs))
     assert (rows["recall", "car", "all"].value, rows["recall", "van", "all"].value) == (1.0, 0.0)
     assert rows["f1", "vehicle", "log c"].reason == "no truth"
     assert rows["f1", "vehicle", "all"].value == 1.0
@@ -99,18 +99,18 @@ def test_what_only_some_runs_have_is_kept(tmp_path: Path) -> None:
 def test_runs_of_different_pipelines_are_refused(tmp_path: Path) -> None:
     runs = measured(written(tmp_path, "a", [Case(RIGHT, CAR)]), written(tmp_path, "b", [Case(RIGHT, CAR)], "radar3d"))
     with pytest.raises(MetricError, match=r"several pipelines \(lidar3d, radar3d\)"):
-        combined(runs)
+        combine_runs(runs)
     with pytest.raises(MetricError, match="no run"):
-        combined([])
+        combine_runs([])
     with pytest.raises(MetricError, match="twice"):
-        combined([runs[0], runs[0]])
+        combine_runs([runs[0], runs[0]])
 
 
 def test_intervals_over_logs(tmp_path: Path) -> None:
     runs = measured(*(
         written(tmp_path, f"log{i}", [Case(RIGHT if i % 2 else WRONG, CAR), Case(RIGHT, CAR)]) for i in range(5)
     ))  # fmt: skip
-    rows = table(combined(runs, Bootstrap(num=100)))
+    rows = table(combine_runs(runs, Bootstrap(num=100)))
     for metric in ("f1", "mota", "idf1", "hota"):
         row = rows[metric, "vehicle", "all"]
         assert row.low is not None
@@ -118,10 +118,10 @@ def test_intervals_over_logs(tmp_path: Path) -> None:
         assert row.low <= (row.value or 0) <= row.high
         assert row.interval == "95 % of 100 bootstrap resamples of 5 logs"
     assert rows["f1", "vehicle", "log log1"].low is None
-    few = table(combined(runs[:2], Bootstrap(num=100)))["f1", "vehicle", "all"]
+    few = table(combine_runs(runs[:2], Bootstrap(num=100)))["f1", "vehicle", "all"]
     assert (few.low, few.interval) == (None, "2 logs, at least 5 are needed")
-    assert [(row.metric, row.value) for row in combined(runs, Bootstrap(num=9))] == [
-        (row.metric, row.value) for row in combined(runs)
+    assert [(row.metric, row.value) for row in combine_runs(runs, Bootstrap(num=9))] == [
+        (row.metric, row.value) for row in combine_runs(runs)
     ]
 
 
@@ -129,7 +129,7 @@ def test_the_default_profile_of_runs_is_their_own_scoring(tmp_path: Path) -> Non
     runs = [written(tmp_path, "a", [Case(RIGHT, CAR), Case(WRONG, CAR)]), written(tmp_path, "b", [Case(RIGHT, CAR)])]
     alone = score_run(runs[0], ScoreOptions(), METRICS)
     assert own_rows(runs[:1], None, None) == (alone, [])
-    assert own_rows(runs, None, None) == (combined(measured(*runs)), [])
+    assert own_rows(runs, None, None) == (combine_runs(measured(*runs)), [])
     own = own_rows(runs[:1], Match("bev", 2.0), None)[0]
     assert own == [row for row in alone if row.matching == alone[0].matching]
     rows = table(own_rows(runs[:1], Match("center3d", 2.0), None)[0])
@@ -153,7 +153,7 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
                                                  "invalid_truth": 0, "frames": 2},
         "interval": "2 logs, at least 5 are needed",
     }  # fmt: skip
-    assert load_scores(tmp_path / "all.json") == combined(measured(*runs), Bootstrap(num=20))
+    assert load_scores(tmp_path / "all.json") == combine_runs(measured(*runs), Bootstrap(num=20))
     show_together(score(ScoreRequest(folders)), folders, None, False)
     assert "2 runs together" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="no such run folder"):
@@ -162,7 +162,7 @@ def test_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_a_word_called_visibility_is_no_slice_by_visibility(tmp_path: Path) -> None:
     runs = [written(tmp_path, name, [Case(RIGHT, CAR)], visibility=how) for name, how in zip("abc", "xyy", strict=True)]
-    assert table(combined(measured(*runs)))["f1", "vehicle", "visibility y"].value == 1.0
+    assert table(combine_runs(measured(*runs)))["f1", "vehicle", "visibility y"].value == 1.0
 
 
 def test_frames_that_cant_be_scored_in_images_arent_counted_there(tmp_path: Path) -> None:
@@ -174,12 +174,12 @@ def test_frames_that_cant_be_scored_in_images_arent_counted_there(tmp_path: Path
     )
     other = written(tmp_path, "b", [Case(RIGHT, CAR)] * 3)
     with pytest.raises(ConfigError, match=r"'bev 2 m, within 50 m, in view' on log 'a', .* on log 'b'; --all-around"):
-        combined(measured(seen, other))
+        combine_runs(measured(seen, other))
     runs = [measure_run(run, ScoreOptions(in_view=False)) for run in (seen, other)]
-    rows = combined(runs)
+    rows = combine_runs(runs)
     f1 = next(row for row in rows if row.metric == "f1")
     assert (f1.matching, f1.counts["frames"], f1.counts["tp"]) == ("bev 2 m, within 50 m", 5, 5)
-    assert told_of(runs) == [
+    assert describe_gaps(runs) == [
         "rows by 'iou 0.5, truth projected from 3D, within 50 m' are of 1 of 2 runs only: a"
     ]  # fmt: skip
     frames = {row.matching: row.counts["frames"] for row in rows if row.metric == "f1" and row.slice == "all"}

@@ -10,7 +10,7 @@ from tests.metrics.conftest import NO_CAMERA, Case, boxes3d, make_manifest
 from fbench.metrics.core.bootstrap import Bootstrap
 from fbench.metrics.runs.combine import score_run
 from fbench.metrics.runs.detection import Detection
-from fbench.metrics.runs.scoring import Pieces, intervals_of_run, pieces
+from fbench.metrics.runs.scoring import Pieces, cut_run, intervals_of_run
 from fbench.metrics.runs.spaces import views
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.contracts.errors import MetricError
@@ -78,7 +78,7 @@ def test_a_short_run_has_a_reason_instead(tmp_path: Path) -> None:
     (10, 5, "segments", 5),
 ])  # fmt: skip
 def test_pieces(tmp_path: Path, num: int, segments: int, unit: str, count: int) -> None:
-    found = pieces(timed_run(tmp_path / "run", cases(num, segments)), 5)
+    found = cut_run(timed_run(tmp_path / "run", cases(num, segments)), 5)
     assert isinstance(found, Pieces)
     assert found.unit == unit
     assert np.bincount(found.piece).tolist() == [num // count] * count
@@ -86,7 +86,7 @@ def test_pieces(tmp_path: Path, num: int, segments: int, unit: str, count: int) 
 
 def test_views_of_pieces_hold_every_box_once(tmp_path: Path) -> None:
     run = timed_run(tmp_path / "run", [*cases(50), Case(RIGHT), *cases(10)])
-    cut = pieces(run, 5)
+    cut = cut_run(run, 5)
     assert isinstance(cut, Pieces)
     view = views(run, run.tracks, OPTIONS)[0]
     parts = list(cut.views(view))
