@@ -1,37 +1,15 @@
 """Guesses about radars: the sign of radial velocities, ego motion and ambiguity."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose, RadarScan
 from fbench.replay.data.rig import Rig
-from fbench.replay.geometry.ego_velocity import EgoFit, fit_ego
+from fbench.replay.geometry.ego_velocity import fit_ego
 from fbench.replay.setup.guess_sensors import Candidate
-from fbench.replay.setup.inspection import Heard, Line
-
-
-def fit_scan(scan: RadarScan, body_R_sensor: Float64) -> EgoFit | None:
-    """Fit the radar's motion over ground, as if its velocities were positive when receding and unambiguous.
-
-    Args:
-        scan: With radial velocities (N,) [m/s].
-        body_R_sensor: Rotation (3, 3).
-
-    Returns:
-        `None` where there are too few points.
-    """
-    if scan.radial_velocity_mps is None:
-        return None
-    xyz = np.asarray(scan.xyz, np.float64)
-    distance = np.sqrt((xyz**2).sum(axis=1))
-    good = (distance > 1.0) & (distance < 1e6)  # neither too near for a direction nor not finite
-    unit = xyz[good] / distance[good, None]
-    directions = np.stack([unit[:, 0] * m[0] + unit[:, 1] * m[1] + unit[:, 2] * m[2] for m in body_R_sensor], axis=1)
-    return fit_ego(directions, np.asarray(scan.radial_velocity_mps, np.float64)[good], None)
+from fbench.replay.setup.inspection import Line, SampledTopic
 
 
 def forward_speed(poses: Sequence[Pose]) -> float | None:
@@ -61,7 +39,7 @@ class _Vote:
     is_still: bool
 
 
-def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -> dict[str, tuple[Line, ...]]:
+def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: SampledTopic | None) -> dict[str, tuple[Line, ...]]:
     """Guess for each radar, by name, from the scans of the sample.
 
     Most of what a radar sees stands still. Seen from a vehicle that drives forward, things ahead come nearer: so the
@@ -70,26 +48,37 @@ def doppler_lines(sensors: Sequence[Candidate], rig: Rig, poses: Heard | None) -
     velocities at all gets no lines.
     """
     radars = [s for s in sensors if s.kind == "radar" and s.name in rig.mounts and _measures_velocity(s)]
-    votes = {s.name: _votes(s, rig) for s in radars}
-    speeds = _speeds(poses)
+    votes = {s.name: _cast_votes(s, rig) for s in radars}
+    by_window: dict[int, list[Pose]] = {}
+    for sample in () if poses is None else poses.samples:
+        if sample.pose is not None:
+            by_window.setdefault(sample.window, []).append(sample.pose)
+    speeds = {window: speed for window, own in by_window.items() if (speed := forward_speed(own)) is not None}
     found: dict[str, tuple[Line, ...]] = {}
     for s in radars:
-        others = {v.window for name, cast in votes.items() if name != s.name for v in cast if _is_fast(v)}
+        others = {
+            v.window
+            for name, cast in votes.items()
+            for v in cast
+            if name != s.name and not v.is_still and abs(v.ahead_mps) > _SURELY_MOVING_MPS
+        }
         moving = others | {window for window, speed in speeds.items() if abs(speed) > _SURELY_MOVING_MPS}
-        num = sum(seen.scan is not None for seen in s.heard.seen)
-        lines = _decide(votes[s.name], num, moving, speeds)
-        found[s.name] = tuple(map(_own, lines)) if s.is_own else lines
+        lines = _decide(votes[s.name], len(_scans(s)), moving, speeds)
+        found[s.name] = tuple(map(_compare_with_own, lines)) if s.is_own else lines
     return found
+
+
+def _scans(radar: Candidate) -> list[RadarScan]:
+    return [sample.scan for sample in radar.sampled.samples if sample.scan is not None]
 
 
 def _measures_velocity(radar: Candidate) -> bool:
     """Tell whether any scan has a velocity; also where there are no scans to tell."""
-    scans = [seen.scan for seen in radar.heard.seen if seen.scan is not None]
-    columns = [scan.radial_velocity_mps for scan in scans]
-    return not scans or any(column is not None and bool(np.isfinite(column).any()) for column in columns)
+    columns = [scan.radial_velocity_mps for scan in _scans(radar)]
+    return not columns or any(column is not None and bool(np.isfinite(column).any()) for column in columns)
 
 
-def _own(line: Line) -> Line:
+def _compare_with_own(line: Line) -> Line:
     """In fbench's logs the meaning is fixed; data that contradict it are worth a look."""
     meant = "receding" if line.key == "doppler" else "included"
     if line.value == meant:
@@ -97,41 +86,30 @@ def _own(line: Line) -> Line:
     return Line(line.key, meant, f"as in all logs of fbench, but {line.why}: {line.value}", is_guess=True)
 
 
-def _is_fast(vote: _Vote) -> bool:
-    return not vote.is_still and abs(vote.ahead_mps) > _SURELY_MOVING_MPS
-
-
-def _votes(radar: Candidate, rig: Rig) -> list[_Vote]:
+def _cast_votes(radar: Candidate, rig: Rig) -> list[_Vote]:
+    """Fit the motion of each scan as if its velocities were positive when receding and unambiguous."""
     rotation = rig.body_T_sensor(radar.name)[:3, :3]
     votes = []
-    for seen in radar.heard.seen:
-        fit = None if seen.scan is None else fit_scan(seen.scan, rotation)
+    for sample in radar.sampled.samples:
+        if sample.scan is None or sample.scan.radial_velocity_mps is None:
+            continue
+        xyz = np.asarray(sample.scan.xyz, np.float64)
+        distance = np.sqrt((xyz**2).sum(axis=1))
+        good = (distance > 1.0) & (distance < 1e6)  # neither too near for a direction nor not finite
+        unit = xyz[good] / distance[good, None]
+        directions = np.stack([unit[:, 0] * m[0] + unit[:, 1] * m[1] + unit[:, 2] * m[2] for m in rotation], axis=1)
+        fit = fit_ego(directions, np.asarray(sample.scan.radial_velocity_mps, np.float64)[good], None)
         if fit is None or fit.share < _MIN_SHARE:
             continue
         ahead_mps = -float(fit.velocity_mps[0])
         if abs(ahead_mps) > _MOVING_MPS:
-            votes.append(_Vote(seen.window, ahead_mps, False))
+            votes.append(_Vote(sample.window, ahead_mps, False))
         elif abs(ahead_mps) < _STILL_MPS and fit.share >= _STILL_SHARE:
-            votes.append(_Vote(seen.window, 0.0, True))
+            votes.append(_Vote(sample.window, 0.0, True))
     return votes
 
 
-def _speeds(poses: Heard | None) -> dict[int, float]:
-    """Speed along the body's x axis by window [m/s]."""
-    windows: dict[int, list[int]] = {}
-    for i, seen in enumerate(() if poses is None else poses.seen):
-        windows.setdefault(seen.window, []).append(i)
-    found = {}
-    for window, numbers in windows.items():
-        speed = forward_speed([pose for i in numbers if poses is not None and (pose := poses.seen[i].pose) is not None])
-        if speed is not None:
-            found[window] = speed
-    return found
-
-
 def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Mapping[int, float]) -> tuple[Line, ...]:
-    if not votes:
-        return _unknown(f"none of {num_scans} scans shows a motion clearly")
     included = [v for v in votes if not v.is_still]
     free = [v for v in votes if v.is_still and v.window in moving]
     if len(free) > len(included):
@@ -141,9 +119,14 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
             Line("ego_motion", "removed", why, is_guess=len(free) < 3),
         )
     if not included:
-        return _unknown("the vehicle hardly moves in the scans that were looked at")
-    signs = Counter(_sign(v, speeds) for v in included)
-    sign, num = min(signs.items(), key=lambda item: (-item[1], item[0] != "receding"))
+        why = f"none of {num_scans} scans shows a motion clearly"
+        if votes:
+            why = "the vehicle hardly moves in the scans that were looked at"
+        return Line("doppler", "receding", why, is_guess=True), Line("ego_motion", "included", why, is_guess=True)
+    # Things ahead recede only from a vehicle that reverses.
+    receding = [(v.ahead_mps < 0) != (speeds.get(v.window, 1.0) < -1.0) for v in included]
+    sign = "receding" if 2 * sum(receding) >= len(receding) else "approaching"
+    num = max(sum(receding), len(receding) - sum(receding))
     speed = float(np.median([abs(v.ahead_mps) for v in included]))
     is_clear = num >= 3 and num >= 0.8 * len(included) and len(included) >= 0.3 * num_scans
     backed = "poses say so" if speeds else "taken for driving forward"
@@ -152,18 +135,6 @@ def _decide(votes: Sequence[_Vote], num_scans: int, moving: set[int], speeds: Ma
         Line("doppler", sign, why, is_guess=not is_clear),
         Line("ego_motion", "included", "what stands still moves as the vehicle does", is_guess=not is_clear),
     )
-
-
-def _sign(vote: _Vote, speeds: Mapping[int, float]) -> str:
-    reverses = speeds.get(vote.window, 1.0) < -1.0
-    return "receding" if (vote.ahead_mps < 0) != reverses else "approaching"
-
-
-def _unknown(why: str) -> tuple[Line, ...]:
-    return (
-        Line("doppler", "receding", why, is_guess=True),
-        Line("ego_motion", "included", why, is_guess=True),
-    )  # fmt: skip
 
 
 _MIN_ECHOES = 1000
@@ -178,31 +149,24 @@ def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
     Velocities thin out towards the fastest that was seen. Where they fill a range around zero up to both of its ends
     instead, what was faster has come in again at the other end.
     """
-    found = {s.name: _period_line(_velocities(s)) for s in sensors if s.kind == "radar" and not s.is_own}
+    found = {s.name: _period_line(s) for s in sensors if s.kind == "radar" and not s.is_own}
     return {name: line for name, line in found.items() if line is not None}
 
 
-def _velocities(radar: Candidate) -> Float64:
-    scans = [seen.scan.radial_velocity_mps for seen in radar.heard.seen if seen.scan is not None]
-    values = np.concatenate([np.zeros(0), *(scan for scan in scans if scan is not None)])
-    return np.asarray(values[np.isfinite(values)], np.float64)
-
-
-def _period_line(velocity_mps: Float64) -> Line | None:
-    if len(velocity_mps) < _MIN_ECHOES:
+def _period_line(radar: Candidate) -> Line | None:
+    columns = [scan.radial_velocity_mps for scan in _scans(radar)]
+    velocity = np.concatenate([np.zeros(0), *(column for column in columns if column is not None)])
+    velocity = velocity[np.isfinite(velocity)]
+    if len(velocity) < _MIN_ECHOES:
         return None
-    low, high = float(velocity_mps.min()), float(velocity_mps.max())
+    low, high = float(velocity.min()), float(velocity.max())
     span = high - low
     edge = _EDGE_SHARE * span
-    shares = np.mean(velocity_mps <= low + edge), np.mean(velocity_mps >= high - edge)
+    shares = np.mean(velocity <= low + edge), np.mean(velocity >= high - edge)
     if abs(high + low) > _MAX_SKEW * span or span <= 0 or min(shares) < _EDGE_ECHOES:
         return None
-    period = round(span + _step(velocity_mps), 3)
+    # Radars measure in steps.
+    levels = np.unique(velocity.astype(np.float32))
+    step = float(np.median(np.diff(levels))) if 1 < len(levels) <= _MAX_BINS else 0.0
     why = f"velocities fill {low:.2f} to {high:.2f} m/s up to both ends, as those that wrap around do"
-    return Line("velocity_period_mps", period, why, is_guess=True)
-
-
-def _step(velocity_mps: Float64) -> float:
-    """Distance [m/s] of the steps in which a radar measures; 0 where it has none."""
-    levels = np.unique(velocity_mps.astype(np.float32))
-    return float(np.median(np.diff(levels))) if 1 < len(levels) <= _MAX_BINS else 0.0
+    return Line("velocity_period_mps", round(span + step, 3), why, is_guess=True)

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 from fbench.replay.data.rig import KINDS, Kind
-from fbench.replay.logs.codecs.points import RING_FIELDS
+from fbench.replay.logs.codecs.points import DOPPLER_FIELDS, RING_FIELDS, VECTOR_FIELDS
 from fbench.replay.logs.coordinate_frames import BODIES, WORLDS
-from fbench.replay.setup.inspection import Heard, LeftOut, compensated_field, doppler_field
+from fbench.replay.setup.inspection import LeftOut, SampledTopic
 
 _GENERIC = frozenset(
     ("sensing", "sensor", "sensors", "driver", "drivers", "device", "devices", "perception", "vehicle", "robot", "ros",
@@ -26,56 +27,42 @@ _KIND_WORDS: Mapping[str, tuple[str, ...]] = {
 _MAX_LENGTH = 40
 
 
-def stems(topics: Sequence[str]) -> dict[str, str]:
+def find_stems(topics: Sequence[str]) -> dict[str, str]:
     """Return what is left of each topic without what says nothing about the device: equal for all topics of one."""
     split = {topic: [part for part in topic.split("/") if part] for topic in topics}
     first = {parts[0] for parts in split.values() if parts}
-    common = next(iter(first)) if len(first) == 1 and len(split) > 1 else None
-    if common is not None and any(not _stem(parts[1:]) for parts in split.values()):
-        common = None
-    return {topic: _stem(parts[1:] if common is not None else parts) for topic, parts in split.items()}
+    has_common = len(first) == 1 and len(split) > 1 and all(_stem(parts[1:]) for parts in split.values())
+    return {topic: _stem(parts[1:] if has_common else parts) for topic, parts in split.items()}
 
 
 def _stem(parts: Sequence[str]) -> str:
-    plain = [_plain(part) for part in parts]
+    plain = [re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", part.lower())).strip("_") for part in parts]
     name = "_".join(part for part in plain if part and part not in _GENERIC)
     while (shorter := _TAIL.sub("", name)) != name:
         name = shorter
-    return _without_repeats(name)
+    return "_".join(word for word, _ in groupby(name.split("_")))
 
 
-def _plain(text: str) -> str:
-    return re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", text.lower())).strip("_")
-
-
-def _without_repeats(name: str) -> str:
-    words = name.split("_")
-    return "_".join(word for i, word in enumerate(words) if i == 0 or word != words[i - 1])
-
-
-def named(kinds: Mapping[str, str], stem_of: Mapping[str, str]) -> dict[str, str]:
+def name_sensors(kinds: Mapping[str, str], stems: Mapping[str, str]) -> dict[str, str]:
     """Return a name for the sensor of each topic: short, unique, the same for the same topics.
 
     Args:
         kinds: Kind of sensor by topic.
-        stem_of: See `stems`.
+        stems: See `find_stems`.
     """
     found: dict[str, str] = {}
     taken: set[str] = set()
     for topic, kind in sorted(kinds.items()):
-        base = _with_kind(stem_of.get(topic, ""), kind)[:_MAX_LENGTH].strip("_")
+        stem = stems.get(topic, "")
+        if not any(part.startswith(word) for part in stem.split("_") for word in _KIND_WORDS[kind]):
+            stem = f"{kind}_{stem}" if stem else kind
+        base = stem[:_MAX_LENGTH].strip("_")
         name, number = base, 2
         while name in taken:
             name, number = f"{base}_{number}", number + 1
         taken.add(name)
         found[topic] = name
     return found
-
-
-def _with_kind(stem: str, kind: str) -> str:
-    if any(part.startswith(word) for part in stem.split("_") for word in _KIND_WORDS[kind]):
-        return stem
-    return f"{kind}_{stem}" if stem else kind
 
 
 _DERIVED: Mapping[str, tuple[str, ...]] = {
@@ -90,6 +77,9 @@ _DERIVED: Mapping[str, tuple[str, ...]] = {
               "static", "dynamic", "removed"),
 }  # fmt: skip
 """Words in topics that something computed from measurements, or that isn't a picture."""
+_COMPENSATED = ("comp", "compensated", "corrected", "ego")
+_SPEEDS = ("v", "vr", "vx", "doppler", "velocity", "speed", "radial")
+"""Words of fields with velocities that are free of the vehicle's own motion, which fbench doesn't read."""
 _MAX_NAME = 200
 _MAX_FIELDS = 12
 _MANY_POINTS, _VERY_MANY_POINTS = 3000, 8000
@@ -100,7 +90,7 @@ _MANY_POINTS, _VERY_MANY_POINTS = 3000, 8000
 class Candidate:
     """A topic that is taken for a sensor."""
 
-    heard: Heard
+    sampled: SampledTopic
     name: str
     kind: Kind
     why: str
@@ -109,136 +99,128 @@ class Candidate:
     @property
     def is_own(self) -> bool:
         """Whether fbench wrote it, so that nothing about it is a guess."""
-        return self.heard.role.is_own
+        return self.sampled.role.is_own
 
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """What the topics with measurements are."""
-
-    sensors: tuple[Candidate, ...]  # By name
-    left_out: tuple[LeftOut, ...]
-
-
-def choose(heard: Sequence[Heard]) -> Choice:
-    """Choose one topic a device, with its name and kind."""
-    topics = [h for h in heard if h.role.kind in KINDS]
-    own = [Candidate(h, h.role.sensor, KINDS[h.role.kind], "the log says so") for h in topics if h.role.is_own]
-    foreign = [h for h in topics if not h.role.is_own]
-    stem_of = stems([h.topic for h in foreign])
-    kinds = {h.topic: _kind(h) for h in foreign}
+def choose_sensors(topics: Sequence[SampledTopic]) -> tuple[tuple[Candidate, ...], tuple[LeftOut, ...]]:
+    """Choose one topic a device, with its name and kind: sensors by kind and name, and what is left out."""
+    topics = [t for t in topics if t.role.kind in KINDS]
+    sensors = [Candidate(t, t.role.sensor, KINDS[t.role.kind], "the log says so") for t in topics if t.role.is_own]
+    foreign = [t for t in topics if not t.role.is_own]
+    stems = find_stems([t.topic for t in foreign])
+    kinds = {t.topic: _guess_kind(t) for t in foreign}
     out: dict[str, str] = {}
-    good = _measured(foreign, kinds, out)
+    good = _drop_derived(foreign, kinds, out)
     for kind in KINDS.values():
-        of_kind = [h for h in good if kinds[h.topic][0] == kind]
-        out |= _repeated(kind, of_kind, stem_of)
-    chosen = {h.topic: h for h in good if h.topic not in out}
-    names = named({topic: kinds[topic][0] for topic in chosen}, stem_of)
-    found = [Candidate(h, names[topic], *kinds[topic]) for topic, h in chosen.items()]
-    order = sorted([*own, *found], key=lambda c: (list(KINDS).index(c.kind), c.name))
-    return Choice(tuple(order), tuple(LeftOut(topic, why) for topic, why in sorted(out.items())))
+        _drop_repeated(kind, [t for t in good if kinds[t.topic][0] == kind], stems, out)
+    chosen = {t.topic: t for t in good if t.topic not in out}
+    names = name_sensors({topic: kinds[topic][0] for topic in chosen}, stems)
+    sensors += [Candidate(t, names[topic], *kinds[topic]) for topic, t in chosen.items()]
+    sensors.sort(key=lambda c: (list(KINDS).index(c.kind), c.name))
+    return tuple(sensors), tuple(LeftOut(topic, why) for topic, why in sorted(out.items()))
 
 
-def _kind(heard: Heard) -> tuple[Kind, str, bool]:
+def _guess_kind(topic: SampledTopic) -> tuple[Kind, str, bool]:
     """Kind, why, and whether it is a guess."""
-    kind, field = KINDS[heard.role.kind], doppler_field(heard.fields)
-    num = heard.median_points or 0
+    kind, field = KINDS[topic.role.kind], _doppler_field(topic.fields)
+    num = topic.median_points or 0
     if kind == "radar" and field:
-        has_rings = any(name.lower() in RING_FIELDS for name in heard.fields)
+        has_rings = any(name.lower() in RING_FIELDS for name in topic.fields)
         if num >= _VERY_MANY_POINTS or (num >= _MANY_POINTS and has_rings):
-            return (
-                "lidar",
-                f"{num} points a message are more than a radar gives, though they have '{field}': FMCW",
-                True,
-            )
+            why = f"{num} points a message are more than a radar gives, though they have '{field}': FMCW"
+            return "lidar", why, True
         return "radar", f"its points have a radial velocity, '{field}'", False
-    compensated = compensated_field(heard.fields)
-    if kind == "lidar" and compensated:
-        return "radar", f"its points have '{compensated}', which isn't read: a radar without Doppler", True
-    if kind == "lidar" and heard.fields and num < _MANY_POINTS and _is_called_radar(heard):
-        fields = ", ".join(heard.fields[:_MAX_FIELDS])
-        return "radar", f"it is called so, but none of its fields ({fields}) is known as radial velocity", True
-    return kind, f"its type is {heard.schema}", False
+    if kind == "lidar":
+        for name in topic.fields:
+            parts = name.lower().split("_")
+            if any(part in _COMPENSATED for part in parts) and any(part in _SPEEDS for part in parts):
+                return "radar", f"its points have '{name}', which isn't read: a radar without Doppler", True
+        words = _words(topic.topic) + _words(topic.role.frame_id)
+        is_called_radar, is_called_lidar = (any(w.startswith(k) for w in words) for k in ("radar", "lidar"))
+        if topic.fields and num < _MANY_POINTS and is_called_radar and not is_called_lidar:
+            fields = ", ".join(topic.fields[:_MAX_FIELDS])
+            return "radar", f"it is called so, but none of its fields ({fields}) is known as radial velocity", True
+    return kind, f"its type is {topic.schema}", False
 
 
-def _is_called_radar(heard: Heard) -> bool:
-    words = _words(heard.topic) + _words(heard.role.frame_id)
-    return any(word.startswith("radar") for word in words) and not any(word.startswith("lidar") for word in words)
+def _doppler_field(fields: tuple[str, ...]) -> str:
+    """The field with the radial velocity that fbench reads, empty where none has it."""
+    lower = {name.lower(): name for name in fields}
+    found = next((lower[name] for name in DOPPLER_FIELDS if name in lower), "")
+    if not found and all(name in lower for name in VECTOR_FIELDS):
+        return " and ".join(lower[name] for name in VECTOR_FIELDS)
+    return found
 
 
-def _measured(heard: Iterable[Heard], kinds: Mapping[str, tuple[Kind, str, bool]], out: dict[str, str]) -> list[Heard]:
+def _drop_derived(
+    topics: Iterable[SampledTopic], kinds: Mapping[str, tuple[Kind, str, bool]], out: dict[str, str]
+) -> list[SampledTopic]:
     """Those that a device measured; of a kind that has only derived topics these, but never in the world's frame."""
-    placed = []
-    for h in heard:
-        if not 0 < len(h.topic) <= _MAX_NAME:
-            out[h.topic] = f"its name has {len(h.topic)} characters, at most {_MAX_NAME} are read"
-        elif h.role.frame_id.strip("/") in WORLDS:
-            out[h.topic] = f"its coordinate frame '{h.role.frame_id}' stands still, so it is a map or moved already"
+    by_kind: dict[str, list[SampledTopic]] = {kind: [] for kind in KINDS.values()}
+    for t in topics:
+        if not 0 < len(t.topic) <= _MAX_NAME:
+            out[t.topic] = f"its name has {len(t.topic)} characters, at most {_MAX_NAME} are read"
+        elif t.role.frame_id.strip("/") in WORLDS:
+            out[t.topic] = f"its coordinate frame '{t.role.frame_id}' stands still, so it is a map or moved already"
         else:
-            placed.append(h)
-    good: list[Heard] = []
-    for kind in KINDS.values():
-        of_kind = [h for h in placed if kinds[h.topic][0] == kind]
-        derived = {h.topic: word for h in of_kind if (word := _derived(kind, h.topic))}
-        keep_all = len(derived) == len(of_kind) and kind != "camera"
-        for h in of_kind:
-            if h.topic in derived and not keep_all:
-                out[h.topic] = f"its name says '{derived[h.topic]}': not what the sensor measured"
-            else:
-                good.append(h)
+            by_kind[kinds[t.topic][0]].append(t)
+    good = []
+    for kind, of_kind in by_kind.items():
+        derived = {t.topic: word for t in of_kind if (word := _derived_word(kind, t.topic))}
+        if len(derived) == len(of_kind) and kind != "camera":
+            derived = {}
+        out |= {topic: f"its name says '{word}': not what the sensor measured" for topic, word in derived.items()}
+        good += [t for t in of_kind if t.topic not in derived]
     return good
 
 
-def _derived(kind: str, topic: str) -> str:
+def _derived_word(kind: str, topic: str) -> str:
     return next((word for word in _words(topic) if word in _DERIVED[kind]), "")
 
 
 def _words(name: str) -> list[str]:
-    return name.lower().replace("/", "_").replace("-", "_").split("_")
+    return re.split("[_/-]", name.lower())
 
 
-def _repeated(kind: str, heard: Sequence[Heard], stem_of: Mapping[str, str]) -> dict[str, str]:
-    """Topics of a device of which another one is taken, with the reason."""
-    out: dict[str, str] = {}
-    kept: list[Heard] = []
+def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str, str], out: dict[str, str]) -> None:
+    """Add to `out` the topics of a device of which another one is taken, with the reason."""
     most: dict[str, int] = {}
-    for h in heard:
-        most[stem_of[h.topic]] = max(most.get(stem_of[h.topic], 0), h.num_messages)
-    for h in sorted(heard, key=lambda h: _worth(kind, h, most[stem_of[h.topic]])):
-        same = next((other for other in kept if _is_same(h, other, stem_of)), None)
+    for t in topics:
+        most[stems[t.topic]] = max(most.get(stems[t.topic], 0), t.num_messages)
+
+    def rank(t: SampledTopic) -> tuple[object, ...]:
+        """Sorts the best topic of a device first. Images as they came from the camera fit K and its distortion; raw
+        ones have no artifacts, but recorders drop some of what is large.
+        """
+        topic, is_thin = t.topic.lower(), t.num_messages < 0.9 * most[stems[t.topic]]
+        if kind == "camera":
+            return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, t.topic
+        no_doppler = not _doppler_field(t.fields)
+        return _derived_word(kind, topic) != "", no_doppler, -(t.median_points or 0), is_thin, t.topic
+
+    kept: list[SampledTopic] = []
+    for t in sorted(topics, key=rank):
+        same = next((other for other in kept if _is_same(t, other, stems)), None)
         if same is None:
-            kept.append(h)
+            kept.append(t)
         else:
-            out[h.topic] = _why_not(kind, h, same, stem_of)
-    return out
+            out[t.topic] = _why_not(kind, t, same, stems)
 
 
-def _is_same(a: Heard, b: Heard, stem_of: Mapping[str, str]) -> bool:
-    if stem_of[a.topic] == stem_of[b.topic]:
-        return True
+def _is_same(a: SampledTopic, b: SampledTopic, stems: Mapping[str, str]) -> bool:
     frame = a.role.frame_id
-    return bool(frame) and frame == b.role.frame_id and frame.strip("/") not in BODIES
+    is_same_frame = bool(frame) and frame == b.role.frame_id and frame.strip("/") not in BODIES
+    return stems[a.topic] == stems[b.topic] or is_same_frame
 
 
-def _worth(kind: str, h: Heard, most: int) -> tuple[object, ...]:
-    """Sorts the best topic of a device first. Images as they came from the camera fit K and its distortion; raw ones
-    have no artefacts, but recorders drop some of what is large; `most` messages are those of its fullest topic.
-    """
-    topic, is_thin = h.topic.lower(), h.num_messages < 0.9 * most
-    if kind == "camera":
-        return "rect" in topic, is_thin, "mono" in topic or "gray" in topic, "compressed" in topic, h.topic
-    return _derived(kind, topic) != "", not doppler_field(h.fields), -(h.median_points or 0), is_thin, h.topic
-
-
-def _why_not(kind: str, h: Heard, better: Heard, stem_of: Mapping[str, str]) -> str:
-    if stem_of[h.topic] != stem_of[better.topic]:
-        return f"in the same coordinate frame as {better.topic}, '{h.role.frame_id}', so one device; one is taken"
-    if kind == "camera" and "rect" in h.topic.lower() and "rect" not in better.topic.lower():
+def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:
+    if stems[t.topic] != stems[better.topic]:
+        return f"in the same coordinate frame as {better.topic}, '{t.role.frame_id}', so one device; one is taken"
+    if kind == "camera" and "rect" in t.topic.lower() and "rect" not in better.topic.lower():
         return f"the same camera as {better.topic}, rectified; K and distortion are for images that aren't"
-    if kind == "camera" and "compressed" in h.topic.lower():
+    if kind == "camera" and "compressed" in t.topic.lower():
         return f"the same camera as {better.topic}, which has no artefacts of compression"
-    if h.num_messages < 0.9 * better.num_messages:
-        return (
-            f"the same device as {better.topic}, which has more messages: {better.num_messages}, not {h.num_messages}"
-        )
-    return f"the same device as {better.topic}"
+    why = f"the same device as {better.topic}"
+    if t.num_messages < 0.9 * better.num_messages:
+        why += f", which has more messages: {better.num_messages}, not {t.num_messages}"
+    return why

@@ -2,18 +2,18 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
 from fbench.replay.contracts.errors import DataError, DecodeError
-from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.classes import is_known, label
+from fbench.replay.data.messages import Message
 from fbench.replay.logs.codecs.codec import Origin, TruthPart
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.roles import Role
-from fbench.replay.setup.inspection import Line, Look, Table, sampled
+from fbench.replay.setup.inspection import Inspection, Line, Table, sample_messages
 
 _MAX_FILES = 2000
 _MAX_SHOWN = 5
@@ -22,27 +22,24 @@ _RIG_WORDS = ("calib", "camchain", "camera_info", "extrinsic", "intrinsic", "rig
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Names of files and folders in the log's folder."""
+class Neighbors:
+    """Names of files and folders in the log's folder that may belong to it."""
 
     boxes: tuple[str, ...] = ()
     rigs: tuple[str, ...] = ()
 
 
-def look_beside(config: Path, log: Path) -> Beside:
+def find_neighbors(config: Path, log: Path) -> Neighbors:
     """Look at the names in the folder of a configuration."""
-    folder = config.resolve().parent
     try:
-        with os.scandir(folder) as found:
-            items = [(item.name, item.is_dir()) for item in islice(found, _MAX_FILES)]
+        with os.scandir(config.resolve().parent) as found:
+            items = sorted((item.name, item.is_dir()) for item in islice(found, _MAX_FILES))
     except OSError:
-        return Beside()
-    others = sorted(
-        (name, is_dir) for name, is_dir in items if not name.startswith(".") and name not in (log.name, config.name)
-    )
-    boxes = [name for name, is_dir in others if _is_boxes(name, is_dir)]
-    rigs = [name for name, is_dir in others if not is_dir and _is_rig(name)]
-    return Beside(tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN]))
+        return Neighbors()
+    items = [item for item in items if not item[0].startswith(".") and item[0] not in (log.name, config.name)]
+    boxes = [name for name, is_dir in items if _is_boxes(name, is_dir)]
+    rigs = [name for name, is_dir in items if not is_dir and _is_rig(name)]
+    return Neighbors(tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN]))
 
 
 def _is_boxes(name: str, is_dir: bool) -> bool:
@@ -62,97 +59,74 @@ _MAX_CLASSES = 100
 _MAX_NAME = 200
 
 
-@dataclass
-class _Met:
-    """Classes by the names that a source gives them."""
-
-    nums: Counter[str] = field(default_factory=Counter)
-    labels: dict[str, Counter[str]] = field(default_factory=dict)
-    certain: dict[str, bool] = field(default_factory=dict)  # False where nobody has said what a name means
-
-
-def truth_table(look: Look, beside: Beside) -> Table:
+def truth_table(log: Inspection, neighbors: Neighbors) -> Table:
     """Write `[truth]`."""
-    topics = _topics(look, "truth")
-    files = _files(beside)
+    topics = _topics(log, "truth")
+    why = "beside the log; is it ground truth?"
+    files = tuple(Line("file", name, why, is_active=False) for name in neighbors.boxes)
     if topics:
-        own = all(role.is_own for role in look.roles.values() if role.kind == "truth")
-        why = "the log says so" if own else "called so"
-        return Table(("truth",), (Line("topics", topics, why), *files))
+        own = all(role.is_own for role in log.roles.values() if role.kind == "truth")
+        return Table(("truth",), (Line("topics", topics, "the log says so" if own else "called so"), *files))
     if files:
         return Table(("truth",), files, notes=("No topic of the log is called truth, gt, label or annotation.",))
-    example = Line(
-        "file", "labels.parquet", "boxes beside the log: Parquet, CSV, KITTI, OpenLABEL ...", is_active=False
-    )
+    why = "boxes beside the log: Parquet, CSV, KITTI, OpenLABEL ..."
+    example = Line("file", "labels.parquet", why, is_active=False)
     return Table(("truth",), (example,), notes=("The log holds no ground truth, so runs have no accuracy.",))
 
 
-def _files(beside: Beside) -> tuple[Line, ...]:
-    return tuple(Line("file", name, "beside the log; is it ground truth?", is_active=False) for name in beside.boxes)
-
-
-def results_table(look: Look) -> Table | None:
+def results_table(log: Inspection) -> Table | None:
     """Write `[results]` where the log has boxes that aren't called truth."""
-    topics = _topics(look, "detections")
+    topics = _topics(log, "detections")
     if not topics:
         return None
     why = "boxes that aren't called truth, so of some system: score them with -p recorded:TOPIC"
     return Table(("results",), (Line("topics", topics, why, is_guess=True),))
 
 
-def _topics(look: Look, kind: str) -> tuple[str, ...]:
-    return tuple(sorted({role.topic for role in look.roles.values() if role.kind == kind}))
+def _topics(log: Inspection, kind: str) -> tuple[str, ...]:
+    return tuple(sorted({role.topic for role in log.roles.values() if role.kind == kind}))
 
 
-def classes_table(look: Look) -> Table | None:
+def classes_table(log: Inspection) -> Table | None:
     """Write `[classes]` from the names that were met in the sample; `None` where there are none."""
-    met = _Met()
-    channels = frozenset(id_ for id_, role in look.roles.items() if role.kind in ("truth", "detections"))
-    for sample in sampled(look.container, channels, look.times, _MAX_ENTRIES):
-        _take(met, look.roles[sample.entry.channel], sample.entry)
-    if not met.nums:
+    nums: Counter[str] = Counter()
+    labels: dict[str, Counter[str]] = {}
+    certain: set[str] = set()  # Names of which somebody has said what they mean
+    channels = frozenset(id_ for id_, role in log.roles.items() if role.kind in ("truth", "detections"))
+    for _, entry in sample_messages(log.container, channels, log.times, _MAX_ENTRIES):
+        role = log.roles[entry.channel]
+        for (name, meant), num in _count_classes(role, entry).items():
+            if 0 < len(name) <= _MAX_NAME:
+                nums[name] += num
+                labels.setdefault(name, Counter())[meant] += num
+                if role.is_own or is_known(name):
+                    certain.add(name)
+    if not nums:
         return None
-    names = sorted(met.nums, key=lambda name: (-met.nums[name], name))
+    names = sorted(nums, key=lambda name: (-nums[name], name))
     notes = ["By the names that the log gives, counted in a sample; 'ignore' leaves a class out of scores."]
     notes += [f"{len(names) - _MAX_CLASSES} rarer names aren't listed."] if len(names) > _MAX_CLASSES else []
-    lines = tuple(_class_line(name, met) for name in names[:_MAX_CLASSES])
-    return Table(("classes",), lines, notes=tuple(notes))
+    lines = []
+    for name in names[:_MAX_CLASSES]:
+        meant = min(labels[name].items(), key=lambda item: (-item[1], item[0]))[0]
+        count = f"{nums[name]} {'box' if nums[name] == 1 else 'boxes'}"
+        why = count if name in certain else f"{count}, not a known name"
+        lines.append(Line(name, meant, why, name not in certain))
+    return Table(("classes",), tuple(lines), notes=tuple(notes))
 
 
-def _class_line(name: str, met: _Met) -> Line:
-    meant = min(met.labels[name].items(), key=lambda item: (-item[1], item[0]))[0]
-    num = met.nums[name]
-    count = f"{num} {'box' if num == 1 else 'boxes'}"
-    return Line(name, meant, count if met.certain[name] else f"{count}, not a known name", not met.certain[name])
-
-
-def _take(met: _Met, role: Role, entry: Entry) -> None:
-    try:
-        part = _part(role, entry)
-    except (DecodeError, DataError):
-        return
-    for boxes in (part.truth.boxes3d, part.truth.boxes2d):
+def _count_classes(role: Role, entry: Entry) -> Counter[tuple[str, str]]:
+    """Boxes of a message by the names that its source gives them and the labels that these stand for."""
+    part: Message | TruthPart | None = None
+    with suppress(DecodeError, DataError):
+        if not isinstance(entry.data, memoryview):
+            part = entry.data.read()
+        elif role.codec is not None:
+            part = role.codec.truth(entry.data, Origin(role.sensor, entry.log_ns, entry.publish_ns))
+    result: Counter[tuple[str, str]] = Counter()
+    for boxes in (part.truth.boxes3d, part.truth.boxes2d) if isinstance(part, TruthPart) else ():
         if boxes is not None and boxes.source_label is not None:
-            _count(met, boxes, role.is_own)
-
-
-def _part(role: Role, entry: Entry) -> TruthPart:
-    if isinstance(entry.data, memoryview):
-        if role.codec is None:
-            raise DecodeError("no codec")
-        return role.codec.truth(entry.data, Origin(role.sensor, entry.log_ns, entry.publish_ns))
-    stored = entry.data.read()
-    if not isinstance(stored, TruthPart):
-        raise DecodeError("a measurement in the place of truth")
-    return stored
-
-
-def _count(met: _Met, boxes: Boxes, is_own: bool) -> None:
-    names: list[str] = [] if boxes.source_label is None else boxes.source_label.tolist()
-    meant = [label(name) for name in names] if boxes.label is None else boxes.label.tolist()
-    pairs: Mapping[tuple[str, str], int] = Counter(zip(names, meant, strict=True))
-    for (name, means), num in sorted(pairs.items()):
-        if 0 < len(name) <= _MAX_NAME:
-            met.nums[name] += num
-            met.labels.setdefault(name, Counter())[means] += num
-            met.certain[name] = met.certain.get(name, False) or is_own or is_known(name)
+            names: list[str] = boxes.source_label.tolist()
+            meant = [label(name) for name in names] if boxes.label is None else boxes.label.tolist()
+            result.update(zip(names, meant, strict=True))
+    return result

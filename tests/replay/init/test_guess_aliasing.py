@@ -7,13 +7,15 @@ from fbench.replay.data.messages import RadarScan
 from fbench.replay.logs.roles import Role
 from fbench.replay.setup.guess_radar import period_lines
 from fbench.replay.setup.guess_sensors import Candidate
-from fbench.replay.setup.inspection import Heard, Seen
+from fbench.replay.setup.inspection import SampledMessage, SampledTopic
 
 
 def radar(velocity_mps, name="front", is_own=False):
     points = np.zeros((len(velocity_mps), 3), np.float32)
     scan = RadarScan(name, 1, 1, points, np.asarray(velocity_mps, np.float32))
-    heard = Heard(Role("radar", "/radar", name, is_own=is_own), "x", 1, seen=(Seen(0, 1, 1, scan=scan),))
+    heard = SampledTopic(
+        Role("radar", "/radar", name, is_own=is_own), "x", 1, samples=[SampledMessage(0, 1, 1, scan=scan)]
+    )
     return Candidate(heard, name, "radar", "")
 
 

@@ -10,9 +10,9 @@ from fbench.datasets.importing.run import import_one
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.containers.mcap.file import McapFile
-from fbench.replay.setup.guess_sensors import choose
+from fbench.replay.setup.guess_sensors import choose_sensors
 from fbench.replay.setup.guess_truth import classes_table
-from fbench.replay.setup.inspection import MAX_ENTRIES, NUM_WINDOWS, look_at
+from fbench.replay.setup.inspection import MAX_ENTRIES, NUM_WINDOWS, inspect_log
 
 
 def test_kitti_in_ros2(guess, shared):
@@ -64,13 +64,13 @@ def test_long_logs_are_only_sampled(tmp_path):
         if i == num - 100:
             log.add("/late/points", ns, d.points("base_link", ns, 2))
     container = Counting(log.write(tmp_path / "log.mcap"), FaultLog())
-    look = look_at(container)
-    sensors = {s.name: s for s in choose(look.heard).sensors}
+    look = inspect_log(container)
+    sensors = {s.name: s for s in choose_sensors(look.topics)[0]}
     # Each window ends with one message too many.
     assert container.num <= NUM_WINDOWS * MAX_ENTRIES + 10
-    assert sensors["lidar"].heard.num_messages == num
-    assert {seen.window for seen in sensors["lidar"].heard.seen} == set(range(NUM_WINDOWS))
-    spread = [seen.log_ns for seen in sensors["lidar"].heard.seen]
+    assert sensors["lidar"].sampled.num_messages == num
+    assert {seen.window for seen in sensors["lidar"].sampled.samples} == set(range(NUM_WINDOWS))
+    spread = [seen.log_ns for seen in sensors["lidar"].sampled.samples]
     assert max(spread) - min(spread) > 0.7 * num * 100 * d.MS
     before = container.num
     assert classes_table(look) is not None

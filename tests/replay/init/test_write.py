@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.replay.init import drive as d
 
 from fbench.replay.setup.configuration import Config
-from fbench.replay.setup.guess_sensors import named, stems
+from fbench.replay.setup.guess_sensors import find_stems, name_sensors
 from fbench.replay.setup.init import write_toml
 from fbench.replay.setup.inspection import Draft, LeftOut, Line, Table
 
@@ -71,16 +71,16 @@ def test_hostile_topics_and_labels_in_a_log(guess):
     ],
 )
 def test_names_of_sensors(topic, kind, name):
-    assert named({topic: kind}, stems([topic])) == {topic: name}
+    assert name_sensors({topic: kind}, find_stems([topic])) == {topic: name}
 
 
 def test_what_all_topics_begin_with_is_no_part_of_names():
     kinds = {"/car7/lidar/points": "lidar", "/car7/left/image_raw": "camera"}
-    assert list(named(kinds, stems(list(kinds))).values()) == ["camera_left", "lidar"]
+    assert list(name_sensors(kinds, find_stems(list(kinds))).values()) == ["camera_left", "lidar"]
 
 
 @given(st.lists(names, unique=True, min_size=1, max_size=6))
 def test_names_are_unique_and_plain(topics):
-    found = named(dict.fromkeys(topics, "lidar"), stems(topics))
+    found = name_sensors(dict.fromkeys(topics, "lidar"), find_stems(topics))
     assert len(set(found.values())) == len(topics)
     assert all(name.replace("_", "").isalnum() and name.isascii() for name in found.values())
