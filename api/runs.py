@@ -234,7 +234,7 @@ def replay(
             topics=options.log.topics,
             sensors=options.sensors,
             variant=_describe_variant(request.variant),
-            inputs=options.log.used(),
+            inputs=options.log.input_entries(),
             truth=options.log.truth_entry(),
             max_between_ns=options.max_between_ns,
             clock=clock,

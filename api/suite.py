@@ -209,7 +209,7 @@ class Contents:
         truth = source.truth_entry()
         return {
             "topics": list(cell.log.topics),
-            "inputs": [entry.model_dump() for entry in source.used()],
+            "inputs": [entry.model_dump() for entry in source.input_entries()],
             "truth": None if truth is None else truth.model_dump(),
         }
 

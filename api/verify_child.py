@@ -10,6 +10,7 @@ import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 from fbench.api.cells import answers
@@ -59,7 +60,7 @@ def run(task: VerifyTask) -> None:
             excerpt=options.excerpt,
             topics=log.topics,
             sensors=options.sensors,
-            inputs=log.used(),
+            inputs=log.input_entries(),
             truth=log.truth_entry(),
             clock=make_clock(request.rate, options.sync.max_gap_ns),
             num_media=0,
@@ -89,7 +90,7 @@ def _open_source(task: VerifyTask, source: LogSource) -> Iterator[LogSource]:
     beside = task.folder.with_name(f"{task.folder.name}.log")
     beside.mkdir(parents=True)
     try:
-        yield source.at(converted(open_container(source.path, FaultLog()), beside, task.form))
+        yield replace(source, path=converted(open_container(source.path, FaultLog()), beside, task.form))
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 

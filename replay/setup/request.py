@@ -112,10 +112,17 @@ class ReplayRequest:
         """Read all options, with those of the log's configuration where the request leaves them open. Raises
         ConfigError where an option isn't as expected. Raises LogError where a file beside the log can't be used.
         """
-        source, sensors = log_source(self.log), make_sensors(self.sensors)
+        source, sensors, settings = log_source(self.log), make_sensors(self.sensors), list(self.settings)
+        if self.detect_every is not None:
+            if _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
+                raise ConfigError(
+                    f"--detect-every {self.detect_every}: pipeline '{self.pipeline}' has no parameter {_DETECT_EVERY}; "
+                    "it decides itself when it detects"
+                )
+            settings.append(f"{_DETECT_EVERY}={self.detect_every}")
         return ReplayOptions(
             source,
-            self._all_settings(),
+            settings,
             source.sync(self.reference, self.timeout_ms, self.tolerance_ms, self.max_gap_s),
             source.stamps(self.stamps, self.offset),
             make_excerpt(self.from_, self.to, self.frames),
@@ -124,16 +131,6 @@ class ReplayRequest:
             make_limit(self.read_ahead),
             parse_budget(self.on_fault, self.fault_budget),
         )
-
-    def _all_settings(self) -> list[str]:
-        if self.detect_every is None:
-            return list(self.settings)
-        if _DETECT_EVERY not in pipeline_parameters(self.pipeline, []):
-            raise ConfigError(
-                f"--detect-every {self.detect_every}: pipeline '{self.pipeline}' has no parameter {_DETECT_EVERY}; it "
-                "decides itself when it detects"
-            )
-        return [*self.settings, f"{_DETECT_EVERY}={self.detect_every}"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from fbench.replay.logs.open import open_log
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import BoxSource, Setup, StampParams, make_stamp_params
 from fbench.replay.runs.manifest import InputEntry, TruthEntry
-from fbench.replay.setup.configuration import Config, FramesTable, found_config, load_config, setup_of
+from fbench.replay.setup.configuration import Config, FramesTable, find_config, load_config, setup_of
 
 NO_CONFIG = "none"
 
@@ -61,7 +61,7 @@ class LogSource:
         """Open the log; see `open_log`."""
         return open_log(self.path, faults, self.topics, self.setup)
 
-    def used(self) -> list[InputEntry]:
+    def input_entries(self) -> list[InputEntry]:
         """Say which files beside the log decide what a run holds, for its manifest; truth says so itself. Raises
         ConfigError where the results aren't there.
         """
@@ -70,7 +70,7 @@ class LogSource:
             return list(self.inputs)
         if not results.path.exists():
             raise ConfigError(f"{results.path}: no such file or folder")
-        return [*self.inputs, input_entry("results", results.path)]
+        return [*self.inputs, _input_entry("results", results.path)]
 
     def truth_entry(self) -> TruthEntry | None:
         """Say where truth comes from, where it isn't the log itself. Raises ConfigError where the file isn't there.
@@ -81,10 +81,6 @@ class LogSource:
         from fbench.replay.formats.open import truth_entry  # tables need pyarrow, most logs no table
 
         return truth_entry(self.setup.truth)
-
-    def at(self, path: Path) -> "LogSource":
-        """Return the same for the log in another form."""
-        return replace(self, path=path)
 
     def sync(
         self, reference: str | None, timeout_ms: float | None, tolerance_ms: float | None, max_gap_s: float | None
@@ -114,32 +110,27 @@ def log_source(request: LogRequest) -> LogSource:
     """Read the configuration and calibration that go with a log. Raises ConfigError where one of the files can't be
     used.
     """
-    path = _config_path(request)
-    config = Config(version=1) if path is None else load_config(path)
-    setup = Setup() if path is None else setup_of(config, path)
-    inputs = [] if path is None else [input_entry("config", path), *_rig_inputs(config, path)]
+    path = find_config(request.path) if request.config is None else Path(request.config)
+    if request.config == NO_CONFIG:
+        path = None
+    config, setup, inputs = Config(version=1), Setup(), list[InputEntry]()
+    if path is not None:
+        config = load_config(path)
+        setup = setup_of(config, path)
+        rigs = [("rig", path.parent / name) for name in config.body.rig]
+        inputs = [_input_entry(role, file) for role, file in (("config", path), *rigs)]
     patch = setup.rig
     for file in reversed(request.rig):
         patch = open_rig_file(file).over(patch)
-        inputs.append(input_entry("rig", file))
+        inputs.append(_input_entry("rig", file))
     setup = replace(setup, rig=patch, truth=request.truth or setup.truth, results=request.detections or setup.results)
     offsets = {name: table.offset_ms for name, table in config.sensors.items()}
     return LogSource(request.path, setup, config.frames, offsets, request.topics, inputs)
 
 
-def input_entry(role: str, path: Path) -> InputEntry:
-    """Say which file was used, without where it lies. Raises LogError where it can't be read."""
+def _input_entry(role: str, path: Path) -> InputEntry:
+    """A file that was used, without where it lies. Raises LogError where it can't be read."""
     return InputEntry(role=role, name=path.name, digest=digest_of(path))
-
-
-def _rig_inputs(config: Config, path: Path) -> list[InputEntry]:
-    return [input_entry("rig", path.parent / name) for name in config.body.rig]
-
-
-def _config_path(request: LogRequest) -> Path | None:
-    if request.config == NO_CONFIG:
-        return None
-    return found_config(request.path) if request.config is None else Path(request.config)
 
 
 def classes_of(config: str | None) -> Mapping[str, str]:

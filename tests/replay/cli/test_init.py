@@ -2,7 +2,7 @@
 
 import tomllib
 
-from fbench.replay.setup.configuration import Config, config_place, found_config
+from fbench.replay.setup.configuration import Config, config_place, find_config
 
 
 def test_writes_beside_the_log_and_says_why(fbench, log, tmp_path):
@@ -59,6 +59,6 @@ def test_where_the_file_belongs(tmp_path):
     assert config_place(folder) == folder / "fbench.toml"
     assert config_place(folder / "metadata.yaml") == folder / "fbench.toml"
     assert config_place(parquet) == config_place(parquet / "log.json") == tmp_path / "fbench.toml"
-    assert found_config(folder) is None
+    assert find_config(folder) is None
     (folder / "fbench.toml").write_text("version = 1\n")
-    assert found_config(folder) == folder / "fbench.toml"
+    assert find_config(folder) == folder / "fbench.toml"
