@@ -15,12 +15,11 @@ from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import chosen_sensors
-from fbench.replay.data.frames import Frame
 from fbench.replay.data.images import LAYOUTS, decode, encoded_size
 from fbench.replay.data.messages import BOXES, Image, Message, Pose
 from fbench.replay.data.metadata import GAPS, MEANT
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
-from fbench.replay.engine.cleaning import Skipped, clean
+from fbench.replay.engine.cleaning import clean
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.container import Entry
@@ -33,43 +32,25 @@ _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
 
 
-def checked(message: Message, rig: Rig, faults: FaultLog, decode_images: bool) -> Message | Skipped:
-    """Count what is wrong with a message; returns it as a pipeline would get it."""
-    if isinstance(message, Image) and (why := _damage(message, decode_images)):
-        faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
-    return clean(message, rig, faults)
-
-
-def bad_pose(message: Message) -> bool:
-    """Tell whether this is a pose that places the body nowhere."""
-    if not isinstance(message, Pose):
-        return False
-    finite = np.isfinite(message.translation_m).all() and np.isfinite(message.rotation_xyzw).all()
-    return not (finite and np.any(message.rotation_xyzw))
-
-
-def _damage(image: Image, decode_images: bool) -> str:
-    why = _raw_damage(image) if image.encoding in LAYOUTS else _header_damage(image)
-    if not why and decode_images and decode(image) is None:
-        return "can't be decoded"
-    return why
-
-
-def _raw_damage(image: Image) -> str:
-    layout, (width, height) = LAYOUTS[image.encoding], image.size_wh
-    wanted = layout.num_rows(height) * width * layout.pixel_bytes
-    return "" if len(image.data) == wanted else f"{len(image.data)} bytes, but {width}x{height} px need {wanted}"
-
-
-def _header_damage(image: Image) -> str:
-    try:
-        width, height = encoded_size(image.data)
-    except DecodeError as error:
-        return str(error)
-    if (width, height) != image.size_wh:
-        return f"{width}x{height} px, but {image.size_wh[0]}x{image.size_wh[1]} recorded"
-    end = _ENDS.get(image.encoding)
-    return "cut off" if end is not None and end not in image.data[-_TAIL:] else ""
+def _find_damage(image: Image, decode_images: bool) -> str:
+    """What is wrong with an image, empty where nothing is."""
+    width, height = image.size_wh
+    if image.encoding in LAYOUTS:
+        layout = LAYOUTS[image.encoding]
+        wanted = layout.num_rows(height) * width * layout.pixel_bytes
+        if len(image.data) != wanted:
+            return f"{len(image.data)} bytes, but {width}x{height} px need {wanted}"
+    else:
+        try:
+            encoded = encoded_size(image.data)
+        except DecodeError as error:
+            return str(error)
+        if encoded != image.size_wh:
+            return f"{encoded[0]}x{encoded[1]} px, but {width}x{height} recorded"
+        end = _ENDS.get(image.encoding)
+        if end is not None and end not in image.data[-_TAIL:]:
+            return "cut off"
+    return "can't be decoded" if decode_images and decode(image) is None else ""
 
 
 _GAP = "TIM007"
@@ -126,8 +107,12 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
         FbenchError: where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
-    job.run()
-    return job.result()
+    for num, (entry, item) in enumerate(reader.everything()):
+        job.take(entry, item)
+        if num % 256 == 0:
+            options.progress(num)
+    reader.container.verify()
+    return job.finish()
 
 
 class _Check:
@@ -140,87 +125,72 @@ class _Check:
         self._rig = self._known.rig
         self._reference = reference_of(reader, self._known, options.sync)
         chosen = chosen_sensors(self._known.kinds, options.sensors)
-        self._left_out = frozenset(self._known.kinds) - frozenset(chosen)
-        expected = (*chosen, *reader.poses)
         options.stamps.require_known((*self._known.kinds, *reader.poses))
         self._kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **self._known.kinds}
-        self._frames = None if self._reference is None else FrameCheck(expected, self._reference, options.sync)
         self._trial = None if options.pipeline is None else Trial(*options.pipeline)
+        self._frames: FrameCheck | None = None
+        if self._reference is not None:
+            self._frames = FrameCheck((*chosen, *reader.poses), self._reference, options.sync, self._trial)
         self._times = {name: Times() for name in sorted(self._kinds)}
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
         self._bad_poses: dict[str, tuple[int, int]] = {}
-        self._found: list[Finding] = []
-
-    def run(self) -> None:
-        """Read the log."""
         if self._trial is not None:
-            self._start(self._trial)
-        for num, (entry, item) in enumerate(self._reader.everything()):
-            self._take(entry, item)
-            if num % 256 == 0:
-                self._options.progress(num)
-        self._reader.container.verify()
-        if self._frames is not None:
-            self._offer(self._frames.flush())
-        if self._trial is not None:
-            self._trial.finish()
+            rig: Rig | None = None
+            with suppress(LogError):  # what is missing of the rig is a finding already
+                rig = reader.rig
+            if rig is None:
+                text = f"{self._trial.name} can't start: the rig is incomplete"
+                self._trial.problems.append(finding("CHK008", "", text))
+            else:
+                self._trial.start(rig.without(frozenset(self._known.kinds) - frozenset(chosen)), reader.info)
 
-    def _start(self, trial: Trial) -> None:
-        rig: Rig | None = None
-        with suppress(LogError):  # what is missing of the rig is a finding already
-            rig = self._reader.rig
-        if rig is None:
-            trial.problems.append(finding("CHK008", "", f"{trial.name} can't start: the rig is incomplete"))
-        else:
-            trial.start(rig.without(self._left_out), self._reader.info)
-
-    def _take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
+    def take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
+        """Take the next entry of the log, and what it holds."""
         if isinstance(item, RigChange):
-            self._change(item)
+            self._faults.add("CAL002", f"{item.reason} at {item.log_ns} ns")
+            self._rig = item.rig
+            if self._frames is not None:
+                self._frames.change(item)
         elif isinstance(item, TruthPart):
             if entry.channel in self._reader.tick_channels and self._frames is not None:
                 tick = self._reader.tick(entry)
-                self._offer(self._frames.tick(tick) if tick is not None else iter(()))
+                if tick is not None:
+                    self._frames.tick(tick)
             if self._reader.roles[entry.channel].kind == "truth":
                 self._truth.add(item.truth)
                 self._truth_clock.add_truth(item.truth)
         elif item is not None:
-            self._message(entry, item)
+            self._take_message(entry, item)
 
-    def _change(self, change: RigChange) -> None:
-        self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
-        self._rig = change.rig
-        if self._frames is not None:
-            self._offer(self._frames.change(change))
-
-    def _message(self, entry: Entry, recorded: Message) -> None:
+    def _take_message(self, entry: Entry, recorded: Message) -> None:
         message = self._options.stamps.restamped(recorded)
         self._times.setdefault(message.sensor, Times()).add(entry, message)
-        if bad_pose(message):
-            first, num = self._bad_poses.get(message.sensor, (message.stamp_ns, 0))
-            self._bad_poses[message.sensor] = (first, num + 1)
-        usable = checked(message, self._rig, self._faults, self._options.decode_images)
+        if isinstance(message, Pose):
+            finite = np.isfinite(message.translation_m).all() and np.isfinite(message.rotation_xyzw).all()
+            if not (finite and np.any(message.rotation_xyzw)):
+                first, num = self._bad_poses.get(message.sensor, (message.stamp_ns, 0))
+                self._bad_poses[message.sensor] = (first, num + 1)
+        if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
+            self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
+        usable = clean(message, self._rig, self._faults)
         self._truth_clock.add_sweep(usable, self._rig)
         if self._frames is not None:
-            self._offer(self._frames.add(recorded, message, usable))
+            self._frames.add(recorded, message, usable)
 
-    def _offer(self, frames: Iterator[Frame]) -> None:
-        for frame in frames:
-            if self._trial is not None:
-                self._trial.offer(frame)
-
-    def result(self) -> CheckResult:
+    def finish(self) -> CheckResult:
         """Judge what was read."""
-        sync = self._options.sync
+        if self._frames is not None:
+            self._frames.flush()
+        if self._trial is not None:
+            self._trial.finish()
+        sync, reader = self._options.sync, self._reader
         lines = {name: timeline(times, sync.max_jump_ns) for name, times in self._times.items()}
-        stats = {
-            name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns) for name, line in lines.items()
-        }
-        reference = stats.get(self._reference or "")
+        stats = {name: stream_stats(name, self._kinds.get(name, ""), line, sync.max_gap_ns)
+                 for name, line in lines.items()}  # fmt: skip
         frames = None if self._frames is None else self._frames.stats
-        found = [*self._faulty(), *self._incomplete(list(stats.values()))]
+        found = list(self._judge_content(list(stats.values())))
         for name, line in lines.items():
-            found += time_findings(stats[name], line, reference)
+            found += time_findings(stats[name], line, stats.get(self._reference or ""))
         num_labelled = 0
         if self._frames is not None:
             stamps = self._frames.stamps
@@ -230,24 +200,21 @@ class _Check:
         if self._trial is not None:
             found += self._trial.problems
             found += missing_findings(self._trial, frames, sync) if frames is not None else []
-        container = self._reader.container
+        ignored = set(self._options.ignored)
+        if reader.info.metadata.get(GAPS) == MEANT:
+            ignored.add(_GAP)
+        found = [replace(f, severity="info") if f.code in ignored else f for f in found]
         return CheckResult(
-            self._reader.info, storage(container, container.log_times()), self._reference, tuple(stats.values()),
-            topics_of(self._reader), frames, self._truth.num_messages, num_labelled,
-            tuple(sorted((self._judged(f) for f in found), key=sort_key)),
+            reader.info, storage(reader.container, reader.container.log_times()), self._reference,
+            tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labelled,
+            tuple(sorted(found, key=sort_key)),
         )  # fmt: skip
 
-    def _judged(self, found: Finding) -> Finding:
-        meant = found.code == _GAP and self._reader.info.metadata.get(GAPS) == MEANT
-        return replace(found, severity="info") if meant or found.code in self._options.ignored else found
-
-    def _faulty(self) -> Iterator[Finding]:
-        """What was counted while reading."""
+    def _judge_content(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
+        """Judge what was counted while reading, and what is missing."""
         for code, num in sorted(self._faults.counts.items()):
             places = self._faults.places.get(code, [])
             yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")
-
-    def _incomplete(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
         for sensor, why in sorted(self._known.problems.items()):
             yield finding("CAL001", sensor, why)
         for s in stats:

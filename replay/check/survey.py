@@ -1,7 +1,6 @@
 """Survey of a log from its index where it has one; all times are those at which messages were recorded."""
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,12 +74,44 @@ def survey(reader: LogReader, params: SyncParams) -> Survey:
         by_channel = read_log_times(container)
     span = span_ns(container, by_channel)
     reference = reference_of(reader, known, params)
-    times = None if by_channel is None else _by_sensor(reader, by_channel)
+    times: dict[str, Int64] = {}
+    for id_, role in sorted(reader.roles.items()):
+        if by_channel is not None and role.kind in MESSAGES:
+            parts = [times.get(role.sensor, np.zeros(0, np.int64)), by_channel.get(id_, np.zeros(0, np.int64))]
+            times[role.sensor] = np.sort(np.concatenate(parts), kind="stable")
+    breaks: tuple[str, ...] | None = None
+    if by_channel is not None:
+        steps = np.diff(times.get(reference or "", np.zeros(0, np.int64)))
+        rows = np.flatnonzero(steps > params.max_gap_ns)
+        breaks = tuple(f"gap of {steps[i] / 1e9:.3f} s before frame {i + 1}" for i in rows)
+    kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **known.kinds}
+    streams = []
+    for name in sorted(kinds):
+        if by_channel is not None:
+            streams.append(_describe_stream(name, kinds[name], times.get(name, np.zeros(0, np.int64))))
+        else:
+            num = reader.num_messages.get(name, 0)
+            streams.append(Stream(name, kinds[name], num, None, None, None, _mean_rate(num, span)))
     return Survey(
-        reader.info, form, known, reference, _streams(reader, known, times, span), topics_of(reader),
+        reader.info, form, known, reference, tuple(streams), topics_of(reader),
         sum(container.counts.get(id_, 0) for id_, role in reader.roles.items() if role.kind == "truth"), span,
-        _breaks(times, reference, params.max_gap_ns), reader.num_messages.get(BOXES, 0),
+        breaks, reader.num_messages.get(BOXES, 0),
     )  # fmt: skip
+
+
+def _describe_stream(sensor: str, kind: str, log_ns: Int64) -> Stream:
+    if len(log_ns) == 0:
+        return Stream(sensor, kind, 0, None, None, None, None)
+    first, last = int(log_ns[0]), int(log_ns[-1])
+    steps = np.sort(np.diff(log_ns), kind="stable")
+    period = int(steps[len(steps) // 2]) if len(steps) else None
+    rate = 1e9 / period if period else _mean_rate(len(log_ns), (first, last))
+    return Stream(sensor, kind, len(log_ns), first, last, period, rate)
+
+
+def _mean_rate(num: int, span: tuple[int, int] | None) -> float | None:
+    duration_ns = 0 if span is None else span[1] - span[0]
+    return (num - 1) * 1e9 / duration_ns if num > 1 and duration_ns else None
 
 
 def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> str | None:
@@ -98,40 +129,6 @@ def reference_of(reader: LogReader, known: PartialRig, params: SyncParams) -> st
         return None  # what the log's metadata name isn't there
 
 
-def _by_sensor(reader: LogReader, by_channel: Mapping[int, Int64]) -> dict[str, Int64]:
-    parts: dict[str, list[Int64]] = {}
-    for id_, role in sorted(reader.roles.items()):
-        if role.kind in MESSAGES:
-            parts.setdefault(role.sensor, []).append(by_channel.get(id_, np.zeros(0, np.int64)))
-    return {sensor: np.sort(np.concatenate(times), kind="stable") for sensor, times in sorted(parts.items())}
-
-
-def _streams(
-    reader: LogReader, known: PartialRig, times: Mapping[str, Int64] | None, span: tuple[int, int] | None
-) -> tuple[Stream, ...]:
-    kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **known.kinds}
-    nums = reader.num_messages
-    if times is None:
-        return tuple(_counted(name, kinds[name], nums.get(name, 0), span) for name in sorted(kinds))
-    return tuple(_timed(name, kinds[name], times.get(name, np.zeros(0, np.int64))) for name in sorted(kinds))
-
-
-def _counted(sensor: str, kind: str, num: int, span: tuple[int, int] | None) -> Stream:
-    duration_ns = 0 if span is None else span[1] - span[0]
-    rate = (num - 1) * 1e9 / duration_ns if num > 1 and duration_ns else None
-    return Stream(sensor, kind, num, None, None, None, rate)
-
-
-def _timed(sensor: str, kind: str, log_ns: Int64) -> Stream:
-    if len(log_ns) == 0:
-        return Stream(sensor, kind, 0, None, None, None, None)
-    first, last = int(log_ns[0]), int(log_ns[-1])
-    steps = np.sort(np.diff(log_ns), kind="stable")
-    period = int(steps[len(steps) // 2]) if len(steps) else None
-    rate = 1e9 / period if period else _counted(sensor, kind, len(log_ns), (first, last)).rate_hz
-    return Stream(sensor, kind, len(log_ns), first, last, period, rate)
-
-
 def topics_of(reader: LogReader) -> tuple[Topic, ...]:
     """All topics of a log, by name, over all parts of the recording."""
     container = reader.container
@@ -140,11 +137,3 @@ def topics_of(reader: LogReader) -> tuple[Topic, ...]:
         kind = reader.roles[id_].kind if id_ in reader.roles else ""
         nums[c.topic, c.schema_name, c.encoding, kind] += container.counts.get(id_, 0)
     return tuple(Topic(*key, num) for key, num in nums.items())
-
-
-def _breaks(times: Mapping[str, Int64] | None, reference: str | None, max_gap_ns: int) -> tuple[str, ...] | None:
-    if times is None:
-        return None
-    log_ns = times.get(reference or "", np.zeros(0, np.int64))
-    steps = np.diff(log_ns)
-    return tuple(f"gap of {steps[i] / 1e9:.3f} s before frame {i + 1}" for i in np.flatnonzero(steps > max_gap_ns))

@@ -9,7 +9,7 @@ import numpy as np
 import xxhash
 
 from fbench.replay.check.findings import Finding, finding
-from fbench.replay.data.arrays import Array, Bool, Int64
+from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.messages import Message
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Entry
@@ -31,16 +31,11 @@ class Times:
         """Note one message."""
         self.stamps.append(message.stamp_ns)
         self.logs.append(message.log_ns)
-        self.digests.append(_digest(entry, message))
+        is_raw = isinstance(entry.data, memoryview)
+        self.digests.append(xxhash.xxh3_64_intdigest(entry.data) if is_raw else int(digest(message)[:16], 16))
         place = (entry.part, entry.block, entry.offset)
         self.num_unordered += place < self._last.get(entry.channel, place)
         self._last[entry.channel] = place
-
-
-def _digest(entry: Entry, message: Message) -> int:
-    if isinstance(entry.data, memoryview):
-        return xxhash.xxh3_64_intdigest(entry.data)
-    return int(digest(message)[:16], 16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,19 +117,23 @@ class StreamStats:
 
 def stream_stats(sensor: str, kind: str, line: Timeline, max_gap_ns: int) -> StreamStats:
     """Sum up one sensor; a longer step than `max_gap_ns` is a gap."""
-    steps = line.steps_ns
+    stamps, steps = line.stamp_ns, line.steps_ns
     period = quantile(steps, 0.5)
     short = steps[steps <= max_gap_ns]
+    num_lost = num_irregular = 0
+    if period:
+        multiples = np.rint(short / period)
+        num_lost = int(np.where(short > _LOST_PERIODS * period, multiples.astype(np.int64) - 1, 0).sum())
+        off = np.abs(short - np.maximum(1, multiples) * period) > _OFF_BEAT * period
+        num_irregular = int(np.count_nonzero(off))
     _, behind = out_of_order(line)
     same, other = repeated(line)
-    skew = line.log_ns - line.stamp_ns
+    skew = line.log_ns - stamps
     return StreamStats(
-        sensor, kind, len(line.stamp_ns) + line.num_zero,
-        int(line.stamp_ns.min()) if len(line.stamp_ns) else None,
-        int(line.stamp_ns.max()) if len(line.stamp_ns) else None,
+        sensor, kind, len(stamps) + line.num_zero,
+        int(stamps.min()) if len(stamps) else None, int(stamps.max()) if len(stamps) else None,
         1e9 / period if period else None, period, quantile(steps, 1.0),
-        None if period is None else quantile(np.abs(short - period), 0.99),
-        int(_multiples(short, period).sum()), int(np.count_nonzero(_irregular(short, period))),
+        None if period is None else quantile(np.abs(short - period), 0.99), num_lost, num_irregular,
         len(steps) - len(short), len(same), len(other), len(behind), int(behind.max(initial=0)),
         len(line.pieces) - 1, line.num_zero, line.num_unordered,
         quantile(skew, 0.5), quantile(skew, 0.0), quantile(skew, 1.0),
@@ -149,20 +148,6 @@ def quantile(values: Int64, share: float) -> int | None:
     return int(np.partition(values, at)[at])
 
 
-def _multiples(steps: Int64, period: int | None) -> Int64:
-    """How many messages should have come within each step."""
-    if not period:
-        return np.zeros(0, np.int64)
-    return np.where(steps > _LOST_PERIODS * period, np.rint(steps / period).astype(np.int64) - 1, 0)
-
-
-def _irregular(steps: Int64, period: int | None) -> Bool:
-    if not period:
-        return np.zeros(0, bool)
-    off: Bool = np.abs(steps - np.maximum(1, np.rint(steps / period)) * period) > _OFF_BEAT * period
-    return off
-
-
 _MANY_LOST, _MANY_IRREGULAR = 0.05, 0.1
 _FEW = 10  # Fewer messages say nothing about a period
 _MAX_PERIODS = 2
@@ -172,52 +157,37 @@ _MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronised cl
 
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:
     """Judge one sensor's times, its clock against that of the reference sensor."""
-    yield from _stamps(stats, line)
-    yield from _repeats(stats, line)
-    yield from _pauses(stats, line)
-    yield from _rhythm(stats)
-    yield from _clock(stats, reference)
-
-
-def _stamps(stats: StreamStats, line: Timeline) -> Iterator[Finding]:
-    name, num = stats.sensor, stats.num_messages
+    name, num, stamps = stats.sensor, stats.num_messages, line.stamp_ns
     if stats.num_zero_stamps:
         yield finding("CHK001", name, f"{stats.num_zero_stamps} of {num} stamps are 0", stats.num_zero_stamps)
     rows, behind = out_of_order(line)
     if len(rows):
         text = f"{len(rows)} of {num} stamps are older than one before, by up to {_ms(int(behind.max()))}"
-        yield finding("TIM001", name, text, len(rows), _at(line.stamp_ns, rows))
+        yield finding("TIM001", name, text, len(rows), _at(stamps, rows))
     if stats.num_jumps:
         starts = np.array([piece.start for piece in line.pieces[1:]])
-        back = line.stamp_ns[starts - 1] - line.stamp_ns[starts]
-        text = (
-            f"the clock jumps back {stats.num_jumps} {_plural('time', stats.num_jumps)}, by up to {_s(int(back.max()))}"
-        )
-        yield finding("TIM005", name, text, stats.num_jumps, _at(line.stamp_ns, starts))
+        back = _s(int((stamps[starts - 1] - stamps[starts]).max()))
+        text = f"the clock jumps back {_count(stats.num_jumps, 'time')}, by up to {back}"
+        yield finding("TIM005", name, text, stats.num_jumps, _at(stamps, starts))
     if stats.num_unordered:
         text = f"{stats.num_unordered} of {num} messages were recorded in another order than that of their log times"
         yield finding("CHK004", name, text, stats.num_unordered)
-
-
-def _repeats(stats: StreamStats, line: Timeline) -> Iterator[Finding]:
     same, other = repeated(line)
     if len(same):
-        text = f"{len(same)} of {stats.num_messages} messages are exact duplicates of others"
-        yield finding("TIM004", stats.sensor, text, len(same), _at(line.stamp_ns, same))
+        text = f"{len(same)} of {num} messages are exact duplicates of others"
+        yield finding("TIM004", name, text, len(same), _at(stamps, same))
     if len(other):
-        text = f"{len(other)} of {stats.num_messages} messages have the stamp of another one, but not its content"
-        yield finding("TIM003", stats.sensor, text, len(other), _at(line.stamp_ns, other))
-
-
-def _pauses(stats: StreamStats, line: Timeline) -> Iterator[Finding]:
+        text = f"{len(other)} of {num} messages have the stamp of another one, but not its content"
+        yield finding("TIM003", name, text, len(other), _at(stamps, other))
     if stats.num_gaps:
         longest = np.argsort(-line.steps_ns, kind="stable")[: stats.num_gaps]
-        text = f"{stats.num_gaps} {_plural('gap', stats.num_gaps)}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
-        first = f"after stamp {int(line.steps_from_ns[longest].min())} ns"
-        yield finding("TIM007", stats.sensor, text, stats.num_gaps, first)
+        text = f"{_count(stats.num_gaps, 'gap')}, the longest of {_s(int(line.steps_ns[longest[0]]))}"
+        yield finding("TIM007", name, text, stats.num_gaps, f"after stamp {int(line.steps_from_ns[longest].min())} ns")
+    yield from _judge_periods(stats)
+    yield from _judge_clock(stats, reference)
 
 
-def _rhythm(stats: StreamStats) -> Iterator[Finding]:
+def _judge_periods(stats: StreamStats) -> Iterator[Finding]:
     period, num = stats.median_period_ns, stats.num_messages
     if stats.kind not in SENSORS or period is None or stats.jitter_p99_ns is None or num < _FEW:
         return
@@ -226,29 +196,28 @@ def _rhythm(stats: StreamStats) -> Iterator[Finding]:
                 f"99 % within {_ms(stats.jitter_p99_ns)} of it")  # fmt: skip
         yield finding("CHK002", stats.sensor, text, stats.num_irregular)
     elif stats.num_lost:
-        lost = f"{stats.num_lost} {_plural('message', stats.num_lost)} {'was' if stats.num_lost == 1 else 'were'} lost"
-        text = f"about {lost}, beside {num} that are there"
+        were = "was" if stats.num_lost == 1 else "were"
+        text = f"about {_count(stats.num_lost, 'message')} {were} lost, beside {num} that are there"
         many = stats.num_lost > _MANY_LOST * (num + stats.num_lost)
         yield finding("CHK003", stats.sensor, text, stats.num_lost, severity="warning" if many else "info")
 
 
-def _clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[Finding]:
+def _judge_clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[Finding]:
     skew, period = stats.skew_median_ns, stats.median_period_ns
     if skew is None or stats.skew_min_ns is None or stats.skew_max_ns is None:
         return
     other = None if reference is None else reference.skew_median_ns
     if reference is not None and other is not None and abs(skew - other) > MAX_SKEW_NS:
-        text = (
-            f"its clock is {_s(abs(other - skew))} {'behind' if skew > other else 'before'} that of {reference.sensor}"
-        )
+        side = "behind" if skew > other else "before"
+        text = f"its clock is {_s(abs(other - skew))} {side} that of {reference.sensor}"
         offset = mending_offset(stats.sensor, -skew, reference.sensor, -other)
         advice = f"synchronise the clocks, or give {offset} or --stamps log"
         yield finding("TIM008", stats.sensor, text, stats.num_messages, advice=advice)
     elif period is not None and (skew > _MAX_PERIODS * period or skew < -_MAX_EARLY_NS):
-        beyond = (
-            f", more than {_MAX_PERIODS} periods of {_ms(period)}" if skew > 0 else ": measured after it was recorded?"
-        )
-        text = (f"header stamps are {_ms(abs(skew))} {'older' if skew > 0 else 'newer'} than arrival (median; "
+        age, beyond = "newer", ": measured after it was recorded?"
+        if skew > 0:
+            age, beyond = "older", f", more than {_MAX_PERIODS} periods of {_ms(period)}"
+        text = (f"header stamps are {_ms(abs(skew))} {age} than arrival (median; "
                 f"log time minus stamp is {_ms(stats.skew_min_ns)} to {_ms(stats.skew_max_ns)}){beyond}")  # fmt: skip
         yield finding("TIM009", stats.sensor, text, stats.num_messages)
 
@@ -257,8 +226,8 @@ def _at(stamp_ns: Int64, rows: Int64) -> str:
     return f"stamp {int(stamp_ns[rows[0]])} ns"
 
 
-def _plural(noun: str, num: int) -> str:
-    return noun if num == 1 else f"{noun}s"
+def _count(num: int, noun: str) -> str:
+    return f"{num} {noun}" if num == 1 else f"{num} {noun}s"
 
 
 def _ms(value_ns: int) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.replay.check.findings import Finding, finding
+from fbench.replay.check.findings import Finding, Severity, finding
 from fbench.replay.check.times import quantile
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, one_line
 from fbench.replay.contracts.protocols import Pipeline
@@ -42,82 +42,6 @@ class FrameStats:
     num_complete: int
     sensors: tuple[SensorFrames, ...]
     breaks: tuple[str, ...]  # Where a new segment begins, and why
-
-
-class FrameCheck:
-    """Puts messages into frames as a replay does, and counts."""
-
-    def __init__(self, expected: Sequence[str], reference: str, params: SyncParams) -> None:
-        self._buffer = FrameBuffer(expected, reference, params)
-        self._expected, self._reference = tuple(sorted(expected)), reference
-        self._missing: Counter[str] = Counter()
-        self._skipped: Counter[str] = Counter()
-        self._stamps, self._numbers = array("q"), array("q")
-        self._num_complete = 0
-
-    def change(self, change: RigChange) -> Iterator[Frame]:
-        """End the segment where the rig changes."""
-        yield from self._counted(self._buffer.break_off(change.reason))
-
-    def add(self, recorded: Message, message: Message, usable: Message | Skipped) -> Iterator[Frame]:
-        """Add one message, as recorded, with the stamp that counts, and as a pipeline would get it; yields the frames
-        that are released.
-        """
-        yield from self._counted(self._buffer.advance(message.log_ns))
-        if message.sensor == self._reference:
-            yield from self._opened(recorded, message)
-        if isinstance(usable, Skipped):
-            self._skipped[usable.sensor] += 1
-        else:
-            yield from self._counted(self._buffer.add(usable))
-
-    def tick(self, tick: Tick) -> Iterator[Frame]:
-        """Add an instant that boxes give."""
-        yield from self._counted(self._buffer.advance(tick.log_ns))
-        yield from self._opened(tick, tick)
-
-    def flush(self) -> Iterator[Frame]:
-        """Release all frames: the log ends."""
-        yield from self._counted(self._buffer.flush())
-
-    @property
-    def stamps(self) -> tuple[Int64, Int64]:
-        """Stamps, as recorded, and numbers (-1: none) of all frames."""
-        return np.array(self._stamps, np.int64), np.array(self._numbers, np.int64)
-
-    @property
-    def stats(self) -> FrameStats:
-        """What was counted."""
-        counts = self._buffer.counts
-        late: dict[str, list[int]] = {name: [] for name in self._expected}
-        for (_, sensor), ms in counts.late_ms.items():
-            late[sensor].append(round(ms * 1e6))
-        rows = tuple(
-            SensorFrames(
-                name, self._missing[name], len(late[name]), min(self._skipped[name], self._missing[name]),
-                _ms(late[name], 0.5), _ms(late[name], 1.0), counts.unused[name],
-            )
-            for name in self._expected
-        )  # fmt: skip
-        return FrameStats(len(self._stamps), self._num_complete, rows, tuple(self._buffer.breaks))
-
-    def _opened(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
-        num = self._buffer.num_frames
-        yield from self._counted(self._buffer.open_frame(message))
-        if self._buffer.num_frames > num:
-            self._stamps.append(recorded.stamp_ns)
-            self._numbers.append(-1 if recorded.frame_number is None else recorded.frame_number)
-
-    def _counted(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        for frame in frames:
-            self._missing.update(list(frame.missing))
-            self._num_complete += not frame.missing
-            yield frame
-
-
-def _ms(late_ns: list[int], share: float) -> float | None:
-    value = quantile(np.array(late_ns, np.int64), share)
-    return None if value is None else value / 1e6
 
 
 _TRIALS = 3  # So many complete frames are tried
@@ -176,9 +100,8 @@ class Trial:
                     rest = {name: m for name, m in frame.messages.items() if name != sensor}
                     self._used[sensor] = self._outcome(replace(frame, messages=rest)) != whole
         except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
-            self.problems.append(
-                finding("PRD002", "", f"{self.name}: {one_line(error)}", 1, f"stamp {frame.stamp_ns} ns")
-            )
+            first = f"stamp {frame.stamp_ns} ns"
+            self.problems.append(finding("PRD002", "", f"{self.name}: {one_line(error)}", 1, first))
             self._used, self._is_ready = {}, False
 
     def _outcome(self, frame: Frame, first: bool = False) -> str:
@@ -191,28 +114,92 @@ class Trial:
         return digest([output.detections, output.tracks])
 
 
+class FrameCheck:
+    """Puts messages into frames as a replay does, counts, and offers frames to a trial."""
+
+    def __init__(self, expected: Sequence[str], reference: str, params: SyncParams, trial: Trial | None) -> None:
+        self._buffer = FrameBuffer(expected, reference, params)
+        self._expected, self._reference, self._trial = tuple(sorted(expected)), reference, trial
+        self._missing: Counter[str] = Counter()
+        self._skipped: Counter[str] = Counter()
+        self._stamps, self._numbers = array("q"), array("q")
+        self._num_complete = 0
+
+    def change(self, change: RigChange) -> None:
+        """End the segment where the rig changes."""
+        self._count(self._buffer.break_off(change.reason))
+
+    def add(self, recorded: Message, message: Message, usable: Message | Skipped) -> None:
+        """Add one message, as recorded, with the stamp that counts, and as a pipeline would get it."""
+        self._count(self._buffer.advance(message.log_ns))
+        if message.sensor == self._reference:
+            self._open(recorded, message)
+        if isinstance(usable, Skipped):
+            self._skipped[usable.sensor] += 1
+        else:
+            self._count(self._buffer.add(usable))
+
+    def tick(self, tick: Tick) -> None:
+        """Add an instant that boxes give."""
+        self._count(self._buffer.advance(tick.log_ns))
+        self._open(tick, tick)
+
+    def flush(self) -> None:
+        """Release all frames: the log ends."""
+        self._count(self._buffer.flush())
+
+    @property
+    def stamps(self) -> tuple[Int64, Int64]:
+        """Stamps, as recorded, and numbers (-1: none) of all frames."""
+        return np.array(self._stamps, np.int64), np.array(self._numbers, np.int64)
+
+    @property
+    def stats(self) -> FrameStats:
+        """What was counted."""
+        counts = self._buffer.counts
+        late: dict[str, list[int]] = {name: [] for name in self._expected}
+        for (_, sensor), ms in counts.late_ms.items():
+            late[sensor].append(round(ms * 1e6))
+        rows = []
+        for name in self._expected:
+            median, longest = (quantile(np.array(late[name], np.int64), share) for share in (0.5, 1.0))
+            rows.append(SensorFrames(
+                name, self._missing[name], len(late[name]), min(self._skipped[name], self._missing[name]),
+                None if median is None else median / 1e6, None if longest is None else longest / 1e6,
+                counts.unused[name],
+            ))  # fmt: skip
+        return FrameStats(len(self._stamps), self._num_complete, tuple(rows), tuple(self._buffer.breaks))
+
+    def _open(self, recorded: Message | Tick, message: Message | Tick) -> None:
+        num = self._buffer.num_frames
+        self._count(self._buffer.open_frame(message))
+        if self._buffer.num_frames > num:
+            self._stamps.append(recorded.stamp_ns)
+            self._numbers.append(-1 if recorded.frame_number is None else recorded.frame_number)
+
+    def _count(self, frames: Iterator[Frame]) -> None:
+        for frame in frames:
+            self._missing.update(list(frame.missing))
+            self._num_complete += not frame.missing
+            if self._trial is not None:
+                self._trial.offer(frame)
+
+
 def missing_findings(trial: Trial, stats: FrameStats, sync: SyncParams) -> Iterator[Finding]:
     """Say what the pipeline would miss, sensor by sensor."""
-    for sensor in stats.sensors:
-        if sensor.num_missing:
-            yield _missing(trial, sensor, stats.num_frames, sync)
-        if sensor.num_unused:
-            text = f"{sensor.num_unused} messages are in no frame"
-            yield finding("CHK010", sensor.sensor, text, sensor.num_unused)
-
-
-def _missing(trial: Trial, sensor: SensorFrames, num_frames: int, sync: SyncParams) -> Finding:
-    never = sensor.num_missing - sensor.num_late - sensor.num_skipped
-    parts = [f"{never} never came"] if never > 0 else []
-    parts += [f"{sensor.num_skipped} unusable"] if sensor.num_skipped else []
-    advice = None
-    if sensor.late_max_ms is not None:
-        parts.insert(0, f"{sensor.num_late} late by {sensor.late_median_ms:.1f} ms (median) to "
-                        f"{sensor.late_max_ms:.1f} ms")  # fmt: skip
-        wanted = -(-(sync.timeout_ns + round(sensor.late_max_ms * 1e6)) // 1_000_000)
-        advice = f"--timeout-ms {wanted} would wait for all that were late"
-    text = f"missing from {sensor.num_missing} of {num_frames} frames: {', '.join(parts)}"
-    if not trial.uses(sensor.sensor):
-        return finding("CHK009", sensor.sensor, f"{text}; {trial.name} doesn't use it", sensor.num_missing,
-                       severity="info", advice="nothing, for this pipeline")  # fmt: skip
-    return finding("CHK009", sensor.sensor, text, sensor.num_missing, advice=advice)
+    for s in stats.sensors:
+        never, advice = s.num_missing - s.num_late - s.num_skipped, None
+        parts = [f"{never} never came"] if never > 0 else []
+        parts += [f"{s.num_skipped} unusable"] if s.num_skipped else []
+        if s.late_max_ms is not None:
+            parts.insert(0, f"{s.num_late} late by {s.late_median_ms:.1f} ms (median) to {s.late_max_ms:.1f} ms")
+            wanted = -(-(sync.timeout_ns + round(s.late_max_ms * 1e6)) // 1_000_000)
+            advice = f"--timeout-ms {wanted} would wait for all that were late"
+        severity: Severity | None = None
+        text = f"missing from {s.num_missing} of {stats.num_frames} frames: {', '.join(parts)}"
+        if not trial.uses(s.sensor):
+            text, severity, advice = f"{text}; {trial.name} doesn't use it", "info", "nothing, for this pipeline"
+        if s.num_missing:
+            yield finding("CHK009", s.sensor, text, s.num_missing, severity=severity, advice=advice)
+        if s.num_unused:
+            yield finding("CHK010", s.sensor, f"{s.num_unused} messages are in no frame", s.num_unused)
