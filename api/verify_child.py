@@ -16,7 +16,7 @@ from pathlib import Path
 from fbench.api.cells import answers
 from fbench.api.scores import score_folder
 from fbench.replay.check.difference import WATCH, VerifyTask
-from fbench.replay.check.watch import WatchedPipeline, WatchedReader, converted
+from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import give_log, opened_pipeline
@@ -90,7 +90,7 @@ def _open_source(task: VerifyTask, source: LogSource) -> Iterator[LogSource]:
     beside = task.folder.with_name(f"{task.folder.name}.log")
     beside.mkdir(parents=True)
     try:
-        yield replace(source, path=converted(open_container(source.path, FaultLog()), beside, task.form))
+        yield replace(source, path=convert_to(task.form, open_container(source.path, FaultLog()), beside))
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 

@@ -9,7 +9,9 @@ import numpy as np
 from fbench.replay.data.arrays import Array, Float32, Float64, Int64
 
 REACH_NS = 500_000_000  # Largest offset that is tried
-OFFSETS_NS = np.arange(-REACH_NS, REACH_NS + 1, 10_000_000)
+STEP_NS = 10_000_000
+OFFSETS_NS = np.arange(-REACH_NS, REACH_NS + 1, STEP_NS)
+_ZERO = len(OFFSETS_NS) // 2  # The offset of 0
 _MAX_GAP_NS = 800_000_000  # Between truths farther apart nothing is known about a box
 _MIN_PATH_M = 1.0  # A box that moves less than this over all offsets tells nothing about them
 _MAX_BOXES = 6
@@ -66,48 +68,47 @@ def make_tracks(truths: Mapping[int, tuple[Int64, Float64]]) -> list[Track]:
     for stamp_ns, (ids, shapes) in sorted(truths.items()):
         for track_id, shape in zip(ids.tolist(), shapes, strict=True):
             rows.setdefault(track_id, {}).setdefault(stamp_ns, shape)
-    return [_track(track_id, row) for track_id, row in sorted(rows.items()) if len(row) > 1]
+    tracks = []
+    for track_id, row in sorted(rows.items()):
+        if len(row) > 1:
+            shape = np.array(list(row.values()))
+            shape[:, 4] = np.unwrap(shape[:, 4], period=np.pi)  # front and back of a footprint are alike
+            tracks.append(Track(track_id, np.array(list(row), np.int64), shape))
+    return tracks
 
 
-def _track(track_id: int, rows: Mapping[int, Float64]) -> Track:
-    shape = np.array(list(rows.values()))
-    shape[:, 4] = np.unwrap(shape[:, 4], period=np.pi)  # front and back of a footprint are alike
-    return Track(track_id, np.array(list(rows), np.int64), shape)
-
-
-def fits(sweep: Sweep, tracks: Sequence[Track]) -> list[Fit]:
+def fit_tracks(sweep: Sweep, tracks: Sequence[Track]) -> list[Fit]:
     """Compare a sweep with the nearest boxes that move relative to the body."""
     stamps = sweep.stamp_ns + OFFSETS_NS
-    zero = len(OFFSETS_NS) // 2
-    paths = [(track, path) for track in tracks if (path := track.at(stamps)) is not None]
-    moving = [(t, p) for t, p in paths if np.hypot(*(p[:, :2].max(axis=0) - p[:, :2].min(axis=0))) > _MIN_PATH_M]
-    moving.sort(key=lambda item: (float(np.hypot(*item[1][zero, :2])), item[0].track_id))
-    return [fit for t, p in moving[:_MAX_BOXES] if (fit := _fit(sweep, t.track_id, p)) is not None]
+    paths = [(track.track_id, path) for track in tracks if (path := track.at(stamps)) is not None]
+    moving = [(id_, p) for id_, p in paths if np.hypot(*(p[:, :2].max(axis=0) - p[:, :2].min(axis=0))) > _MIN_PATH_M]
+    moving.sort(key=lambda item: (float(np.hypot(*item[1][_ZERO, :2])), item[0]))
+    return [fit for id_, path in moving[:_MAX_BOXES] if (fit := _fit(sweep, id_, path)) is not None]
 
 
 def _fit(sweep: Sweep, track_id: int, path: Float64) -> Fit | None:
-    places = _beside(sweep.places, path)
+    # Only places that may be in or around a footprint of the path.
+    reach = float(np.hypot(path[:, 2], path[:, 3]).max()) / 2 + _AROUND_M
+    low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
+    places = np.asarray(sweep.places[((sweep.places > low) & (sweep.places < high)).all(axis=1)], np.float64)
     u, v = _in_boxes(places, path)
     eye_u, eye_v = _in_boxes(sweep.eye_m[None], path)
     half_l, half_w = path[:, 2, None] / 2, path[:, 3, None] / 2
-    score = _agreement(u, v, eye_u, eye_v, half_l, half_w).sum(axis=1)
+    # 1 on the sides that face the sensor, falling to 0 outside; inside to a third: windows, wheels, round corners.
+    depth = np.minimum(_depth(u, eye_u, half_l), _depth(v, eye_v, half_w))
+    outside = (np.abs(u) > half_l + _EDGE_M) | (np.abs(v) > half_w + _EDGE_M)
+    near = np.exp(-0.5 * (depth / np.where(depth < 0, _OUTER_M, _INNER_M)) ** 2)
+    agreement = np.where(outside, 0.0, np.where(depth < 0, near, _DEEP + (1 - _DEEP) * near))
+    score = np.asarray(agreement, np.float64).sum(axis=1)
     best = float(score.max(initial=0.0))
     if best < 1.0:
         return None
     inside = (np.abs(u) < half_l + _MARGIN_M) & (np.abs(v) < half_w + _MARGIN_M)
     around = (np.abs(u) < half_l + _AROUND_M) & (np.abs(v) < half_w + _AROUND_M)
-    start = path[len(path) // 2, :2]
     return Fit(
         sweep.stamp_ns, track_id, score / best * min(1.0, best / 10), inside.sum(axis=1), around.sum(axis=1),
-        np.hypot(path[:, 0] - start[0], path[:, 1] - start[1]),
+        np.hypot(path[:, 0] - path[_ZERO, 0], path[:, 1] - path[_ZERO, 1]),
     )  # fmt: skip
-
-
-def _beside(places: Float32, path: Float64) -> Float64:
-    """Those places (N, 2) that may be in or around a footprint of the path."""
-    reach = float(np.hypot(path[:, 2], path[:, 3]).max()) / 2 + _AROUND_M
-    low, high = path[:, :2].min(axis=0) - reach, path[:, :2].max(axis=0) + reach
-    return np.asarray(places[((places > low) & (places < high)).all(axis=1)], np.float64)
 
 
 def _in_boxes(places: Float64, path: Float64) -> tuple[Float64, Float64]:
@@ -118,21 +119,11 @@ def _in_boxes(places: Float64, path: Float64) -> tuple[Float64, Float64]:
     return np.asarray(cos * x + sin * y, np.float64), np.asarray(cos * y - sin * x, np.float64)
 
 
-def _agreement(u: Array, v: Array, eye_u: Array, eye_v: Array, half_l: Array, half_w: Array) -> Float64:
-    """1 on the sides that face the sensor, falling to 0 outside; inside to a third: windows, wheels, round corners."""
-    depth_u, depth_v = _depth(u, eye_u, half_l), _depth(v, eye_v, half_w)
-    depth = np.minimum(depth_u, depth_v)
-    outside = (np.abs(u) > half_l + _EDGE_M) | (np.abs(v) > half_w + _EDGE_M)
-    near = np.exp(-0.5 * (depth / np.where(depth < 0, _OUTER_M, _INNER_M)) ** 2)
-    return np.asarray(np.where(outside, 0.0, np.where(depth < 0, near, _DEEP + (1 - _DEEP) * near)), np.float64)
-
-
 def _depth(at: Array, eye: Array, half: Array) -> Float64:
     """How far behind the side that faces the sensor; infinite where neither of the two does."""
     return np.asarray(np.where(np.abs(eye) > half, half - np.sign(eye) * at, np.inf), np.float64)
 
 
-STEP_NS = int(OFFSETS_NS[1] - OFFSETS_NS[0])
 _BLOCK_NS = 500_000_000
 _MIN_BLOCKS, _NUM_DRAWS = 6, 400
 _MIN_SHIFT_NS, _MAX_SPREAD_NS, _EDGE_NS = 60_000_000, 80_000_000, 20_000_000
@@ -153,7 +144,7 @@ class Shift:
     num_tracks: int
 
 
-def shift(all_fits: Sequence[Fit]) -> Shift | None:
+def find_shift(fits: Sequence[Fit]) -> Shift | None:
     """Find the offset that all agree on; `None` where they tell none, or none that matters.
 
     Fits of one track within half a second count as one observation. These are drawn anew (bootstrap: Efron, Annals of
@@ -161,53 +152,35 @@ def shift(all_fits: Sequence[Fit]) -> Shift | None:
     size must not decide alone.
     """
     blocks: dict[tuple[int, int], list[Fit]] = defaultdict(list)
-    for fit in all_fits:
+    for fit in fits:
         blocks[fit.track_id, fit.stamp_ns // _BLOCK_NS].append(fit)
     keys = sorted(blocks)
     ids = np.array([track_id for track_id, _ in keys], np.int64)
     if len(keys) < _MIN_BLOCKS or len(np.unique(ids)) < 2:
         return None
     curves = np.array([np.mean([fit.score for fit in blocks[key]], axis=0) for key in keys])
-    apart = np.array([curves[ids != one].sum(axis=0) for one in np.unique(ids)])
-    found = _told_by(_peaks_ns(np.einsum("db,bk->dk", _drawn(len(keys)), curves)), _peaks_ns(apart))
-    return None if found is None else _worth_it(*found, all_fits)
-
-
-def _peaks_ns(curves: Float64) -> Int64:
-    return np.asarray(OFFSETS_NS[np.argmax(curves, axis=1)], np.int64)
-
-
-def _told_by(drawn_ns: Int64, apart_ns: Int64) -> tuple[int, int] | None:
-    """Offset and standard deviation [ns], of the best offsets of all draws and of those without one of the tracks;
-    `None` where they don't agree on one that is neither 0 nor at the end of what was tried.
-    """
+    generator = np.random.Generator(np.random.Philox(key=len(keys)))
+    draws = generator.integers(len(keys), size=(_NUM_DRAWS, len(keys)))
+    counts = np.array([np.bincount(draw, minlength=len(keys)) for draw in draws], np.float64)
+    drawn_ns = OFFSETS_NS[np.argmax(np.einsum("db,bk->dk", counts, curves), axis=1)]
+    apart_ns = OFFSETS_NS[[int(np.argmax(curves[ids != one].sum(axis=0))) for one in np.unique(ids)]]
     offset_ns = round(float(np.mean(drawn_ns)) / STEP_NS) * STEP_NS
     spread_ns = round(float(np.std(drawn_ns)))
     low, high = np.quantile(drawn_ns, (0.02, 0.98))
     is_sure = low * high > 0 and 3 * spread_ns <= abs(offset_ns) and spread_ns <= _MAX_SPREAD_NS
     is_inside = _MIN_SHIFT_NS <= abs(offset_ns) <= REACH_NS - _EDGE_NS
-    agrees = bool(np.abs(apart_ns - offset_ns).max() <= _NEAR_NS)
-    return (offset_ns, spread_ns) if is_sure and is_inside and agrees else None
-
-
-def _worth_it(offset_ns: int, spread_ns: int, all_fits: Sequence[Fit]) -> Shift | None:
-    """`None` where boxes of a slightly wrong size would explain the offset as well."""
-    at, zero = int(np.searchsorted(OFFSETS_NS, offset_ns)), len(OFFSETS_NS) // 2
-    moved_m = float(np.median([fit.moved_m[at] for fit in all_fits]))
-    share, before = _share(all_fits, at), _share(all_fits, zero)
+    if not (is_sure and is_inside and np.abs(apart_ns - offset_ns).max() <= _NEAR_NS):
+        return None
+    # Boxes of a slightly wrong size may explain an offset as well.
+    at = int(np.searchsorted(OFFSETS_NS, offset_ns))
+    moved_m = float(np.median([fit.moved_m[at] for fit in fits]))
+    share, before = _share_inside(fits, at), _share_inside(fits, _ZERO)
     if moved_m < _MIN_MOVED_M or share < before + _MIN_GAIN:
         return None
-    num_sweeps, num_tracks = len({fit.stamp_ns for fit in all_fits}), len({fit.track_id for fit in all_fits})
+    num_sweeps, num_tracks = len({fit.stamp_ns for fit in fits}), len({fit.track_id for fit in fits})
     return Shift(offset_ns, spread_ns, share, before, num_sweeps, num_tracks)
 
 
-def _drawn(num: int) -> Float64:
-    """How often each of `num` blocks is in each draw, (D, num)."""
-    generator = np.random.Generator(np.random.Philox(key=num))
-    draws = generator.integers(num, size=(_NUM_DRAWS, num))
-    return np.array([np.bincount(draw, minlength=num) for draw in draws], np.float64)
-
-
-def _share(all_fits: Sequence[Fit], at: int) -> float:
-    around = sum(int(fit.num_around[at]) for fit in all_fits)
-    return sum(int(fit.num_inside[at]) for fit in all_fits) / max(around, 1)
+def _share_inside(fits: Sequence[Fit], at: int) -> float:
+    around = sum(int(fit.num_around[at]) for fit in fits)
+    return sum(int(fit.num_inside[at]) for fit in fits) / max(around, 1)

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import TypeAdapter
 
-from fbench.replay.data.arrays import Array
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, Run
@@ -69,14 +68,18 @@ class Outcome:
         """What went into each frame, by its index."""
         return {row["index"]: row for row in self.run.json(WATCH)}
 
+    def parts(self, record: FrameRecord) -> dict[str, Any]:
+        """What one frame was made of."""
+        return self.seen.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
+
     def faults(self, of_container: bool = True) -> dict[str, Any]:
         """Faults and stragglers, those of the container if wanted."""
         content = self.run.json("faults.json")
         rows = {row["code"]: [row["count"], row["places"]] for row in content.pop("rows")}
-        if of_container:
-            return {**content, **rows}
-        content.pop("lost")
-        return {**content, **{code: row for code, row in rows.items() if not code.startswith(_OF_CONTAINERS)}}
+        if not of_container:
+            content.pop("lost")
+            rows = {code: row for code, row in rows.items() if not code.startswith(_OF_CONTAINERS)}
+        return {**content, **rows}
 
     @cached_property
     def digests(self) -> dict[str, str]:
@@ -84,7 +87,7 @@ class Outcome:
         run = self.run
         frames = START
         for record in run.frames:
-            frames = link(frames, digest([_facts(record), self.seen.get(record.index, {}).get("parts", {})]))
+            frames = link(frames, digest([_facts(record), self.parts(record)]))
         found = {
             "messages": run.manifest.log.digest,
             "frames": frames,
@@ -100,7 +103,7 @@ class Outcome:
 def first_difference(base: Outcome, other: Outcome, same_container: bool) -> Difference | None:
     """Find the earliest frame that differs, in it the earliest stage, then what belongs to no frame."""
     for a, b in zip(base.run.frames, other.run.frames, strict=False):
-        found = _in_frame(base, other, a, b)
+        found = _compare_frames(base, other, a, b)
         if found is not None:
             return Difference(*found, frame=a.index)
     num, others = len(base.run.frames), len(other.run.frames)
@@ -108,31 +111,29 @@ def first_difference(base: Outcome, other: Outcome, same_container: bool) -> Dif
         return Difference("frames", f"{num} frames != {others}")
     if base.run.manifest.log.digest != other.run.manifest.log.digest:
         return Difference("messages", "what is in no frame, or truth, differs")
-    for stage, x, y in (
-        ("faults", base.faults(same_container), other.faults(same_container)),
-        ("scores", _by_name(base.run.json("scores.json")), _by_name(other.run.json("scores.json"))),
-    ):
-        if (what := _in_mapping(x, y)) is not None:
-            return Difference(stage, what)
-    return None
+    if (what := _compare_mappings(base.faults(same_container), other.faults(same_container))) is not None:
+        return Difference("faults", what)
+    scores, other_scores = (
+        {"/".join(str(s[key]) for key in ("metric", "class", "slice", "matching")): s for s in run.json("scores.json")}
+        for run in (base.run, other.run)
+    )
+    what = _compare_mappings(scores, other_scores)
+    return None if what is None else Difference("scores", what)
 
 
-def _in_frame(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecord) -> tuple[str, str] | None:
+def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecord) -> tuple[str, str] | None:
     """Stage and field that differ."""
-    seen_a, seen_b = base.seen.get(a.index, {}), other.seen.get(b.index, {})
-    content = _in_mapping({**seen_a.get("parts", {}), **_facts(a)}, {**seen_b.get("parts", {}), **_facts(b)})
+    content = _compare_mappings({**base.parts(a), **_facts(a)}, {**other.parts(b), **_facts(b)})
     if content is not None:
         return ("messages" if ".content " in content else "frames"), content
-    if seen_a.get("messages") != seen_b.get("messages"):
+    if base.seen.get(a.index, {}).get("messages") != other.seen.get(b.index, {}).get("messages"):
         return "messages", "what was read until then differs"
     if a.failed != b.failed:
         return "detections", f"failed {a.failed!r} != {b.failed!r}"
-    for stage, table, table_b in (
-        ("detections", base.run.detections, other.run.detections),
-        ("tracks", base.run.tracks, other.run.tracks),
-    ):
-        if (what := boxes_difference(table.at(a.index), table_b.at(b.index))) is not None:
-            return stage, what
+    if (what := boxes_difference(base.run.detections.at(a.index), other.run.detections.at(b.index))) is not None:
+        return "detections", what
+    if (what := boxes_difference(base.run.tracks.at(a.index), other.run.tracks.at(b.index))) is not None:
+        return "tracks", what
     return None if a.digest == b.digest else ("tracks", "digest differs")
 
 
@@ -153,35 +154,24 @@ def boxes_difference(a: Boxes, b: Boxes) -> str | None:
         x, y = getattr(a, name), getattr(b, name)
         if (x is None) != (y is None):
             return f"{name} {'absent' if x is None else 'present'} != {'absent' if y is None else 'present'}"
-        if x is not None and (what := _in_array(x, y)) is not None:
-            return f"{name}{what}"
+        if x is not None and not np.array_equal(x, y, equal_nan=x.dtype.kind == "f"):
+            odd = (x != y) & ~((x != x) & (y != y))  # noqa: PLR0124  # NaN is the same as NaN
+            place = tuple(int(i) for i in np.argwhere(odd)[0])
+            return f"{name}[{', '.join(map(str, place))}] {x[place].item()!r} != {y[place].item()!r}"
     return None
 
 
-def _in_array(a: Array, b: Array) -> str | None:
-    same = np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
-    if same:
-        return None
-    odd = (a != b) & ~((a != a) & (b != b))  # noqa: PLR0124  # NaN is the same as NaN
-    place = tuple(int(i) for i in np.argwhere(odd)[0])
-    return f"[{', '.join(map(str, place))}] {a[place].item()!r} != {b[place].item()!r}"
-
-
-def _by_name(scores: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"/".join(str(s[key]) for key in ("metric", "class", "slice", "matching")): s for s in scores}
-
-
-def _in_mapping(a: dict[str, Any], b: dict[str, Any]) -> str | None:
-    for name in [*a, *(key for key in b if key not in a)]:
+def _compare_mappings(a: dict[str, Any], b: dict[str, Any]) -> str | None:
+    """First key whose values differ, and these."""
+    for name in {**a, **b}:
         x, y = a.get(name), b.get(name)
-        if x == y:
-            continue
-        if isinstance(x, dict) and isinstance(y, dict):
-            return f"{name} {_in_mapping(x, y)}"
-        return f"{name} {_short(x)} != {_short(y)}"
+        if x != y and isinstance(x, dict) and isinstance(y, dict):
+            return f"{name} {_compare_mappings(x, y)}"
+        if x != y:
+            return f"{name} {_shorten(x)} != {_shorten(y)}"
     return None
 
 
-def _short(value: object) -> str:
+def _shorten(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."

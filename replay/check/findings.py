@@ -41,30 +41,18 @@ RULES: Mapping[str, Rule] = {
     "CAL001": Rule("error", "record the calibration, or leave the sensor out with --topics '!NAME'"),
     "CAL002": Rule("info", "nothing, if the calibration was meant to change; trackers start afresh"),
     "TIM001": Rule("warning", "stamp messages in the order of measurement; fbench drops those that run back"),
-    "TIM003": Rule(
-        "warning",
-        "look at the driver: one sensor can't measure twice at once",
-        "a sensor has two messages of one stamp",
-    ),
+    "TIM003": Rule("warning", "look at the driver: one sensor can't measure twice at once",
+                   "a sensor has two messages of one stamp"),
     "TIM004": Rule("warning", "look for two recorders or publishers of one topic", "a message is there twice"),
     "TIM005": Rule("warning", "look for a clock that was set, or a recording that was played in a loop"),
     "TIM007": Rule("warning", "look for a full disk or network; trackers start afresh behind a gap of the reference"),
-    "TIM008": Rule(
-        "error",
-        "synchronise the clocks, or give --offset SENSOR=MS or --stamps log",
-        "a sensor's clock differs from that of the reference by over a minute",
-    ),
-    "TIM009": Rule(
-        "warning",
-        "look at the sensor's latency and clock; raise --timeout-ms if frames lack it",
-        "header stamps are more than two periods older than arrival, or over 20 ms newer",
-    ),
+    "TIM008": Rule("error", "synchronise the clocks, or give --offset SENSOR=MS or --stamps log",
+                   "a sensor's clock differs from that of the reference by over a minute"),
+    "TIM009": Rule("warning", "look at the sensor's latency and clock; raise --timeout-ms if frames lack it",
+                   "header stamps are more than two periods older than arrival, or over 20 ms newer"),
     "TIM011": Rule("warning", "let the driver stamp its messages"),
-    "TIM012": Rule(
-        "warning",
-        "give --offset SENSOR=MS",
-        "a sensor's points fall onto the truth boxes clearly better with other stamps",
-    ),
+    "TIM012": Rule("warning", "give --offset SENSOR=MS",
+                   "a sensor's points fall onto the truth boxes clearly better with other stamps"),
     "GT001": Rule("info", "nothing, if no scores are needed", "no ground truth"),
     "GT003": Rule("error", "give every object of a frame its own id", "two boxes of one frame have the same id"),
     "GT004": Rule("error", "repair or remove these boxes", "a box isn't finite or has no size"),
@@ -72,42 +60,23 @@ RULES: Mapping[str, Rule] = {
     "PRD002": Rule("error", "repair the pipeline"),
     # Codes that only a check reports.
     "CHK001": Rule("error", "let the driver stamp its messages", "stamps are 0"),
-    "CHK002": Rule(
-        "warning",
-        "look at the sensor's trigger; frames by nearest stamp may lack it",
-        "over a tenth of the periods are irregular",
-    ),
-    "CHK003": Rule(
-        "warning",
-        "look for a full network or a slow recorder",
-        "messages were lost; information up to a twentieth of them",
-    ),
-    "CHK004": Rule(
-        "info",
-        "nothing; fbench puts messages in order of their log times",
-        "messages aren't in the order of their log times",
-    ),
-    "CHK005": Rule(
-        "warning",
-        "look whether the sensor was on and its topic recorded",
-        "a sensor of the rig has no messages; information where the log has boxes alone",
-    ),
+    "CHK002": Rule("warning", "look at the sensor's trigger; frames by nearest stamp may lack it",
+                   "over a tenth of the periods are irregular"),
+    "CHK003": Rule("warning", "look for a full network or a slow recorder",
+                   "messages were lost; information up to a twentieth of them"),
+    "CHK004": Rule("info", "nothing; fbench puts messages in order of their log times",
+                   "messages aren't in the order of their log times"),
+    "CHK005": Rule("warning", "look whether the sensor was on and its topic recorded",
+                   "a sensor of the rig has no messages; information where the log has boxes alone"),
     "CHK006": Rule("error", "look at the localisation that wrote it", "a pose isn't finite or has no rotation"),
-    "CHK007": Rule(
-        "error", "record a LiDAR, camera or radar", "neither sensors nor boxes have messages, so there are no frames"
-    ),
+    "CHK007": Rule("error", "record a LiDAR, camera or radar",
+                   "neither sensors nor boxes have messages, so there are no frames"),
     "CHK008": Rule("error", "choose another pipeline, or record what it needs", "the pipeline can't start on this rig"),
-    "CHK009": Rule(
-        "warning",
-        "look why these messages are missing",
-        "frames lack a sensor; information where the pipeline doesn't use it",
-    ),
-    "CHK010": Rule(
-        "info",
-        "nothing: a sensor that is faster than the reference has messages to spare",
-        "messages that are in no frame",
-    ),
-}
+    "CHK009": Rule("warning", "look why these messages are missing",
+                   "frames lack a sensor; information where the pipeline doesn't use it"),
+    "CHK010": Rule("info", "nothing: a sensor that is faster than the reference has messages to spare",
+                   "messages that are in no frame"),
+}  # fmt: skip
 """By code: those of the fault table where one fits, `CHK...` where a check alone finds it."""
 
 

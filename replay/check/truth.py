@@ -1,6 +1,6 @@
 """Findings about ground truth, and whether its stamps and those of the sensors are of one clock.
 
-A sample of sweeps and boxes is kept while a log is read once; at the end `best_shift` judges it.
+A sample of sweeps and boxes is kept while a log is read once; at the end `find_shift` judges it.
 """
 
 from array import array
@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.replay.check.clock_shift import REACH_NS, STEP_NS, Shift, Sweep, fits, make_tracks, shift
+from fbench.replay.check.clock_shift import REACH_NS, STEP_NS, Sweep, find_shift, fit_tracks, make_tracks
 from fbench.replay.check.findings import Finding, finding
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
@@ -37,9 +37,17 @@ class TruthCheck:
         """Look at one message."""
         self._stamps.append(truth.stamp_ns)
         self._numbers.append(-1 if truth.frame_number is None else truth.frame_number)
+        where = f"stamp {truth.stamp_ns} ns"
         for boxes in (truth.boxes3d, truth.boxes2d):
-            if boxes is not None:
-                self._boxes(truth.stamp_ns, boxes)
+            if boxes is None:
+                continue
+            self.num_boxes += len(boxes)
+            if repeated := _count_repeated(boxes):
+                self.num_repeated += repeated
+                self.first_repeated = self.first_repeated or where
+            if unreal := int(np.count_nonzero(~is_real(boxes))):
+                self.num_unreal += unreal
+                self.first_unreal = self.first_unreal or where
 
     @property
     def num_messages(self) -> int:
@@ -48,7 +56,7 @@ class TruthCheck:
 
     def labelled(self, stamps: Int64, numbers: Int64) -> Bool:
         """Tell which frames, by stamp and number (-1: none), have truth."""
-        return _near(stamps, np.array(self._stamps, np.int64)) | _numbered(numbers, np.array(self._numbers, np.int64))
+        return _have_partner(stamps, numbers, np.array(self._stamps, np.int64), np.array(self._numbers, np.int64))
 
     def findings(self, stamps: Int64, numbers: Int64) -> Iterator[Finding]:
         """Judge the truth of a log with these frames."""
@@ -63,48 +71,30 @@ class TruthCheck:
             text = f"{self.num_unreal} of {self.num_boxes} boxes aren't finite or have no size"
             yield finding("GT004", "truth", text, self.num_unreal, self.first_unreal)
         own, own_numbers = np.array(self._stamps, np.int64), np.array(self._numbers, np.int64)
-        lost = np.flatnonzero(~(_near(own, stamps) | _numbered(own_numbers, numbers)))
+        lost = np.flatnonzero(~_have_partner(own, own_numbers, stamps, numbers))
         if len(lost):
             text = f"{len(lost)} of {num} messages of truth belong to no frame"
             yield finding("GT006", "truth", text, len(lost), f"stamp {int(own[lost[0]])} ns")
 
-    def _boxes(self, stamp_ns: int, boxes: Boxes) -> None:
-        where = f"stamp {stamp_ns} ns"
-        self.num_boxes += len(boxes)
-        if repeated := _num_repeated(boxes):
-            self.num_repeated += repeated
-            self.first_repeated = self.first_repeated or where
-        if unreal := int(np.count_nonzero(~is_real(boxes))):
-            self.num_unreal += unreal
-            self.first_unreal = self.first_unreal or where
 
-
-def _num_repeated(boxes: Boxes) -> int:
+def _count_repeated(boxes: Boxes) -> int:
     """How many boxes have the id of one before them; -1 is none, and in images each camera has ids of its own."""
     if boxes.track_id is None:
         return 0
     cameras = boxes.camera.tolist() if isinstance(boxes, Boxes2D) else [""] * len(boxes)
     keys = [key for key in zip(cameras, boxes.track_id.tolist(), strict=True) if key[1] >= 0]
-    return len(keys) - len(dict.fromkeys(keys))
+    return len(keys) - len(set(keys))
 
 
-def _near(stamps: Int64, others: Int64) -> Bool:
-    """Tell which stamps have another one within the tolerance of labelling."""
-    ordered = np.sort(others, kind="stable")
-    if len(ordered) == 0:
-        return np.zeros(len(stamps), bool)
-    after = np.searchsorted(ordered, stamps)
-    best = np.minimum(
-        np.abs(stamps - ordered[np.minimum(after, len(ordered) - 1)]),
-        np.abs(stamps - ordered[np.maximum(after, 1) - 1]),
-    )
-    near: Bool = best <= TOLERANCE_NS
-    return near
-
-
-def _numbered(numbers: Array, others: Array) -> Bool:
-    same: Bool = (numbers >= 0) & np.isin(numbers, others)
-    return same
+def _have_partner(stamps: Int64, numbers: Int64, others: Int64, other_numbers: Int64) -> Bool:
+    """Tell which stamps have one of the others within the tolerance of labelling, or the same number."""
+    found: Bool = (numbers >= 0) & np.isin(numbers, other_numbers)
+    if len(others):
+        ordered = np.sort(others, kind="stable")
+        after = np.searchsorted(ordered, stamps)
+        before, behind = ordered[np.maximum(after, 1) - 1], ordered[np.minimum(after, len(ordered) - 1)]
+        found |= np.minimum(np.abs(stamps - behind), np.abs(stamps - before)) <= TOLERANCE_NS
+    return found
 
 
 REACH_M = 64.0  # Farther points [m from the body, along x or y] are left out
@@ -115,35 +105,23 @@ _LOW_M, _HIGH_M = 0.4, 2.5
 _MAX_PLACES = 8000
 
 
-def standing(xyz: Array, body_T_sensor: Float64) -> Float32:
-    """Places (M, 2) [m] in body coordinates where something stands: of the points (N, 3) in the sensor's coordinates
-    that are well above the lowest one of their 4 m, the mean of those in each quarter of a metre.
+def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float32:
+    """Places (M, 2) [m] in body coordinates of points (N, 3) in the sensor's: the mean of those in each quarter of a
+    metre, at most 8000, evenly spread over all.
 
-    The ground is told without knowing it, so that neither the mounting nor the heights of boxes matter. At most 8000
-    places are given, evenly spread over all.
+    Without the ground only points well above the lowest one of their 4 m count: so neither the mounting nor the heights
+    of boxes matter.
     """
-    x, y, z = _standing_near(xyz, body_T_sensor)
-    coarse = _cells(x, y, _GROUND_M)
-    lowest = np.full(int(coarse.max(initial=0)) + 1, np.inf)
-    np.minimum.at(lowest, coarse, z)
-    height = z - lowest[coarse]
-    upright = np.flatnonzero((height > _LOW_M) & (height < _HIGH_M))
-    return _means(x[upright], y[upright])
-
-
-def echoes(xyz: Array, body_T_sensor: Float64) -> Float32:
-    """Places (M, 2) [m] in body coordinates of radar points (N, 3), of any height: the road gives few echoes."""
-    x, y, _ = _standing_near(xyz, body_T_sensor)
-    return _means(x, y)
-
-
-def _standing_near(xyz: Array, body_T_sensor: Float64) -> tuple[Float64, Float64, Float64]:
     x, y, z = (np.ascontiguousarray(column) for column in transform(body_T_sensor, xyz).T)
-    near = np.flatnonzero((np.abs(x) < REACH_M) & (np.abs(y) < REACH_M) & np.isfinite(z))
-    return x[near], y[near], z[near]
-
-
-def _means(x: Float64, y: Float64) -> Float32:
+    rows = np.flatnonzero((np.abs(x) < REACH_M) & (np.abs(y) < REACH_M) & np.isfinite(z))
+    x, y, z = x[rows], y[rows], z[rows]
+    if not keep_ground:
+        coarse = _cells(x, y, _GROUND_M)
+        lowest = np.full(int(coarse.max(initial=0)) + 1, np.inf)
+        np.minimum.at(lowest, coarse, z)
+        height = z - lowest[coarse]
+        upright = np.flatnonzero((height > _LOW_M) & (height < _HIGH_M))
+        x, y = x[upright], y[upright]
     _, row, count = np.unique(_cells(x, y, _CELL_M), return_inverse=True, return_counts=True)
     sums = [np.bincount(row, weights=column, minlength=len(count)) for column in (x, y)]
     places = np.stack(sums, axis=1) / count[:, None]
@@ -186,7 +164,7 @@ class TruthClock:
             self._is_idle = boxes.track_id is None and not self._truths
         if self._is_spare("", truth.stamp_ns) or not self._is_near(truth.stamp_ns):
             return
-        near = boxes[_nearest(boxes)]
+        near = boxes[_find_nearest(boxes)]
         if near.track_id is not None and len(near):
             shape = np.column_stack([near.center_m[:, :2], near.size_lwh_m[:, :2], near.yaw_rad])
             self._truths[truth.stamp_ns] = (near.track_id, shape)
@@ -194,28 +172,36 @@ class TruthClock:
 
     def add_sweep(self, message: Message | Skipped, rig: Rig) -> None:
         """Take a sweep of a LiDAR or a scan of a radar with the stamp that counts; nothing else matters."""
-        if not isinstance(message, PointCloud | RadarScan):
+        if not isinstance(message, PointCloud | RadarScan) or self._is_idle or message.sensor not in rig.mounts:
             return
         stamp_ns, name = message.stamp_ns, message.sensor
-        if (
-            self._is_idle
-            or name not in rig.mounts
-            or not self._is_kept(stamp_ns // _WINDOW_NS)
-            or self._is_spare(name, stamp_ns)
-        ):
+        if not self._is_kept(stamp_ns // _WINDOW_NS) or self._is_spare(name, stamp_ns):
             return
         body_T_sensor = rig.body_T_sensor(name)
-        of_kind = standing if isinstance(message, PointCloud) else echoes
-        self._sweeps[name].append(Sweep(stamp_ns, body_T_sensor[:2, 3], of_kind(message.xyz, body_T_sensor)))
+        # The road gives few echoes of radar.
+        places = _find_places(message.xyz, body_T_sensor, keep_ground=isinstance(message, RadarScan))
+        self._sweeps[name].append(Sweep(stamp_ns, body_T_sensor[:2, 3], places))
         self._thin_out()
 
     def findings(self, offsets_ns: Mapping[str, int], reference: str | None) -> Iterator[Finding]:
         """Judge each sensor; `offsets_ns` were added to stamps already."""
         tracks = make_tracks(self._truths)
         for name, sweeps in sorted(self._sweeps.items()):
-            found = shift([fit for sweep in sweeps for fit in fits(sweep, tracks)])
-            if found is not None:
-                yield _told(name, found, offsets_ns.get(name, 0), name == reference)
+            found = find_shift([fit for sweep in sweeps for fit in fit_tracks(sweep, tracks)])
+            if found is None:
+                continue
+            text = (
+                f"its points fall onto the truth boxes best with its stamps moved by {found.offset_ns / 1e6:+.0f} ms "
+                f"(standard deviation {max(found.spread_ns, STEP_NS) / 1e6:.0f} ms): of what stands in and around "
+                f"boxes {found.share:.0%} is inside then, {found.share_before:.0%} now ({found.num_tracks} tracks, "
+                f"{found.num_sweeps} sweeps)"
+            )
+            advice = f"try --offset {name}={(offsets_ns.get(name, 0) + found.offset_ns) / 1e6:.0f}"
+            if name == reference:
+                advice = (
+                    f"look at how truth was stamped: frames take their instants from {name}, which --offset can't move"
+                )
+            yield finding("TIM012", name, text, found.num_sweeps, advice=advice)
 
     def _is_kept(self, window: int) -> bool:
         return window % self._stride == 0
@@ -240,7 +226,7 @@ class TruthClock:
             self._truths = {stamp_ns: kept for stamp_ns, kept in self._truths.items() if self._is_near(stamp_ns)}
 
 
-def _nearest(boxes: Boxes3D) -> Array:
+def _find_nearest(boxes: Boxes3D) -> Array:
     """Rows of the nearest usable boxes."""
     distance = np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1])
     usable = np.isfinite(boxes.geometry).all(axis=1) & (distance < REACH_M)
@@ -249,16 +235,3 @@ def _nearest(boxes: Boxes3D) -> Array:
         usable &= boxes.track_id >= 0
     rows = np.flatnonzero(usable)
     return rows[np.argsort(distance[rows], kind="stable")][:_MAX_BOXES]
-
-
-def _told(name: str, found: Shift, given_ns: int, is_reference: bool) -> Finding:
-    spread_ns = max(found.spread_ns, STEP_NS)
-    text = (
-        f"its points fall onto the truth boxes best with its stamps moved by {found.offset_ns / 1e6:+.0f} ms (standard "
-        f"deviation {spread_ns / 1e6:.0f} ms): of what stands in and around boxes {found.share:.0%} is inside then, "
-        f"{found.share_before:.0%} now ({found.num_tracks} tracks, {found.num_sweeps} sweeps)"
-    )
-    advice = f"try --offset {name}={(given_ns + found.offset_ns) / 1e6:.0f}"
-    if is_reference:
-        advice = f"look at how truth was stamped: frames take their instants from {name}, which --offset can't move"
-    return finding("TIM012", name, text, found.num_sweeps, advice=advice)

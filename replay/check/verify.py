@@ -16,7 +16,6 @@ from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError,
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
 from fbench.replay.geometry.kernels import VARIABLE
-from fbench.replay.runs.folder import Run
 from fbench.replay.setup.request import ReplayRequest
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", VARIABLE)
@@ -35,16 +34,6 @@ class Variant:
     hash_seed: str = "0"
     environment: Mapping[str, str] = field(default_factory=dict)
     elsewhere: bool = False  # In another working directory
-
-    def task(self, request: ReplayRequest, folder: Path) -> VerifyTask:
-        """Return the request under these circumstances."""
-        varied = replace(request, rate=self.rate, read_ahead=self.read_ahead)
-        return VerifyTask(varied, folder, self.form, self.num_threads)
-
-    def variables(self) -> dict[str, str]:
-        """What the process finds in its environment beside what is there anyway."""
-        threads = dict.fromkeys(_THREADS, str(self.num_threads))
-        return {**threads, "PYTHONHASHSEED": self.hash_seed, **self.environment}
 
 
 BASE = Variant("reference")
@@ -113,7 +102,7 @@ def verify_in(
     quick: bool,
     folder: Path,
     worker: str,
-    told: Callable[[int, int], None] = lambda done, of: None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Verified:
     """Replay under all circumstances; runs go into folders within `folder`.
 
@@ -123,24 +112,29 @@ def verify_in(
         quick: Only the circumstances that find most.
         folder: An empty folder.
         worker: Module that replays one `VerifyTask`, given as JSON on stdin.
-        told: Told how many replays are done, of how many.
+        progress: Called with the numbers of finished and of all replays.
 
     Raises:
         ConfigError, LogError: where the reference itself can't be replayed.
     """
-    settings = [_absolute_value(setting) for setting in request.settings]
-    moved = replace(request.absolute(), pipeline=_absolute(request.pipeline), settings=settings)
+    settings = []
+    for setting in request.settings:  # each `NAME=FILE`, or `NAME=COMMAND` with files in it
+        name, equals, value = setting.partition("=")
+        settings.append(f"{name}{equals}{with_absolute_files(value)}")
+    moved = replace(request.absolute(), pipeline=_make_absolute(request.pipeline), settings=settings)
     children = _Children(moved, folder.resolve(), worker)
-    with ThreadPoolExecutor(_AT_ONCE) as pool, children.ended(pool):
+    with ThreadPoolExecutor(_AT_ONCE) as pool, children.end_all(pool):
         failed = children.replay(BASE)
         if failed is not None:
             raise failed
         base = Outcome(children.folder(BASE))
-        others = variants(num_repeats, _span_s(base.run), quick)
-        told(1, len(others) + 1)
-        futures = [pool.submit(children.verdict, variant, base) for variant in others]
+        # How long the run is in log time, without pauses between segments.
+        steps_ns = (b.stamp_ns - a.stamp_ns for a, b in pairwise(base.run.frames) if a.segment == b.segment)
+        others = variants(num_repeats, sum(steps_ns) / 1e9, quick)
+        progress(1, len(others) + 1)
+        futures = [pool.submit(children.compare, variant, base) for variant in others]
         for num, _ in enumerate(as_completed(futures), 2):
-            told(num, len(others) + 1)
+            progress(num, len(others) + 1)
         return Verified(base.digests, tuple(future.result() for future in futures))
 
 
@@ -157,32 +151,40 @@ class _Children:
         """Where a variant's run goes."""
         return self._folder / "".join(c if c.isalnum() or c in ".-" else "_" for c in variant.name)
 
-    def verdict(self, variant: Variant, base: Outcome) -> Verdict:
+    def compare(self, variant: Variant, base: Outcome) -> Verdict:
         """Replay and compare; a replay that fails where the reference didn't is a difference too."""
-        failed = self.replay(variant)
-        if failed is not None:
-            return Verdict(variant.name, Difference("replay", f"failed: {failed}"))
         try:
-            return Verdict(
-                variant.name, first_difference(base, Outcome(self.folder(variant)), same_container=variant.form is None)
-            )
+            failed, found = self.replay(variant), None
+            if failed is None:
+                other = Outcome(self.folder(variant))
+                found = first_difference(base, other, same_container=variant.form is None)
         except FbenchError as error:
-            return Verdict(variant.name, Difference("replay", f"failed: {error}"))
+            failed = error
+        return Verdict(variant.name, found if failed is None else Difference("replay", f"failed: {failed}"))
 
     def replay(self, variant: Variant) -> FbenchError | None:
         """Replay in a fresh process; returns why it failed."""
-        task = variant.task(self._request, self.folder(variant))
+        request = replace(self._request, rate=variant.rate, read_ahead=variant.read_ahead)
+        task = VerifyTask(request, self.folder(variant), variant.form, variant.num_threads)
+        threads = dict.fromkeys(_THREADS, str(variant.num_threads))
         process = subprocess.Popen(  # noqa: S603
             [sys.executable, "-P", "-m", self._worker],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", errors="replace",
-            env={**os.environ, **variant.variables()}, cwd=self._elsewhere if variant.elsewhere else None,
+            env={**os.environ, **threads, "PYTHONHASHSEED": variant.hash_seed, **variant.environment},
+            cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
         self._running.append(process)
         out, err = process.communicate(task.to_json())
-        return None if process.returncode == 0 else _error(process.returncode, out, err)
+        if process.returncode == 0:
+            return None
+        lines = (line for text in (out, err) for line in reversed(text.splitlines()) if line.strip())
+        last = next(lines, "no message")
+        if process.returncode == EXIT_USAGE:
+            return ConfigError(last)
+        return LogError(last if out else f"exit code {process.returncode}: {last}")
 
     @contextmanager
-    def ended(self, pool: ThreadPoolExecutor) -> Iterator[None]:
+    def end_all(self, pool: ThreadPoolExecutor) -> Iterator[None]:
         """End all processes where the `with` block ends early, and begin none of those that wait in the pool."""
         try:
             yield
@@ -193,31 +195,14 @@ class _Children:
                     process.kill()
 
 
-def _error(code: int, out: str, err: str) -> FbenchError:
-    last = next((line for text in (out, err) for line in reversed(text.splitlines()) if line.strip()), "no message")
-    return ConfigError(last) if code == EXIT_USAGE else LogError(last if out else f"exit code {code}: {last}")
-
-
-def _span_s(run: Run) -> float:
-    """How long a run is in log time, without pauses between segments."""
-    steps = (b.stamp_ns - a.stamp_ns for a, b in pairwise(run.frames) if a.segment == b.segment)
-    return sum(steps) / 1e9
-
-
-def _absolute(text: str) -> str:
+def _make_absolute(pipeline: str) -> str:
     """A pipeline as seen from any folder: `FILE.py:CLASS`, `FILE.toml`, files in the argument of `NAME:ARGUMENT`."""
-    if text.endswith(SUFFIX):
-        return str(Path(text).resolve())
-    name = parse_name(text)
+    if pipeline.endswith(SUFFIX):
+        return str(Path(pipeline).resolve())
+    name = parse_name(pipeline)
     if name.argument is not None:
         return f"{name.plugin}:{with_absolute_files(name.argument)}"
-    return text if name.file is None else f"{name.file.resolve()}:{text.rpartition(':')[2]}"
-
-
-def _absolute_value(setting: str) -> str:
-    """`NAME=FILE`, or `NAME=COMMAND` with files in it, as seen from any folder."""
-    name, equals, value = setting.partition("=")
-    return f"{name}{equals}{with_absolute_files(value)}"
+    return pipeline if name.file is None else f"{name.file.resolve()}:{pipeline.rpartition(':')[2]}"
 
 
 @contextmanager

@@ -93,28 +93,24 @@ class WatchedPipeline:
 _SMALL = 4096
 
 
-def converted(container: Container, folder: Path, form: Form) -> Path:
+def convert_to(form: Form, container: Container, folder: Path) -> Path:
     """Write a log into `folder` in another form, under the same name; returns where it is. Raises LogError where it
     can't be read.
     """
-    name = container.path.stem
+    path = folder / f"{container.path.stem}.mcap"
     if form == "unchunked":
-        return _unchunked(container, folder / f"{name}.mcap")
+        source = Source(container, (), Excerpt())
+        sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False), str(path))
+        try:
+            for item in Copying(source, frozenset()).items():
+                sink.put(item)
+            sink.close()
+        finally:
+            sink.discard()
+        return path
     targets = {
-        "lz4": Target(folder / f"{name}.mcap", compression="lz4"),
-        "small chunks": Target(folder / f"{name}.mcap", chunk_size=_SMALL),
-        "parquet": Target(folder / f"{name}.parquet"),
+        "lz4": Target(path, compression="lz4"),
+        "small chunks": Target(path, chunk_size=_SMALL),
+        "parquet": Target(path.with_name(f"{container.path.stem}.parquet")),
     }
     return convert(container, targets[form], Wish()).path
-
-
-def _unchunked(container: Container, path: Path) -> Path:
-    source = Source(container, (), Excerpt())
-    sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False), str(path))
-    try:
-        for item in Copying(source, frozenset()).items():
-            sink.put(item)
-        sink.close()
-    finally:
-        sink.discard()
-    return path
