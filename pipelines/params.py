@@ -3,6 +3,8 @@
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field, fields
+from typing import TypeVar
 
 from fbench.replay.contracts.errors import ConfigError
 
@@ -27,6 +29,32 @@ def require_ranges(prefix: str, params: object, ranges: Mapping[str, tuple[float
     """
     for name, (low, high) in ranges.items():
         require_between(f"{prefix}.{name}", getattr(params, name), low, high)
+
+
+@dataclass(frozen=True)
+class CheckedParams:
+    """Parameters with ranges: see `bounded`. A subclass names what precedes its fields, such as `prefix="fusion"`.
+    Raises ConfigError where a value is out of range: see `require_between`.
+    """
+
+    def __init_subclass__(cls, prefix: str = "") -> None:
+        if prefix:
+            cls._prefix = f"{prefix}."
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if "range" in f.metadata:
+                require_between(f"{self._prefix}{f.name}", getattr(self, f.name), *f.metadata["range"])
+
+    _prefix = ""
+
+
+T = TypeVar("T", int, float)
+
+
+def bounded(default: T, low: float, high: float = LIMIT) -> T:
+    """Field of `CheckedParams` whose values lie in [low, high]."""
+    return field(default=default, metadata={"range": (low, high)})
 
 
 class StageClock:

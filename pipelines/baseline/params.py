@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import require_between, require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.stereo.stage import StereoParams
 from fbench.replay.contracts.errors import ConfigError
@@ -14,71 +14,57 @@ Strategy = Literal["early", "late"]
 
 
 @dataclass(frozen=True)
-class PlainCropParams:
+class PlainCropParams(CheckedParams, prefix="crop"):
     """Which points take part. The thesis doesn't say how it leaves out the ground; here by height alone."""
 
-    min_range_m: float = 3.0
+    min_range_m: float = bounded(3.0, 0, 1e4)
     """Points nearer to the body's origin, seen from above [m], lie on the own vehicle."""
-    max_range_m: float = 100.0
+    max_range_m: float = bounded(100.0, 0.1, 1e4)
     """Farther points [m] are left out."""
-    low_m: float = 0.3
+    low_m: float = bounded(0.3, -1e3, 1e3)
     """Points lower than this over the body's origin [m] are ground: the thesis's origin is on the ground."""
-    high_m: float = 3.5
+    high_m: float = bounded(3.5, -1e3, 1e3)
     """Higher points [m] are left out."""
 
-    def __post_init__(self) -> None:
-        require_ranges("crop", self, {"min_range_m": (0.0, 1e4), "max_range_m": (0.1, 1e4)})
-        require_ranges("crop", self, {"low_m": (-1e3, 1e3), "high_m": (-1e3, 1e3)})
-
 
 @dataclass(frozen=True)
-class PlainClusterParams:
+class PlainClusterParams(CheckedParams, prefix="cluster"):
     """DBSCAN over x, y and z."""
 
-    eps_m: float = 1.2
+    eps_m: float = bounded(1.2, 0.01, 100)
     """Radius [m]."""
-    min_points: int = 5
+    min_points: int = bounded(5, 1, 1e6)
     """Points within the radius that make a core point, itself included."""
-
-    def __post_init__(self) -> None:
-        require_ranges("cluster", self, {"eps_m": (0.01, 100.0), "min_points": (1, 1e6)})
 
 
 @dataclass(frozen=True)
-class PlainImageParams:
+class PlainImageParams(CheckedParams, prefix="image"):
     """DBSCAN over u, v and depth."""
 
-    eps_px: float = 20.0
+    eps_px: float = bounded(20.0, 0.01, 1e4)
     """Radius [px]."""
-    min_points: int = 5
+    min_points: int = bounded(5, 1, 1e6)
     """Points within the radius that make a core point, itself included."""
-    depth_px_per_m: float = 10.0
+    depth_px_per_m: float = bounded(10.0, 0, 1e4)
     """A difference in depth of 1 m counts as a distance of this many pixels [px/m]."""
-
-    def __post_init__(self) -> None:
-        require_ranges("image", self, {"eps_px": (0.01, 1e4), "min_points": (1, 1e6), "depth_px_per_m": (0.0, 1e4)})
 
 
 @dataclass(frozen=True)
-class PlainSizeParams:
+class PlainSizeParams(CheckedParams, prefix="size"):
     """Sizes of clusters that may be vehicles, of which a sensor sees some sides. The thesis names no limits."""
 
-    least_points: int = 5
+    least_points: int = bounded(5, 1, 1e6)
     """Clusters of fewer points are dropped."""
-    least_extent_m: float = 1.4
+    least_extent_m: float = bounded(1.4, 0, 1e3)
     """Least extent along the longer of the axes x and y [m]: shorter clusters are poles and people."""
-    most_extent_m: float = 12.0
+    most_extent_m: float = bounded(12.0, 0, 1e3)
     """Greatest extent along the longer of the axes x and y [m]: longer clusters are walls."""
-    most_width_m: float = 4.0
+    most_width_m: float = bounded(4.0, 0, 1e3)
     """Greatest extent along the shorter of the axes x and y [m]."""
-    least_height_m: float = 0.5
+    least_height_m: float = bounded(0.5, 0, 1e3)
     """Least height between the lowest and the highest point [m]."""
-    most_height_m: float = 2.2
+    most_height_m: float = bounded(2.2, 0, 1e3)
     """Greatest height between them [m]: higher clusters are buildings and trees."""
-
-    def __post_init__(self) -> None:
-        names = ("least_extent_m", "most_extent_m", "most_width_m", "least_height_m", "most_height_m")
-        require_ranges("size", self, {"least_points": (1, 1e6), **dict.fromkeys(names, (0.0, 1e3))})
 
 
 @dataclass(frozen=True)
@@ -102,32 +88,18 @@ class PlainImageSensorParams(PlainSensorParams):
 
 
 @dataclass(frozen=True)
-class PlainFusionParams:
+class PlainFusionParams(CheckedParams, prefix="fusion"):
     """How boxes of several sensors become one."""
 
-    min_iou: float = 0.05
+    min_iou: float = bounded(0.05, 1e-6, 1)
     """Boxes that overlap less than this (intersection over union) stay apart."""
-    label_share: float = 0.5
+    label_share: float = bounded(0.5, 0, 1)
     """With early fusion in 3D: a cluster gets a camera's label where at least this share of its points carries one."""
-
-    def __post_init__(self) -> None:
-        require_ranges("fusion", self, {"min_iou": (1e-6, 1.0), "label_share": (0.0, 1.0)})
 
 
 RADAR = PlainClusterParams(eps_m=1.5, min_points=4)  # Large radius and few points for radar, as the thesis says
 RADAR_IMAGE = PlainImageParams(eps_px=25.0, min_points=4, depth_px_per_m=15.0)
 MORE_POINTS = PlainSizeParams(least_points=8)  # Of clusters of radar, and of a merged cloud
-
-
-def require_uses(uses: tuple[PlainSensor, ...], detect_every: int) -> None:
-    """Refuse parameters of a pipeline without sensors, or with a sensor named twice. Raises ConfigError naming the
-    parameter.
-    """
-    require_between("detect_every", detect_every, 1)
-    if not uses or len(set(uses)) < len(uses):
-        raise ConfigError(
-            f"uses: expected one or more of camera, lidar, radar, stereo, each once, got {','.join(uses)}"
-        )
 
 
 def radar_params() -> PlainSensorParams:
@@ -136,7 +108,7 @@ def radar_params() -> PlainSensorParams:
 
 
 @dataclass(frozen=True)
-class PlainParams:
+class PlainParams(CheckedParams):
     """What the plain pipelines in images and in space share."""
 
     uses: tuple[PlainSensor, ...] = ("camera", "lidar", "radar")
@@ -155,11 +127,14 @@ class PlainParams:
     """How stereo gives depth."""
     fusion: PlainFusionParams = field(default_factory=PlainFusionParams)
     """How boxes of several sensors become one."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
 
     def __post_init__(self) -> None:
-        require_uses(self.uses, self.detect_every)
+        super().__post_init__()
+        if not self.uses or len(set(self.uses)) < len(self.uses):
+            known = "camera, lidar, radar, stereo"
+            raise ConfigError(f"uses: expected one or more of {known}, each once, got {','.join(self.uses)}")
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))

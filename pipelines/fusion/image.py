@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
@@ -36,49 +36,41 @@ _AROUND_M = 2.5  # Points that differ by less [m] from the depth of an object be
 
 
 @dataclass(frozen=True)
-class ImageFusionParams:
+class ImageFusionParams(CheckedParams, prefix="fusion"):
     """How boxes of several sensors in one image become one, and how sure that makes us.
 
     Each sensor that sees an object says with which probability it is one; probabilities are joined as those of
     independent witnesses. Sensors that could see it and don't have a factor on its odds.
     """
 
-    camera_share: float = 0.25
+    camera_share: float = bounded(0.25, 0, 1)
     """Of cameras, boxes down to this share of their `min_score` are used where LiDAR or radar confirm them [0 to 1]."""
-    min_similarity: float = 0.25
+    min_similarity: float = bounded(0.25, 0, 1)
     """Least overlap times agreement in depth of two boxes that show one object [0 to 1]."""
-    prior: float = 0.3
+    prior: float = bounded(0.3, 0, 1)
     """How likely an object is before any sensor looks [0 to 1]; the lower, the more it means that two agree."""
-    lidar_weight: float = 0.75
+    lidar_weight: float = bounded(0.75, 0, 1)
     """Probability of what looks fully like a vehicle to LiDAR, by itself [0 to 1]."""
-    radar_weight: float = 0.7
+    radar_weight: float = bounded(0.7, 0, 1)
     """The same for radar."""
-    points_factor: float = 1.6
+    points_factor: float = bounded(1.6, 1, 1000)
     """Factor on the odds of an object where many points lie in the camera's box, at about its distance, that are no
     object themselves; nearer to 1 for few."""
-    measured_share: float = 0.2
+    measured_share: float = bounded(0.2, 0, 1)
     """By so much the outline of a camera that is sure is drawn toward that of the points [0 to 1]."""
-    weak_measured_share: float = 1.0
+    weak_measured_share: float = bounded(1.0, 0, 1)
     """The same where the camera is least sure; in proportion between."""
-    unseen_by_camera: float = 0.1
+    unseen_by_camera: float = bounded(0.1, 0, 1)
     """Factor on the odds of an object that a working camera ought to see and doesn't, where cameras see everything
     that LiDAR and radar see; nearer to 1 the less they saw of that lately, as by night."""
-    camera_size_px: float = 40.0
+    camera_size_px: float = bounded(40.0, 0.1, 1e5)
     """Of objects whose box has an area of n x n pixels a camera that sees well sees the share 1 - exp(-n / this)."""
-    unseen_by_rays: float = 0.25
+    unseen_by_rays: float = bounded(0.25, 0, 1)
     """The same for LiDAR and radar, where their rays go on behind the object."""
-    through: float = 0.6
+    through: float = bounded(0.6, 0, 1)
     """Share of the rays through the middle of a box that go on behind the object, from which on it counts as unseen."""
-    min_score: float = 0.5
+    min_score: float = bounded(0.5, 0, 1)
     """Objects that are less likely are dropped."""
-
-    def __post_init__(self) -> None:
-        names = (
-            *("camera_share", "min_similarity", "prior", "lidar_weight", "radar_weight", "measured_share"),
-            *("weak_measured_share", "unseen_by_camera", "unseen_by_rays", "through", "min_score"),
-        )
-        others = {"points_factor": (1.0, 1000.0), "camera_size_px": (0.1, 1e5)}
-        require_ranges("fusion", self, dict.fromkeys(names, (0.0, 1.0)) | others)
 
 
 @dataclass(frozen=True, eq=False)

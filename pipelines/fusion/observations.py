@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.pipelines.fusion.kernels import inside_boxes
 from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Float64, Int64
@@ -24,55 +24,40 @@ _SIDE_SHARE = 0.95
 
 
 @dataclass(frozen=True)
-class AssociationParams:
+class AssociationParams(CheckedParams, prefix="fusion.association"):
     """Which measurements of different sensors are taken for one object.
 
     Each pair of them has a log-likelihood ratio: how likely their difference is for one object against for two that
     have nothing to do with each other, of which there is one in so many square metres.
     """
 
-    lidar_area_m2: float = 100.0
+    lidar_area_m2: float = bounded(100.0, 0.01, 1e6)
     """Area [m²] in which one cluster of LiDAR points that is no part of the object is expected."""
-    radar_area_m2: float = 2000.0
+    radar_area_m2: float = bounded(2000.0, 0.01, 1e6)
     """The same for a cluster of radar echoes."""
-    camera_area_m2: float = 500.0
+    camera_area_m2: float = bounded(500.0, 0.01, 1e6)
     """The same for what another camera sees."""
-    edge_std_px: float = 1.5
+    edge_std_px: float = bounded(1.5, 0, 1000)
     """Error of the edges of a camera's box [px]."""
-    tilt_std_rad: float = 0.004
+    tilt_std_rad: float = bounded(0.004, 1e-6, 1)
     """Error of the ground's tilt against the camera [rad], for distances from the lower edge of a camera's box."""
-    min_range_std: float = 0.09
+    min_range_std: float = bounded(0.09, 0.001, 10)
     """Least relative error of distances guessed from the image."""
-    bearing_std_rad: float = 0.01
+    bearing_std_rad: float = bounded(0.01, 1e-4, 1)
     """Error of a camera box's direction [rad], beside a share of its width."""
-    lidar_std_m: float = 0.4
+    lidar_std_m: float = bounded(0.4, 0.01, 100)
     """Error of the near side of an object by LiDAR [m]."""
-    radar_std_m: float = 0.8
+    radar_std_m: float = bounded(0.8, 0.01, 100)
     """Error of the near side of a moving object by radar, along the line of sight [m]."""
-    radar_bearing_std_rad: float = 0.03
+    radar_bearing_std_rad: float = bounded(0.03, 1e-4, 1)
     """Error of a radar cluster's direction [rad]."""
-    standing_std_m: float = 1.5
+    standing_std_m: float = bounded(1.5, 0.01, 100)
     """Error of the distance of stationary objects by radar [m]."""
-    bearing_margin_px: float = 30.0
+    bearing_margin_px: float = bounded(30.0, 0, 10_000)
     """Echoes this far beside a camera's box [px] may belong to it: radar is poor at angles."""
-    least_inside: float = 0.6
+    least_inside: float = bounded(0.6, 0, 1)
     """A LiDAR cluster of which less than this share lies in a camera's box, and that doesn't look like a vehicle, is
     cut: what is inside may belong to what the camera sees, and the rest to others."""
-
-    def __post_init__(self) -> None:
-        areas = ("lidar_area_m2", "radar_area_m2", "camera_area_m2")
-        stds = ("lidar_std_m", "radar_std_m", "standing_std_m")
-        others = {
-            "edge_std_px": (0.0, 1000.0),
-            "tilt_std_rad": (1e-6, 1.0),
-            "min_range_std": (0.001, 10.0),
-            "bearing_std_rad": (1e-4, 1.0),
-            "radar_bearing_std_rad": (1e-4, 1.0),
-            "bearing_margin_px": (0.0, 10_000.0),
-            "least_inside": (0.0, 1.0),
-        }
-        ranges = {**dict.fromkeys(areas, (0.01, 1e6)), **dict.fromkeys(stds, (0.01, 100.0)), **others}
-        require_ranges("fusion.association", self, ranges)
 
 
 @dataclass(frozen=True, eq=False)

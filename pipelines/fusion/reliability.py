@@ -6,7 +6,7 @@ from typing import overload
 
 import numpy as np
 
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
 
@@ -54,30 +54,25 @@ _BANDS = 4
 
 
 @dataclass(frozen=True)
-class AgreementParams:
+class AgreementParams(CheckedParams, prefix="fusion.agreement"):
     """How well each sensor works right now: the share of objects which others are sure of that it sees, too.
 
     The weather isn't known: a camera that sees little of what LiDAR and radar see is worth little, and what it
     doesn't see may be there all the same. Shares are kept apart for near and far objects.
     """
 
-    camera: float = 0.8
+    camera: float = bounded(0.8, 0, 1)
     """Share of the objects in view that a camera is expected to see before anything is known."""
-    lidar: float = 0.9
+    lidar: float = bounded(0.9, 0, 1)
     """The same of LiDAR."""
-    radar: float = 0.4
+    radar: float = bounded(0.4, 0, 1)
     """The same of radar, which sees what moves."""
-    weight: float = 4.0
+    weight: float = bounded(4.0, 0.01, 1e6)
     """So many objects make what was seen weigh as much as the expectation."""
-    frames: float = 30.0
+    frames: float = bounded(30.0, 0.1, 1e6)
     """After so many frames what was seen counts 1/e."""
-    band_m: float = 15.0
+    band_m: float = bounded(15.0, 0.1, 1000)
     """Width of the bands of distance [m]; the fourth has no end."""
-
-    def __post_init__(self) -> None:
-        ranges = dict.fromkeys(("camera", "lidar", "radar"), (0.0, 1.0))
-        ranges |= {"weight": (0.01, 1e6), "frames": (0.1, 1e6), "band_m": (0.1, 1000.0)}
-        require_ranges("fusion.agreement", self, ranges)
 
 
 class SensorReliability:

@@ -3,49 +3,38 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from fbench.pipelines.params import LIMIT, require_between
+from fbench.pipelines.params import LIMIT, CheckedParams, bounded
 
 MIN_STD = 1e-6
 
 
 @dataclass(frozen=True)
-class TrackerParams:
+class TrackerParams(CheckedParams, prefix="tracking"):
     """What trackers in 3D and in images share."""
 
-    min_giou: float = -0.2
+    min_giou: float = bounded(-0.2, -1, 1)
     """With `giou`: detections whose generalized overlap with a track's prediction is less don't belong to it; from -1
     (infinitely far) to 1 (equal).
     """
-    max_mahalanobis: float = 4.0
+    max_mahalanobis: float = bounded(4.0, MIN_STD)
     """With `mahalanobis`: greatest distance in standard deviations."""
-    weak_score: float = -LIMIT
+    weak_score: float = bounded(-LIMIT, -LIMIT)
     """Detections with a lower score come last: they go to tracks that no other measured, and begin none."""
-    max_missed: int = 2
+    max_missed: int = bounded(2, 0)
     """A track ends when more steps than this in a row didn't measure it, or one before it had `min_hits`."""
-    max_missed_shown: int = 2
+    max_missed_shown: int = bounded(2, 0)
     """A track that more steps than this in a row didn't measure isn't shown, but goes on."""
-    hits_per_missed: int = 0
+    hits_per_missed: int = bounded(0, 0)
     """So many measurements a track takes for each step in a row in which it is shown though nothing measured it;
     0: any number will do, as long as `max_missed_shown` and `max_coast_s` allow it."""
-    max_coast_s: float = 0.5
+    max_coast_s: float = bounded(0.5, 0)
     """A track that nothing measured for longer than this [s] is not shown, since its prediction is too uncertain."""
-    min_hits: int = 2
+    min_hits: int = bounded(2, 0)
     """Measurements before a track is shown; in the first steps after a reset fewer are enough."""
     score: Literal["last", "mean"] = "last"
     """Score of a track: that of its last detection, or the mean of all so far."""
-    predicted_share: float = 1.0
+    predicted_share: float = bounded(1.0, 0, 1)
     """Share of that score which a track has while nothing measures it."""
-
-    def __post_init__(self) -> None:
-        self._check(("predicted_share",), 0.0, 1.0)
-        self._check(("max_missed", "max_missed_shown", "hits_per_missed", "max_coast_s", "min_hits"), 0)
-        self._check(("max_mahalanobis",), MIN_STD)
-        self._check(("min_giou",), -1.0, 1.0)
-        self._check(("weak_score",), -LIMIT)
-
-    def _check(self, names: tuple[str, ...], low: float, high: float = LIMIT) -> None:
-        for name in names:
-            require_between(f"tracking.{name}", getattr(self, name), low, high)
 
 
 @dataclass(frozen=True)
@@ -57,32 +46,26 @@ class Tracker3DParams(TrackerParams):
     overlap in space, which also separates near from far where boxes don't overlap; `mahalanobis`: nearest centers in
     standard deviations of the filter.
     """
-    gate_m: float = 3.0
+    gate_m: float = bounded(3.0, MIN_STD)
     """Greatest distance of a detection from a track's prediction [m], plus `gate_mps` times the time without one."""
-    gate_mps: float = 8.0
+    gate_mps: float = bounded(8.0, 0)
     """By how much the gate grows [m] for each second since a track was measured."""
-    new_gate_mps: float = 20.0
+    new_gate_mps: float = bounded(20.0, 0)
     """The same for a track that was measured once and without a velocity, which may be any; at least `gate_mps`."""
-    min_iou: float = 0.05
+    min_iou: float = bounded(0.05, 0, 1)
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    measured_std_m: float = 0.3
+    measured_std_m: float = bounded(0.3, MIN_STD)
     """Standard deviation of a measured center [m]."""
-    rate_std_mps: float = 10.0
+    rate_std_mps: float = bounded(10.0, 0)
     """Standard deviation of a new track's velocity [m/s]."""
-    drift_std_mps: float = 5.0
+    drift_std_mps: float = bounded(5.0, 0)
     """Change of velocity within one second, standard deviation [m/s]."""
-    size_share: float = 1.0
+    size_share: float = bounded(1.0, 0, 1)
     """Least share of a new measurement in a track's size: 1 takes the size measured last, 0 the mean of all."""
-    yaw_share: float = 1.0
+    yaw_share: float = bounded(1.0, 0, 1)
     """The same of its heading. Below 1, headings turned by pi count as measured the right way round."""
     ego_motion: bool = True
     """Follow objects in world coordinates where poses are known; else in those of the body."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check(("min_iou", "size_share", "yaw_share"), 0.0, 1.0)
-        self._check(("gate_mps", "new_gate_mps", "rate_std_mps", "drift_std_mps"), 0)
-        self._check(("gate_m", "measured_std_m"), MIN_STD)
 
 
 def steady_tracking() -> Tracker3DParams:
@@ -102,21 +85,15 @@ class Tracker2DParams(TrackerParams):
     """`iou`: overlap; `giou`: generalized overlap, which also separates near from far where boxes don't overlap;
     `mahalanobis`: nearest in standard deviations of the filter.
     """
-    min_iou: float = 0.1
+    min_iou: float = bounded(0.1, 0, 1)
     """With `iou`: detections that overlap a track's prediction less than this don't belong to it."""
-    max_missed_shown: int = 0
+    max_missed_shown: int = bounded(0, 0)
     """A track that more steps than this in a row didn't measure isn't shown, but goes on: predictions in the image
     seldom overlap enough with what they show, and most objects that are missed have left the view.
     """
-    measured_std: float = 0.02
+    measured_std: float = bounded(0.02, MIN_STD)
     """Standard deviation of a measured position, as a share of the box's size."""
-    rate_std: float = 5.0
+    rate_std: float = bounded(5.0, 0)
     """Standard deviation of a new track's rate of change, in box sizes a second."""
-    drift_std: float = 5.0
+    drift_std: float = bounded(5.0, 0)
     """Change of the rates within one second, standard deviation in box sizes a second."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check(("min_iou",), 0.0, 1.0)
-        self._check(("rate_std", "drift_std"), 0)
-        self._check(("measured_std",), MIN_STD)

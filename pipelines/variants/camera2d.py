@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
@@ -20,20 +20,20 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True)
-class Camera2DParams:
+class Camera2DParams(CheckedParams):
     """Parameters of `camera2d`."""
 
     camera: CameraParams = field(default_factory=CameraParams)
     """The detector."""
     tracking: Tracker2DParams = field(default_factory=Tracker2DParams)
     """The tracker, one per camera."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one camera, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`."""
 
     def __post_init__(self) -> None:
-        require_between("detect_every", self.detect_every, 1)
+        super().__post_init__()
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 

@@ -10,7 +10,7 @@ from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
@@ -33,7 +33,7 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True)
-class AllSensorsParams:
+class AllSensorsParams(CheckedParams):
     """What pipelines of cameras, LiDARs and radars share."""
 
     camera: CameraParams = field(default_factory=CameraParams)
@@ -44,7 +44,7 @@ class AllSensorsParams:
     """Detection by LiDAR."""
     radar: RadarParams = field(default_factory=RadarParams)
     """Detection by radar."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one sensor, by its name: `--set front_left.min_score=0.3` goes before `camera.min_score`. Cameras may differ
@@ -52,7 +52,7 @@ class AllSensorsParams:
     """
 
     def __post_init__(self) -> None:
-        require_between("detect_every", self.detect_every, 1)
+        super().__post_init__()
         object.__setattr__(self, "by_sensor", resolve_settings(self.by_sensor))
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
 from fbench.pipelines.sensors.image.stage import LidarInImages, projectable, unlabelled
 from fbench.pipelines.sensors.lidar.lidar import LidarParams
@@ -19,23 +19,19 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True)
-class LidarAloneParams:
+class LidarAloneParams(CheckedParams):
     """What pipelines of LiDARs alone share."""
 
     lidar: LidarParams = field(default_factory=LidarParams)
     """Detection."""
-    min_score: float = 0.5
+    min_score: float = bounded(0.5, 0, 1)
     """Clusters with a lower score are dropped."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one LiDAR, by its name: `--set top.min_range_m=1` goes before `lidar.min_range_m`; so does max_range_m. What
     acts on the points of all LiDARs together can't differ.
     """
-
-    def __post_init__(self) -> None:
-        require_between("min_score", self.min_score, 0.0, 1.0)
-        require_between("detect_every", self.detect_every, 1)
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ class Lidar2DParams(LidarAloneParams):
 
     lidar: LidarParams = field(default_factory=whole_vehicles)
     """Points and ground; of `lidar.cluster` only max_height_m counts here."""
-    min_score: float = 0.4
+    min_score: float = bounded(0.4, 0, 1)
     """Clusters that look less like a vehicle than this are dropped."""
     lidar_image: LidarImageParams = field(default_factory=LidarImageParams)
     """Detection in images."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
 from fbench.pipelines.sensors.points.merged import reported, require
@@ -18,23 +18,19 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True)
-class RadarAloneParams:
+class RadarAloneParams(CheckedParams):
     """What pipelines of radars alone share."""
 
     radar: RadarParams = field(default_factory=RadarParams)
     """Detection."""
-    min_score: float = 0.65
+    min_score: float = bounded(0.65, 0, 1)
     """Clusters with a lower score are dropped."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
     by_sensor: tuple[str, ...] = ()
     """Of one radar, by its name: `--set rear.max_range_m=40` goes before `radar.max_range_m`; so do min_magnitude_db
     and doppler. What acts on the echoes of all radars together can't differ.
     """
-
-    def __post_init__(self) -> None:
-        require_between("min_score", self.min_score, 0.0, 1.0)
-        require_between("detect_every", self.detect_every, 1)
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class Radar2DParams(RadarAloneParams):
 
     radar: RadarParams = field(default_factory=far_radar)
     """Echoes and their velocities; clusters in space count only for sparse radars, see `radar_image.min_echoes`."""
-    min_score: float = 0.4
+    min_score: float = bounded(0.4, 0, 1)
     """Clusters with a lower score are dropped."""
     radar_image: RadarImageParams = field(default_factory=RadarImageParams)
     """Detection in images."""

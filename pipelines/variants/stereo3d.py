@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import StageClock, require_between
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.points.merged import reported
 from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
 from fbench.pipelines.tracking.params import Tracker3DParams
@@ -14,23 +14,19 @@ from fbench.replay.data.rig import LogInfo, Rig
 
 
 @dataclass(frozen=True)
-class Stereo3DParams:
+class Stereo3DParams(CheckedParams):
     """Parameters of `stereo3d`."""
 
     stereo: StereoParams = field(default_factory=StereoParams)
     """Which cameras, and how they give depth."""
     objects: ObjectParams = field(default_factory=ObjectParams)
     """What becomes of the points."""
-    min_score: float = 0.5
+    min_score: float = bounded(0.5, 0, 1)
     """Clusters that look less like a vehicle than this are dropped."""
     tracking: Tracker3DParams = field(default_factory=Tracker3DParams)
     """The tracker."""
-    detect_every: int = 1
+    detect_every: int = bounded(1, 1)
     """Detection runs on every so many-th frame of a segment, from its first; between them tracks are predicted."""
-
-    def __post_init__(self) -> None:
-        require_between("min_score", self.min_score, 0.0, 1.0)
-        require_between("detect_every", self.detect_every, 1)
 
 
 class Stereo3D(TrackingPipeline[Boxes3D]):

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock, require_ranges
+from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
 from fbench.pipelines.sensors.lidar.stage import LidarStage
@@ -40,16 +40,13 @@ class FusedCloud:
 
 
 @dataclass(frozen=True)
-class EchoParams:
+class EchoParams(CheckedParams, prefix="fusion.echoes"):
     """Which standing radar echoes join the cloud."""
 
-    least_height_m: float = 0.3
+    least_height_m: float = bounded(0.3, -1000, 1000)
     """Standing echoes lower than this above the ground [m] are left out, where the ground is known."""
-    most_height_m: float = 3.5
+    most_height_m: float = bounded(3.5, -1000, 1000)
     """Standing echoes higher than this above the ground [m] are left out, where the ground is known."""
-
-    def __post_init__(self) -> None:
-        require_ranges("fusion.echoes", self, dict.fromkeys(("least_height_m", "most_height_m"), (-1000.0, 1000.0)))
 
 
 def merge_clouds(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.geometry.kernels import kernel
@@ -130,42 +130,35 @@ def _add_borders(reaching: Reaching, core: Bool, label: Int64, found: Int64) -> 
 
 
 @dataclass(frozen=True)
-class DensityParams:
+class DensityParams(CheckedParams, prefix="fusion.density"):
     """DBSCAN on the merged cloud, seen from above, over place and radial velocity.
 
     A point is worth 1 / its sensor's minimum; where the points within reach are worth 1 together, a cluster is.
     Standing echoes that no camera's box holds join clusters, but link nothing.
     """
 
-    lidar_points: float = 3.0
+    lidar_points: float = bounded(3.0, 0.01, 1e6)
     """So many LiDAR points alone make a core."""
-    stereo_points: float = 8.0
+    stereo_points: float = bounded(8.0, 0.01, 1e6)
     """So many points of stereo alone make a core."""
-    moving_echoes: float = 3.0
+    moving_echoes: float = bounded(3.0, 0.01, 1e6)
     """So many moving radar echoes alone make a core."""
-    standing_echoes: float = 40.0
+    standing_echoes: float = bounded(40.0, 0.01, 1e6)
     """So many standing radar echoes alone make a core."""
-    seen_factor: float = 2.0
+    seen_factor: float = bounded(2.0, 0, 1000)
     """Points that a camera's box is given count so many times."""
-    reach_m: float = 0.6
+    reach_m: float = bounded(0.6, 0.01, 50)
     """Points of LiDAR and stereo nearer than this [m] to each other are neighbors."""
-    reach_rad: float = 0.03
+    reach_rad: float = bounded(0.03, 0, 1)
     """Beyond reach_m / this from the body's origin reaches grow with distance by this angle [rad], as the spacing of
     beams does."""
-    radar_reach_m: float = 2.0
+    radar_reach_m: float = bounded(2.0, 0.01, 50)
     """Largest reach of radar echoes [m]; it follows the spacing of moving echoes where that is less. Of two sensors
     the mean of both reaches counts."""
-    seconds: float = 1.0
+    seconds: float = bounded(1.0, 0, 100)
     """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
-    cell_m: float = 0.2
+    cell_m: float = bounded(0.2, 0.05, 10)
     """Points in one cell of this edge [m] are taken together, moving echoes with others of about their velocity."""
-
-    def __post_init__(self) -> None:
-        counts = ("lidar_points", "stereo_points", "moving_echoes", "standing_echoes")
-        require_ranges("fusion.density", self, dict.fromkeys(counts, (0.01, 1e6)))
-        ranges = {"seen_factor": (0.0, 1000.0), "reach_m": (0.01, 50.0), "reach_rad": (0.0, 1.0)}
-        ranges |= {"radar_reach_m": (0.01, 50.0), "seconds": (0.0, 100.0), "cell_m": (0.05, 10.0)}
-        require_ranges("fusion.density", self, ranges)
 
     def weights(self, cloud: FusedCloud, is_seen: Bool) -> Float64:
         """What each point (N,) is worth; `is_seen` (N,): a camera's box holds it."""

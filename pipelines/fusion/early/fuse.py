@@ -19,7 +19,7 @@ from fbench.pipelines.fusion.early.groups import (
 )
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
@@ -28,53 +28,45 @@ _LEAST = math.log(AT_MIN_SCORE / (1 - AT_MIN_SCORE))
 
 
 @dataclass(frozen=True)
-class ExistenceParams:
+class ExistenceParams(CheckedParams, prefix="fusion.existence"):
     """Evidence for a group of points, as logarithms of odds that add up: score = 1 / (1 + exp(-sum)).
 
     The shape of LiDAR points has odds of its own, by the LiDAR's model.
     """
 
-    camera: float = 1.3
+    camera: float = bounded(1.3, -1000, 1000)
     """Of a box that has its detector's least score, and whose projected 3D box covers half of it."""
-    camera_score: float = 1.4
+    camera_score: float = bounded(1.4, -1000, 1000)
     """Times how far the logarithm of the odds of the box's score is above that of the least score."""
-    overlap: float = 0.8
+    overlap: float = bounded(0.8, -1000, 1000)
     """Times how far the IoU of the projected 3D box with the camera's is above 0.5."""
-    camera_shape: float = 1.1
+    camera_shape: float = bounded(1.1, -1000, 1000)
     """Times the logarithm of the odds by shape, where a camera's box holds the group."""
-    camera_shapeless: float = -1.6
+    camera_shapeless: float = bounded(-1.6, -1000, 1000)
     """Of a group in a camera's box with too few points to have a shape."""
-    camera_points: float = 0.2
+    camera_points: float = bounded(0.2, -1000, 1000)
     """Times the logarithm of the number of points and moving echoes, where a camera's box holds the group."""
-    alone: float = 0.3
+    alone: float = bounded(0.3, -1000, 1000)
     """Of a group that no camera's box holds, beside what its shape says."""
-    shapeless: float = -2.3
+    shapeless: float = bounded(-2.3, -1000, 1000)
     """Of such a group with too few points to have a shape, instead of that."""
-    unconfirmed: float = -1.2
+    unconfirmed: float = bounded(-1.2, -1000, 1000)
     """Of such a group where LiDAR or stereo deliver, and ought to have seen more."""
-    unseen: float = -1.8
+    unseen: float = bounded(-1.8, -1000, 1000)
     """Of a group that a working camera looks at from near and doesn't report."""
-    unseen_px: float = 80.0
+    unseen_px: float = bounded(80.0, 0.1, 1e5)
     """Where a car looks n pixels high, 1 - exp(-n / this) of that counts."""
-    moving: float = 0.8
+    moving: float = bounded(0.8, -1000, 1000)
     """Times the logarithm of the number of moving echoes, where no camera's box holds the group."""
-    most_odds: float = 4.0
+    most_odds: float = bounded(4.0, 0, 30)
     """Largest logarithm of odds, and the negative of the smallest, that a shape can have."""
-
-    def __post_init__(self) -> None:
-        names = (
-            *("camera", "camera_score", "overlap", "camera_shape", "camera_shapeless", "camera_points"),
-            *("alone", "shapeless", "unconfirmed", "unseen", "moving"),
-        )
-        require_ranges("fusion.existence", self, {"most_odds": (0.0, 30.0), "unseen_px": (0.1, 1e5)})
-        require_ranges("fusion.existence", self, dict.fromkeys(names, (-1000.0, 1000.0)))
 
 
 @dataclass(frozen=True)
-class EarlyParams:
+class EarlyParams(CheckedParams, prefix="fusion"):
     """How one cloud becomes objects."""
 
-    camera_share: float = 0.5
+    camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where the shape of their points confirms
     them."""
     echoes: EchoParams = field(default_factory=EchoParams)
@@ -85,19 +77,14 @@ class EarlyParams:
     """How points are clustered."""
     existence: ExistenceParams = field(default_factory=ExistenceParams)
     """How sure it is that clusters are road users."""
-    fit_points: float = 4.0
+    fit_points: float = bounded(4.0, 1, 1e6)
     """From so many points of LiDAR and stereo on their shape gives the box."""
-    most_extent_m: float = 20.0
+    most_extent_m: float = bounded(20.0, 0.1, 1000)
     """Clusters wider than this along x or y [m] that no camera sees are walls."""
-    merge_m: float = 2.0
+    merge_m: float = bounded(2.0, 0, 100)
     """Of objects with centers nearer than this [m], or the center of one in the other, the surest stays."""
-    min_score: float = 0.5
+    min_score: float = bounded(0.5, 0, 1)
     """Objects with a lower score are dropped."""
-
-    def __post_init__(self) -> None:
-        ranges = {"fit_points": (1.0, 1e6), "most_extent_m": (0.1, 1000.0), "merge_m": (0.0, 100.0)}
-        ranges |= dict.fromkeys(("min_score", "camera_share"), (0.0, 1.0))
-        require_ranges("fusion", self, ranges)
 
 
 def fuse(scene: Scene, params: EarlyParams) -> Boxes3D:

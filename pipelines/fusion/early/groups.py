@@ -8,7 +8,7 @@ import numpy as np
 from fbench.pipelines.fusion.early.cloud import FusedCloud
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, observe_camera
 from fbench.pipelines.fusion.sizes import SIZES
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -18,28 +18,23 @@ from fbench.replay.geometry.camera import in_image, project_body
 
 
 @dataclass(frozen=True)
-class SemanticsParams:
+class SemanticsParams(CheckedParams, prefix="fusion.semantics"):
     """How points take the labels of camera boxes."""
 
-    inset: float = 0.03
+    inset: float = bounded(0.03, 0, 0.5)
     """This share of a box's width [0 to 0.5] is left out at each side, where its outline is loose."""
-    margin_px: float = 5.0
+    margin_px: float = bounded(5.0, 0, 10_000)
     """Points may lie this far above and below a box [px]."""
-    radar_rad: float = 0.01
+    radar_rad: float = bounded(0.01, 0, 1)
     """Error of a radar's azimuths [rad]: its echoes may lie so far beside a box."""
-    gate: float = 2.5
+    gate: float = bounded(2.5, 0.1, 100)
     """Largest difference between a point's distance and that guessed from the image, in standard deviations."""
-    depth_margin_m: float = 0.7
+    depth_margin_m: float = bounded(0.7, 0, 100)
     """An object reaches this much farther from its near side [m] than its typical size says."""
-    echo_share: float = 0.3
+    echo_share: float = bounded(0.3, 0, 1000)
     """A standing radar echo counts as so much of a LiDAR point when the depth of an object is looked for."""
-    least: float = 1.5
+    least: float = bounded(1.5, 0, 1e6)
     """So many points, weighted by how likely their depth is, are needed to see an object."""
-
-    def __post_init__(self) -> None:
-        ranges = {"inset": (0.0, 0.5), "margin_px": (0.0, 10_000.0), "radar_rad": (0.0, 1.0), "gate": (0.1, 100.0)}
-        ranges |= {"depth_margin_m": (0.0, 100.0), "echo_share": (0.0, 1000.0), "least": (0.0, 1e6)}
-        require_ranges("fusion.semantics", self, ranges)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from fbench.pipelines.fusion.reliability import (
     saturate,
     sureness,
 )
-from fbench.pipelines.params import require_ranges
+from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
@@ -30,7 +30,7 @@ _STEEPNESS = 2.0
 
 
 @dataclass(frozen=True)
-class FusionParams:
+class FusionParams(CheckedParams, prefix="fusion"):
     """How objects that several sensors see become one, and how sure that makes us.
 
     The log-odds that an object exists are those of `prior`; each sensor that sees it adds how much surer it is than
@@ -41,58 +41,43 @@ class FusionParams:
     """What belongs together."""
     agreement: AgreementParams = field(default_factory=AgreementParams)
     """How well the sensors work."""
-    camera_share: float = 0.5
+    camera_share: float = bounded(0.5, 0, 1)
     """Boxes down to this share of a camera's `min_score` [0 to 1] count where LiDAR or moving echoes confirm them."""
-    prior: float = 0.13
+    prior: float = bounded(0.13, 0, 1)
     """Probability of an object where nothing is known [0 to 1]; the lower, the more it says that several sensors see
     one."""
-    overlap: float = 3.0
+    overlap: float = bounded(3.0, 0, 100)
     """Times how far the IoU of an object that LiDAR places, projected, with the camera's box is above 0.5: what it adds
     to the log-odds."""
-    lidar_weight: float = 1.0
+    lidar_weight: float = bounded(1.0, 0, 1)
     """How far a LiDAR cluster's score is believed [0 to 1] where it is a probability (`lidar.judge=model`)."""
-    ruled_weight: float = 0.5
+    ruled_weight: float = bounded(0.5, 0, 1)
     """The same where rules give it: what looks like a car by them is often something else."""
-    radar_weight: float = 0.8
+    radar_weight: float = bounded(0.8, 0, 1)
     """How far the score of moving echoes is believed [0 to 1]."""
-    standing_weight: float = 0.19
+    standing_weight: float = bounded(0.19, 0, 1)
     """How far stationary echoes at the place of what only cameras see, and clusters of echoes without velocity, are
     believed [0 to 1]."""
-    confirmed_lidar: float = 0.19
+    confirmed_lidar: float = bounded(0.19, 0, 1)
     """Probability that many LiDAR points where a camera sees an object belong to one, whatever their shape [0 to
     1]."""
-    confirmed_radar: float = 0.66
+    confirmed_radar: float = bounded(0.66, 0, 1)
     """The same of moving echoes [0 to 1]."""
-    unlikely: float = 0.2
+    unlikely: float = bounded(0.2, 1e-6, 1)
     """What a radar or camera reports where something hides it from view is believed as if it saw this share of such
     objects [0 to 1]: most of it are mirrored images, or aren't there."""
-    full_points: float = 8.0
+    full_points: float = bounded(8.0, 0.1, 1e6)
     """Of n points 1 - exp(-n / this) of that is believed."""
-    camera_height_px: float = 12.0
+    camera_height_px: float = bounded(12.0, 0.1, 10_000)
     """Height [px] at which a camera sees every second object."""
-    lidar_half_m: float = 40.0
+    lidar_half_m: float = bounded(40.0, 1, 1e6)
     """Distance [m] at which every second object has enough LiDAR points to be found."""
-    max_range_m: float = 60.0
+    max_range_m: float = bounded(60.0, 1, 1000)
     """LiDAR and radar aren't expected to see farther objects [m]."""
-    max_detection: float = 0.95
+    max_detection: float = bounded(0.95, 0, 1)
     """No sensor sees more than this share of what it could [0 to 1]."""
-    min_score: float = 0.4
+    min_score: float = bounded(0.4, 0, 1)
     """Objects with a lower probability are dropped."""
-
-    def __post_init__(self) -> None:
-        shares = (
-            *("prior", "lidar_weight", "ruled_weight", "radar_weight", "standing_weight", "confirmed_lidar"),
-            *("confirmed_radar", "camera_share", "min_score", "max_detection", "unlikely"),
-        )
-        others = {
-            "unlikely": (1e-6, 1.0),
-            "full_points": (0.1, 1e6),
-            "camera_height_px": (0.1, 10_000.0),
-            "max_range_m": (1.0, 1000.0),
-            "lidar_half_m": (1.0, 1e6),
-            "overlap": (0.0, 100.0),
-        }
-        require_ranges("fusion", self, {**dict.fromkeys(shares, (0.0, 1.0)), **others})
 
 
 @dataclass(frozen=True, eq=False)
