@@ -31,8 +31,9 @@ class Times:
         """Note one message."""
         self.stamps.append(message.stamp_ns)
         self.logs.append(message.log_ns)
-        is_raw = isinstance(entry.data, memoryview)
-        self.digests.append(xxhash.xxh3_64_intdigest(entry.data) if is_raw else int(digest(message)[:16], 16))
+        data = entry.data
+        code = xxhash.xxh3_64_intdigest(data) if isinstance(data, memoryview) else int(digest(message)[:16], 16)
+        self.digests.append(code)
         place = (entry.part, entry.block, entry.offset)
         self.num_unordered += place < self._last.get(entry.channel, place)
         self._last[entry.channel] = place
