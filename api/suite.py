@@ -46,24 +46,27 @@ class Worker:
         self._module = module
         self._process: subprocess.Popen[str] | None = None
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115  # closed by `close`
-        self._said_before = 0
+        self._stderr_start = 0
 
     def replay(self, cell: ReplayRequest) -> Answer:
         """Have a cell replayed."""
-        process = self._running()
-        self._said_before = self._num_said()
+        process = self._start()
+        self._stderr_start = self._num_bytes_on_stderr()
         try:
             print(cell.to_json(), file=process.stdin, flush=True)
             line = process.stdout.readline() if process.stdout else ""
         except OSError:  # it has died
             line = ""
         if not line.endswith("\n"):
-            return self._failed(self._why_dead(process))
-        try:
-            return Answer.from_json(line)
-        except ValueError:  # no answer of ours; which answer is whose can't be told any more
-            self.end()
-            return self._failed(f"its process wrote {line[:80]!r} where an answer was expected")
+            reason = self._why_dead(process)
+        else:
+            try:
+                return Answer.from_json(line)
+            except ValueError:  # no answer of ours; which answer is whose can't be told any more
+                self.end()
+                reason = f"its process wrote {line[:80]!r} where an answer was expected"
+        self._forget()
+        return Answer(reason)
 
     def end(self) -> None:
         """End the process; what it was writing is cleared away."""
@@ -81,10 +84,6 @@ class Worker:
         self._forget()
         self._stderr.close()
 
-    def _failed(self, reason: str) -> Answer:
-        self._forget()
-        return Answer(reason)
-
     def _forget(self) -> None:
         """Close the pipes of a process that has ended."""
         for pipe in (self._process.stdin, self._process.stdout) if self._process else ():
@@ -93,7 +92,7 @@ class Worker:
                     pipe.close()
         self._process = None
 
-    def _running(self) -> subprocess.Popen[str]:
+    def _start(self) -> subprocess.Popen[str]:
         if self._process is None:
             # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
             self._process = subprocess.Popen(  # noqa: S603  # a module of ours
@@ -106,14 +105,13 @@ class Worker:
     def _why_dead(self, process: subprocess.Popen[str]) -> str:
         """How it ended, and the last that it said of the cell at hand."""
         code = process.wait()
-        begin = max(self._said_before, self._num_said() - _LAST_BYTES)
+        begin = max(self._stderr_start, self._num_bytes_on_stderr() - _LAST_BYTES)
         said = os.pread(self._stderr.fileno(), _LAST_BYTES, begin).decode(errors="replace")
         lines = [line for line in said.splitlines() if line.strip()]
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"its process ended with {how}{f': {lines[-1]}' if lines else ''}"
 
-    def _num_said(self) -> int:
-        """Bytes on stderr, of all cells so far."""
+    def _num_bytes_on_stderr(self) -> int:
         return os.fstat(self._stderr.fileno()).st_size
 
 
@@ -127,7 +125,7 @@ class Workers:
         self._lock = Lock()
 
     @contextmanager
-    def lent(self) -> Iterator[Worker]:
+    def lend(self) -> Iterator[Worker]:
         """Lend a worker that nobody else has."""
         with self._lock:
             if not self._idle:
@@ -189,10 +187,14 @@ class Contents:
         cls = pipeline_class(cell.pipeline)
         if isinstance(cls, KeepsStderr):
             return None
+        source = log_source(cell.log)
+        truth = source.truth_entry()
         return {
             "format": FORMAT,
             "log": self._digest_of(cell.log.path),
-            **self._beside(cell),
+            "topics": list(cell.log.topics),
+            "inputs": [entry.model_dump() for entry in source.input_entries()],
+            "truth": None if truth is None else truth.model_dump(),
             "pipeline": cell.pipeline,
             "source": self._source(cls),
             "parameters": pipeline_parameters(cell.pipeline, list(cell.settings)),
@@ -201,16 +203,6 @@ class Contents:
             "scoring": _OPTIONS.dump_python(cell.scoring, mode="json"),
             "media": not cell.no_media,
             **self._around,
-        }
-
-    def _beside(self, cell: ReplayRequest) -> Content:
-        """Files beside the log, and which of its topics are read."""
-        source = log_source(cell.log)
-        truth = source.truth_entry()
-        return {
-            "topics": list(cell.log.topics),
-            "inputs": [entry.model_dump() for entry in source.input_entries()],
-            "truth": None if truth is None else truth.model_dump(),
         }
 
     def _source(self, cls: type) -> str:
@@ -247,7 +239,7 @@ WORKER = "fbench.api.suite_worker"
 def run_suite(
     cells: Sequence[ReplayRequest],
     num_workers: int,
-    told: Callable[[int, int], None] = lambda done, of: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
     module: str = WORKER,
 ) -> list[CellResult]:
     """Replay the cells whose runs aren't there, and return what became of all, in their order.
@@ -261,7 +253,7 @@ def run_suite(
     Args:
         cells: With different folders.
         num_workers: Processes at a time, each on one thread.
-        told: Told how many cells are done, of how many.
+        progress: Gets how many cells are done, and of how many.
         module: What a process runs: a line with a cell on stdin, a line with an answer on stdout.
 
     Raises:
@@ -269,19 +261,23 @@ def run_suite(
     """
     if num_workers < 1:
         raise ConfigError(f"--workers {num_workers}: expected at least 1")
-    _require_own_folders(cells)
-    told(0, len(cells))
+    known: set[Path] = set()
+    for cell in cells:
+        if (folder := folder_of(cell).absolute()) in known:
+            raise ConfigError(f"two cells of a suite go to {folder_of(cell)}; give each a folder of its own")
+        known.add(folder)
+    progress(0, len(cells))
     contents = Contents()
     with _suite(num_workers, module) as suite:
-        begun = [suite.begin(cell, _planned(cell, contents)) for cell in cells]
+        begun = [suite.begin(cell, _Forecast.of(cell, contents)) for cell in cells]
         for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
-            told(num, len(cells))
+            progress(num, len(cells))
         results = [future.result() for future, _ in begun]
-        return list(suite.pool.map(_checked, results, [planned for _, planned in begun]))
+        return list(suite.pool.map(_check, results, [forecast for _, forecast in begun]))
 
 
 @dataclass(frozen=True)
-class _Planned:
+class _Forecast:
     """What is known of a cell before it is replayed."""
 
     content: Content | None = None
@@ -292,14 +288,15 @@ class _Planned:
         """Of the run that it gives; `None` where nobody can tell."""
         return None if self.content is None else key_of(self.content)
 
-
-def _planned(cell: ReplayRequest, contents: Contents) -> _Planned:
-    try:
-        return _Planned(contents.of(cell))
-    except FbenchError as error:
-        return _Planned(error=str(error))
-    except Exception as error:  # noqa: BLE001  # a plug-in may raise anything, and mustn't stop the rest
-        return _Planned(error=one_line(error))
+    @classmethod
+    def of(cls, cell: ReplayRequest, contents: Contents) -> "_Forecast":
+        """Find out what decides a cell's run, or why there will be none."""
+        try:
+            return cls(contents.of(cell))
+        except FbenchError as error:
+            return cls(error=str(error))
+        except Exception as error:  # noqa: BLE001  # a plug-in may raise anything, and mustn't stop the rest
+            return cls(error=one_line(error))
 
 
 @dataclass(frozen=True)
@@ -310,14 +307,14 @@ class _Suite:
     workers: Workers
     interrupted: Event
 
-    def begin(self, cell: ReplayRequest, planned: _Planned) -> tuple[Future[CellResult], _Planned]:
+    def begin(self, cell: ReplayRequest, forecast: _Forecast) -> tuple[Future[CellResult], _Forecast]:
         """Hand a cell to the threads."""
-        return self.pool.submit(self.result, cell, planned), planned
+        return self.pool.submit(self.result, cell, forecast), forecast
 
-    def result(self, cell: ReplayRequest, planned: _Planned) -> CellResult:
+    def result(self, cell: ReplayRequest, forecast: _Forecast) -> CellResult:
         """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
         try:
-            return self._replayed(cell, planned)
+            return self._replay(cell, forecast)
         except FbenchError as error:
             return CellResult(cell, "failed", str(error))
         except OSError as error:
@@ -325,28 +322,32 @@ class _Suite:
         except Exception as error:  # noqa: BLE001  # one cell mustn't stop the rest
             return CellResult(cell, "failed", one_line(error))
 
-    def _replayed(self, cell: ReplayRequest, planned: _Planned) -> CellResult:
-        if planned.error is not None:
-            return CellResult(cell, "failed", planned.error)
-        key = planned.key
+    def _replay(self, cell: ReplayRequest, forecast: _Forecast) -> CellResult:
+        if forecast.error is not None:
+            return CellResult(cell, "failed", forecast.error)
+        key = forecast.key
         if key is not None and is_sealed_run(folder_of(cell), key):
             return CellResult(cell, "there")
-        _clear(folder_of(cell))
-        with self.workers.lent() as worker:
+        folder = folder_of(cell)
+        if (folder / RUN_SEAL).exists():  # damaged, or of other content
+            shutil.rmtree(folder)
+        _clear_partial(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with self.workers.lend() as worker:
             if self.interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")
             answer = worker.replay(cell)
         if answer.error is not None:
-            _clear_partial(folder_of(cell))
+            _clear_partial(folder)
             return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
-        if key is not None and planned.content is not None:
-            seal_run(folder_of(cell), key, planned.content)
+        if key is not None and forecast.content is not None:
+            seal_run(folder, key, forecast.content)
         return CellResult(cell, "replayed")
 
 
-def _checked(result: CellResult, planned: _Planned) -> CellResult:
+def _check(result: CellResult, forecast: _Forecast) -> CellResult:
     """Fail a run that isn't as it was replayed any more."""
-    key = planned.key
+    key = forecast.key
     if not result.has_run or key is None or is_sealed_run(result.folder, key):
         return result
     return CellResult(result.cell, "failed", f"{result.folder} was changed meanwhile; the same command redoes it")
@@ -366,24 +367,7 @@ def _suite(num_workers: int, module: str) -> Iterator[_Suite]:
     workers.close()
 
 
-def _clear(folder: Path) -> None:
-    """Remove a damaged or old run of a suite, and make room for another."""
-    if (folder / RUN_SEAL).exists():
-        shutil.rmtree(folder)
-    _clear_partial(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-
-
 def _clear_partial(folder: Path) -> None:
     """Remove what a process that was killed has left."""
     for left in sorted(folder.parent.glob(f".{glob.escape(folder.name)}.partial-*")):
         shutil.rmtree(left, ignore_errors=True)
-
-
-def _require_own_folders(cells: Sequence[ReplayRequest]) -> None:
-    known: set[Path] = set()
-    for cell in cells:
-        folder = folder_of(cell).absolute()
-        if folder in known:
-            raise ConfigError(f"two cells of a suite go to {folder_of(cell)}; give each a folder of its own")
-        known.add(folder)
