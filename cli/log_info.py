@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -34,7 +33,10 @@ def info(log: Log, config: Config = None, rig: RigFiles = None, json: Json = Fal
     if json:
         print_json(_content(result, faults))
     else:
-        _print(log, result, faults)
+        say(f"{log}: {_summarize(result)}", f"id: {result.info.log_id}", f"stored: {_describe_storage(result.storage)}")
+        console().print(_streams(result))
+        console().print(_topics(result))
+        say(*_notes(result, faults))
     raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
 
 
@@ -71,13 +73,6 @@ def _camera(c: "CameraModel") -> dict[str, object]:
         "size_wh": c.size_wh, "K": c.K.tolist(), "distortion_model": c.distortion_model,
         "distortion": c.distortion.tolist(),
     }  # fmt: skip
-
-
-def _print(log: Path, result: "Survey", faults: "FaultLog") -> None:
-    say(f"{log}: {_summarize(result)}", f"id: {result.info.log_id}", f"stored: {_describe_storage(result.storage)}")
-    console().print(_streams(result))
-    console().print(_topics(result))
-    say(*_notes(result, faults))
 
 
 def _summarize(result: "Survey") -> str:

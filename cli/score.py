@@ -225,7 +225,11 @@ def require_fitting(given: Collection[str], num_runs: int) -> None:
     if "seed" in given and "intervals" not in given:
         raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
     if not num_runs:
-        _require_files(given)
+        missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
+        if len(missing) == 2:
+            raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
+        if missing:
+            raise ConfigError(f"{missing[0]} PATH is missing: results in files are scored against truth in files")
         _refuse(given, {**_OF_RUNS, **_OF_OTHER_TRUTH, **_COVERAGE, **_EXPLAIN}, "is for run folders")
         return
     if "detections" in given:
@@ -250,14 +254,6 @@ def _require_plain(given: Collection[str]) -> None:
         raise ConfigError("--profile takes the truth that the run has; give it other truth first: fbench score RUN "
                           "--truth PATH")  # fmt: skip
     _refuse(given, {**_OF_RUNS, **_TRUTH, **_EXPLAIN}, "doesn't go with --profile")
-
-
-def _require_files(given: Collection[str]) -> None:
-    missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
-    if len(missing) == 2:
-        raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
-    if missing:
-        raise ConfigError(f"{missing[0]} PATH is missing: results in files are scored against truth in files")
 
 
 def _refuse(given: Collection[str], options: dict[str, str], why: str) -> None:

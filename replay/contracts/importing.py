@@ -112,7 +112,11 @@ def checked_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Im
             raise LogError(f"{name}: its importer gives {_what(item)} of {log_ns} ns after something of {last_ns}")
         last_ns = log_ns
         rig = item.rig if isinstance(item, RigChange) else rig
-        _check_sensor(name, item, rig)
+        if isinstance(item, Image | PointCloud | RadarScan):
+            kind = _KINDS[type(item)]
+            mount = rig.mounts.get(item.sensor)
+            if mount is None or mount.kind != kind:
+                raise LogError(f"{name}: {_what(item)} comes from a {kind} that the rig lacks")
         yield item
     if last_ns < 0:
         raise LogError(f"{name}: nothing in it to import, are --frames outside of it?")
@@ -127,14 +131,6 @@ def times_ns(item: Imported) -> tuple[int, int]:
             return item.boxes.log_ns, item.boxes.stamp_ns
         case _:
             return item.log_ns, item.stamp_ns
-
-
-def _check_sensor(name: str, item: Imported, rig: Rig) -> None:
-    if isinstance(item, Image | PointCloud | RadarScan):
-        kind = _KINDS[type(item)]
-        mount = rig.mounts.get(item.sensor)
-        if mount is None or mount.kind != kind:
-            raise LogError(f"{name}: {_what(item)} comes from a {kind} that the rig lacks")
 
 
 def _what(item: Imported) -> str:

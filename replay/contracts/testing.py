@@ -7,7 +7,6 @@ from pathlib import Path
 from fbench.replay.contracts.importing import FrameRange, ImportWish, checked_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
-from fbench.replay.data.rig import Rig
 from fbench.replay.logs.container import header_of, header_record
 from fbench.replay.runs.digest import Digest, digest
 
@@ -89,7 +88,8 @@ def _seen(importer: Importer, source: Path, wish: ImportWish) -> Iterator[tuple[
 
 def _read(recording: Recording) -> _Seen:
     rig, info, num_told = recording.rig, recording.info, recording.num_items
-    _require_cameras(recording.name, rig)
+    cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
+    _require(set(rig.cameras) == cameras, f"{recording.name}: the rig's cameras and its mounts of kind camera differ")
     items, num, numbers = Digest(), 0, set[int]()
     for item in checked_items(recording.name, rig, recording.items()):
         items.add(item)
@@ -98,11 +98,6 @@ def _read(recording: Recording) -> _Seen:
             numbers.add(item.frame_number)
     header, lines = header_record(header_of(info, rig)), tuple(recording.summary())
     return _Seen(header, digest(rig), items.hex(), num, num_told, frozenset(numbers), lines)
-
-
-def _require_cameras(name: str, rig: Rig) -> None:
-    cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
-    _require(set(rig.cameras) == cameras, f"{name}: the rig's cameras and its mounts of kind camera differ")
 
 
 def _require(holds: bool, text: str) -> None:

@@ -38,7 +38,10 @@ def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shap
     if not fits:
         expected = f"{wanted.name} ({', '.join(str(known.get(str(s), s)) for s in shape)})"
         raise DataError(f"{owner}.{field}: expected {expected}, got {array.dtype.name} {array.shape}")
-    return _frozen(array, wanted)
+    cast = array if wanted.kind == "U" and array.dtype.kind == "U" else array.astype(wanted, copy=False)
+    view = cast.view()
+    view.flags.writeable = False
+    return view
 
 
 def text_array(texts: Sequence[str]) -> Text:
@@ -67,10 +70,3 @@ def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
     if dtype.kind == "U":
         return array.dtype.kind == "U" or array.size == 0
     return array.dtype == dtype or array.size == 0 or np.can_cast(array.dtype, dtype, "safe")
-
-
-def _frozen(array: Array, dtype: np.dtype[Any]) -> Array:
-    cast = array if dtype.kind == "U" and array.dtype.kind == "U" else array.astype(dtype, copy=False)
-    view = cast.view()
-    view.flags.writeable = False
-    return view

@@ -15,7 +15,6 @@ from fbench.replay.contracts.plugins import guarded
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import ClockName, Frame, Output
-from fbench.replay.data.rig import Rig
 from fbench.replay.engine.cleaning import OutputCheck
 from fbench.replay.engine.clock import Clock, VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
@@ -123,7 +122,12 @@ class _Loop:
         """Start the pipeline. Raises LogError where the log doesn't fit it, naming what a variant is a variant of.
         Raises RunError where it fails for a reason of its own.
         """
-        _require_plain_names(self._rig)
+        for name in sorted({*self._rig.mounts, *self._rig.cameras}):
+            if (plain := without_secrets(name)) != name:
+                raise LogError(
+                    f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
+                    "([sensors.NAME] with its topic), or leave it out with --topics"
+                )
         try:
             with guarded(f"pipeline '{self._plan.name}' can't start"):
                 self._plan.pipeline.start(self._rig, self._info)
@@ -288,19 +292,6 @@ class _Loop:
             identity = dict(pipeline.identity())
             json.dumps(identity, allow_nan=False)
         return identity
-
-
-def _require_plain_names(rig: Rig) -> None:
-    """Refuse sensors whose names, which are all over a run, hold credentials.
-
-    Raises LogError naming one without them.
-    """
-    for name in sorted({*rig.mounts, *rig.cameras}):
-        if (plain := without_secrets(name)) != name:
-            raise LogError(
-                f"sensor '{plain}' has credentials or a query in its name; give it another in fbench.toml "
-                "([sensors.NAME] with its topic), or leave it out with --topics"
-            )
 
 
 def _times(output: Output | None, step_ns: int) -> tuple[dict[str, int], ClockName]:
