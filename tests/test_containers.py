@@ -3,8 +3,8 @@
 import pytest
 from mcap.writer import CompressionType
 from tests.city_log import write_city_log
-from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
 from tests.replay.logs.convert.helpers import converted
+from tests.replay.logs.other_forms import NO_SUMMARY, rewrite, shuffled_topics
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.plugins import make_pipeline

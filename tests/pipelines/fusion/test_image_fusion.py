@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.pipelines.imaging.places import CAMERA, RIG, back, cloud, wall
+from tests.pipelines.sensors.image.places import CAMERA, RIG, back, cloud, wall
 
 from fbench.pipelines.fusion.image import ImageFusionParams, ImageView, associate, fuse
 from fbench.pipelines.fusion.reliability import CameraReliability

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from tests.pipelines.frames import CAMERA, MOUNTS, UPRIGHT, image
 from tests.pipelines.scenes import car_back, echoes, radial, road, surroundings
-from tests.pipelines.stereo import pairs
+from tests.pipelines.sensors.stereo import pairs
 
 from fbench.replay.contracts.plugins import make_pipeline
 from fbench.replay.contracts.protocols import UsesLog

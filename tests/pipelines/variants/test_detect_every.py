@@ -109,9 +109,9 @@ def test_cameras_without_weights_are_missing_in_every_frame():
 
 
 def test_stereo_too():
-    from tests.pipelines.stereo.pairs import car, road, wall
-    from tests.pipelines.stereo.pairs import frame as pair
-    from tests.pipelines.stereo.pairs import rig as two
+    from tests.pipelines.sensors.stereo.pairs import car, road, wall
+    from tests.pipelines.sensors.stereo.pairs import frame as pair
+    from tests.pipelines.sensors.stereo.pairs import rig as two
 
     pipeline = Stereo3D(apply_settings(Stereo3DParams(), ["stereo.disparity.shrink=1", "detect_every=2"]))
     pipeline.start(two(), LOG)

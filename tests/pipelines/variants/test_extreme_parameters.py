@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from tests.pipelines.frames import cloud, frame, rig, scan
-from tests.pipelines.stereo import pairs
+from tests.pipelines.sensors.stereo import pairs
 
 from fbench.pipelines.variants.fused import Early3D, Early3DParams, Late3D, Late3DParams
 from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from tests.pipelines.frames import UPRIGHT, assert_equal, fields
-from tests.pipelines.stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
+from tests.pipelines.sensors.stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
 
 from fbench.pipelines.sensors.stereo.rectify import chosen_pair
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.replay.check.logs import JPEG, MS, RIG, START, box, changed, checked, clean, found, image, problems
 from tests.replay.logs.builders import write
-from tests.replay.logs.containers import NO_SUMMARY, chunks, rewrite
+from tests.replay.logs.other_forms import NO_SUMMARY, chunks, rewrite
 
 from fbench.replay.check.findings import RULES, require_codes, rule_of
 from fbench.replay.contracts.errors import ConfigError, LogError

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from tests.replay.logs import builders as b
-from tests.replay.logs.containers import HEAD, NO_SUMMARY, chunks, layout, rewrite
+from tests.replay.logs.other_forms import HEAD, NO_SUMMARY, chunks, layout, rewrite
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LimitError, LogError
 from fbench.replay.data.messages import PointCloud, Truth

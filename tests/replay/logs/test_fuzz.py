@@ -10,7 +10,7 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 from tests.replay.logs import builders as b
-from tests.replay.logs.containers import NO_SUMMARY, chunks, layout, rewrite
+from tests.replay.logs.other_forms import NO_SUMMARY, chunks, layout, rewrite
 
 from fbench.replay.contracts.errors import FbenchError
 from fbench.replay.contracts.faults import FaultLog

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from tests.replay.logs import builders as b
-from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
+from tests.replay.logs.other_forms import NO_SUMMARY, rewrite, shuffled_topics
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import PointCloud, Pose, Truth

@@ -8,7 +8,7 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
-from tests.replay.logs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
+from tests.replay.logs.codecs.ros.builders import DISTROS, ORIGIN, STAMP, STAMP_NS, Ros
 from tests.replay.logs.test_foreign import edge, log, packed
 
 from fbench.replay.contracts.faults import FaultLog

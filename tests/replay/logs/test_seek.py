@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 from tests.replay.logs import builders as b
+from tests.replay.logs.containers.rosbag import builders as bags
 from tests.replay.logs.convert.helpers import converted
-from tests.replay.logs.rosbag import builders as bags
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.containers.limits import Seekable, entries_from

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from google.protobuf.timestamp_pb2 import Timestamp
-from tests.replay.cli.test_recorded import START_S, drive, pose, write
-from tests.replay.logs.ros.builders import DISTROS, Ros
+from tests.cli.test_recorded import START_S, drive, pose, write
+from tests.replay.logs.codecs.ros.builders import DISTROS, Ros
 from tests.replay.logs.test_foreign import edge, log, packed
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LogError

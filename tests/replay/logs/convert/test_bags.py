@@ -1,8 +1,8 @@
 """ROS bags become MCAP and Parquet, byte for byte."""
 
 import pytest
+from tests.replay.logs.containers.rosbag.builders import rows, write_bag1, write_bag2
 from tests.replay.logs.convert.helpers import conversion, converted, messages
-from tests.replay.logs.rosbag.builders import rows, write_bag1, write_bag2
 
 FORMS = ["out.mcap", "out.parquet"]
 

@@ -9,8 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType
 from tests.replay.logs import builders as b
-from tests.replay.logs.containers import NO_SUMMARY, rewrite, shuffled_topics
 from tests.replay.logs.convert.helpers import content, converted, digest, messages
+from tests.replay.logs.other_forms import NO_SUMMARY, rewrite, shuffled_topics
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D

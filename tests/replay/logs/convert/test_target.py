@@ -5,8 +5,8 @@ import signal
 
 import pytest
 from tests.replay.logs import builders as b
-from tests.replay.logs.containers import chunks
 from tests.replay.logs.convert.helpers import content, conversion, converted, digest, messages
+from tests.replay.logs.other_forms import chunks
 
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog

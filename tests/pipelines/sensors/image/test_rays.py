@@ -1,0 +1,33 @@
+import numpy as np
+import pytest
+from tests.pipelines.sensors.image.places import RIG, back
+
+from fbench.pipelines.sensors.image.stage import Rays, nearest_dense, seen_through
+
+
+def test_the_background_doesnt_leak_into_a_depth():
+    depths = np.sort(np.concatenate([np.full(12, 20.0), np.linspace(45, 60, 20)]))
+    assert nearest_dense(depths, 3) == 20.0
+    assert np.median(depths) > 40
+
+
+def test_a_few_points_before_an_object_dont_count():
+    assert nearest_dense(np.array([5.0, *np.full(20, 20.0), *np.full(6, 40.0)]), 3) == 20.0
+
+
+@pytest.mark.parametrize("depths", [[], [7.0], [7.0, 20.0, 40.0]])
+def test_too_few_points_have_no_depth(depths):
+    assert np.isnan(nearest_dense(np.array(depths), 3))
+
+
+def test_rays_that_go_on_behind():
+    assert seen_through(np.array([50.0, 50, 50, 50]), 18, 24) == 1.0
+    assert seen_through(np.array([20.0, 20, 20, 50]), 18, 24) == 0.25
+    assert np.isnan(seen_through(np.array([8.0, 8, 8]), 18, 24))  # something nearer hides the place
+    assert np.isnan(seen_through(np.zeros(0), 18, 24))
+
+
+def test_depths_in_the_middle_of_a_box():
+    rays = Rays.of(RIG, "cam", np.concatenate([back(20), back(40, 10.0)]))
+    assert set(rays.depths(np.array([381.5, 285, 417.5, 319])).tolist()) == {20.0}
+    assert len(Rays.of(RIG, "cam", None).depths(np.array([0.0, 0, 800, 600]))) == 0
