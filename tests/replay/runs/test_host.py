@@ -3,7 +3,7 @@ from pathlib import Path
 
 from fbench.replay.runs.manifest import describe_host, package_versions
 
-NO_MATTER = {
+NO_MATTER = {"platformdirs", 
     "foxglove-schemas-protobuf", "isal", "jinja2", "lz4", "pandas", "pydantic", "rich", "ruamel.yaml", "typer",
     "xxhash", "zstandard",
 }  # fmt: skip
