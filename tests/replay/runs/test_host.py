@@ -3,9 +3,9 @@ from pathlib import Path
 
 from fbench.replay.runs.manifest import describe_host, package_versions
 
-NO_MATTER = {"platformdirs", 
-    "foxglove-schemas-protobuf", "isal", "jinja2", "lz4", "pandas", "pydantic", "rich", "ruamel.yaml", "typer",
-    "xxhash", "zstandard",
+NO_MATTER = {
+    "foxglove-schemas-protobuf", "isal", "jinja2", "lz4", "pandas", "platformdirs", "pydantic", "rich", "ruamel.yaml",
+    "typer", "xxhash", "zstandard",
 }  # fmt: skip
 """They show things, check them, or give back exactly what went in."""
 
