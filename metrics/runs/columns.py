@@ -10,7 +10,7 @@ from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import Heading
 from fbench.metrics.profiles.profile import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.rig import Rig
 from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.runs.tables import BoxTable
@@ -31,7 +31,17 @@ def objects_of(
     """
     order = np.argsort(step, kind="stable")
     boxes, n = boxes[order], len(boxes)
-    common = Objects(
+    place: dict[str, Float64 | None] = {"xyxy_px": None if xyxy_px is None else xyxy_px[order]}
+    if isinstance(boxes, Boxes2D):
+        place = {name: getattr(boxes, name) for name in ("xyxy_px", "distance_m", "range_rate_mps")}
+    else:
+        place |= {name: getattr(boxes, name) for name in ("center_m", "size_lwh_m", "velocity_mps")}
+        x, y, z = boxes.center_m.T
+        # NaN where any angle isn't finite, so that such a box is found out.
+        angles = [angle for angle in (boxes.roll_rad, boxes.pitch_rad) if angle is not None]
+        sane = np.all([np.ones(n, bool), *map(np.isfinite, angles)], axis=0)
+        place |= {"distance_m": np.hypot(np.hypot(x, y), z), "yaw_rad": np.where(sane, boxes.yaw_rad, np.nan)}
+    objects = Objects(
         step=step[order],
         label=np.full(n, "") if boxes.label is None else boxes.label,
         track_id=np.full(n, -1) if boxes.track_id is None else boxes.track_id,
@@ -46,15 +56,9 @@ def objects_of(
         inside=inside[order],
         seen=None if seen is None else seen[order],
         predicted=boxes.predicted,
+        **place,
     )
-    objects = _with_place(common, boxes, None if xyxy_px is None else xyxy_px[order])
     return objects[content_order(objects)]
-
-
-def nothing(name: str, num_unlabelled: int) -> Sequence:
-    """Return a sequence without steps."""
-    none = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
-    return Sequence(name, Steps.counted(0), none, none, num_unlabelled)
 
 
 def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
@@ -71,29 +75,6 @@ def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
         num_invalid_truth=0,
         ego_m=None if sequence.ego_m is None else sequence.ego_m[kept],
     )
-
-
-def _with_place(rows: Objects, boxes: Boxes, xyxy_px: Float64 | None) -> Objects:
-    if isinstance(boxes, Boxes2D):
-        return replace(
-            rows, xyxy_px=boxes.xyxy_px, distance_m=boxes.distance_m, range_rate_mps=boxes.range_rate_mps
-        )  # fmt: skip
-    return replace(
-        rows, xyxy_px=xyxy_px, center_m=boxes.center_m, size_lwh_m=boxes.size_lwh_m, yaw_rad=_heading(boxes),
-        velocity_mps=boxes.velocity_mps, distance_m=_distance(boxes),
-    )  # fmt: skip
-
-
-def _heading(boxes: Boxes3D) -> Float64:
-    """Yaw; NaN where any angle isn't finite, so that such a box is found out."""
-    others = [angle for angle in (boxes.roll_rad, boxes.pitch_rad) if angle is not None]
-    sane = np.all([np.isfinite(angle) for angle in others], axis=0) if others else np.ones(len(boxes), bool)
-    return np.where(sane, boxes.yaw_rad, np.nan)
-
-
-def _distance(boxes: Boxes3D) -> Float64:
-    x, y, z = boxes.center_m.T
-    return np.asarray(np.hypot(np.hypot(x, y), z), np.float64)
 
 
 def _points(boxes: Boxes) -> Int64 | None:
@@ -152,7 +133,7 @@ class Labelled:
         """(F,) of these frames."""
         return np.array([frame.index for frame in self.frames], np.int64)
 
-    def rows(self, table: BoxTable) -> tuple[Int64, Boxes2D | Boxes3D]:
+    def rows(self, table: BoxTable) -> tuple[Int64, Boxes]:
         """Boxes of these frames, and which of them (N,) each belongs to."""
         indices = self.indices
         if not len(indices):

@@ -9,7 +9,7 @@ import numpy as np
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
-from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.boxes import Boxes, Boxes3D
 from fbench.replay.data.metadata import Region, inside
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.geometry.transforms import pose_matrices
@@ -56,6 +56,9 @@ def seen_by_some(labelled: Labelled, frame: Int64, truth: Boxes3D, options: Scor
         frame: (N,) which of these frames each box belongs to.
         truth: The boxes.
         options: How many points it takes.
+
+    Raises:
+        ConfigError: where only what is seen is to be scored, and truth doesn't tell.
     """
     num = max(options.seen, 1)
     answers = {
@@ -69,57 +72,45 @@ def seen_by_some(labelled: Labelled, frame: Int64, truth: Boxes3D, options: Scor
         own = [answer for kind, answer in answers.items() if kind in kinds]
         found[rows] = np.max([answer[rows] for answer in own], axis=0, initial=_UNTOLD if not own else _UNSEEN)
         is_told &= bool(own) and all((answer != _UNTOLD).any() for answer in own)
-    return None if not is_told and (found != _SEEN).any() else found > _UNSEEN
-
-
-def require_told(labelled: Labelled, seen: Bool | None, options: ScoreOptions) -> None:
-    """Refuse to score only what is seen where nobody tells. Raises ConfigError naming the log."""
-    if options.seen and seen is None:
+    if is_told or (found == _SEEN).all():
+        return np.asarray(found > _UNSEEN)
+    if options.seen:
         raise ConfigError(
             f"log '{labelled.run.manifest.log.name}': its truth doesn't tell of each kind of sensor what that sees "
             "(num_lidar_pts, num_radar_pts, and boxes in images or visibility); score without --seen"
         )
+    return None
 
 
-def only_seen(options: ScoreOptions) -> str:
-    """Say that scores are restricted to what is seen."""
-    if options.seen > 1:
-        return f", seen with {options.seen} points"
-    return ", seen" if options.seen else ""
+def _answers(seen: Bool, unseen: Bool) -> Array:
+    """What a kind of sensor tells of each box (N,)."""
+    return np.select([seen, unseen], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
 
 
 def _by_points(points: Int64 | None, num_boxes: int, at_least: int) -> Array:
-    """What a kind of sensor tells of each box (N,)."""
-    if points is None:
-        return np.full(num_boxes, _UNTOLD, np.int8)
-    return np.select([points >= at_least, points >= 0], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
+    known = np.full(num_boxes, -1) if points is None else points
+    return _answers(known >= at_least, known >= 0)
 
 
 def _in_images(labelled: Labelled, frame: Int64, truth: Boxes3D) -> Array:
-    """What cameras tell of each box (N,)."""
     run = labelled.run
     with_images = [record.index for record in run.frames if "2d" in record.truth_spaces.split()]
     if not with_images:
         share = np.full(len(truth), np.nan) if truth.visibility is None else truth.visibility
-        return np.select([share >= SHOWN_FROM, share < SHOWN_FROM], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
-    at, ids = labelled.indices[frame], _ids(truth.track_id, len(truth))
+        return _answers(share >= SHOWN_FROM, share < SHOWN_FROM)
+    own = np.column_stack([labelled.indices[frame], _ids(truth)])
     table = run.truth_table("2d")
-    flat_ids = _ids(table.boxes.track_id, len(table.boxes))
-    shown = flat_ids >= 0 if table.boxes.ignore is None else (flat_ids >= 0) & ~table.boxes.ignore
-    found = _held((at, ids), (table.frames[shown], flat_ids[shown]))
-    told = np.isin(at, with_images) & (ids >= 0)
-    return np.select([found, told], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
+    shown = _ids(table.boxes) >= 0
+    if table.boxes.ignore is not None:
+        shown &= ~table.boxes.ignore
+    others = np.column_stack([table.frames, _ids(table.boxes)])[shown]
+    number = np.unique(np.concatenate([own, others]), axis=0, return_inverse=True)[1].reshape(-1)
+    is_shown = np.isin(number[: len(own)], number[len(own) :])
+    return _answers(is_shown, np.isin(own[:, 0], with_images) & (own[:, 1] >= 0))
 
 
-def _ids(track_id: Int64 | None, num: int) -> Int64:
-    return np.full(num, -1, np.int64) if track_id is None else track_id
-
-
-def _held(keys: tuple[Int64, Int64], others: tuple[Int64, Int64]) -> Bool:
-    """Tell which keys (N,) are among the others."""
-    own, rest = np.column_stack(keys), np.column_stack(others)
-    number = np.unique(np.concatenate([own, rest]), axis=0, return_inverse=True)[1].reshape(-1)
-    return np.isin(number[: len(own)], number[len(own) :])
+def _ids(boxes: Boxes) -> Int64:
+    return np.full(len(boxes), -1) if boxes.track_id is None else boxes.track_id
 
 
 def has_poses(run: Run) -> bool:
@@ -132,9 +123,21 @@ def regions_of(run: Run) -> tuple[Region, ...]:
     return once(run, "regions", lambda: run.manifest.log_info.regions)
 
 
-def chosen_regions(run: Run, kinds: Sequence[str]) -> tuple[Region, ...]:
-    """Return the regions of these kinds. Raises ConfigError where the log has no such kind, or no poses, so that nobody
-    knows where boxes are in the world.
+def ground_points(run: Run, frame: Int64, center_m: Float64) -> Float64:
+    """Return x, y (N, 2) in the world of points (N, 3) in body coordinates [m] at frames (N,) by index; inf where a
+    point isn't finite.
+    """
+    frames, at = np.unique(frame, return_inverse=True)
+    row_of = {record.index: row for row, record in enumerate(run.frames)}
+    poses = run.poses[[row_of[index] for index in frames.tolist()]]
+    world_T_body = pose_matrices(poses[:, :3], poses[:, 3:])[at]
+    x, y = ((world_T_body[:, axis, :3] * center_m).sum(axis=1) + world_T_body[:, axis, 3] for axis in (0, 1))
+    return np.asarray(np.nan_to_num(np.column_stack([x, y]), nan=np.inf), np.float64)
+
+
+def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -> Bool:
+    """Tell which points (N, 3), as in `ground_points`, lie in a region of these kinds. Raises ConfigError where the log
+    has no such kind, or no poses, so that nobody knows where boxes are in the world.
     """
     regions = regions_of(run)
     known = list(dict.fromkeys(region.kind for region in regions))
@@ -144,29 +147,5 @@ def chosen_regions(run: Run, kinds: Sequence[str]) -> tuple[Region, ...]:
     if not has_poses(run):
         raise ConfigError(f"log '{run.manifest.log.name}' doesn't tell where the body was, so that its regions can't "
                           "be used; score without --region")  # fmt: skip
-    return tuple(region for region in regions if region.kind in kinds)
-
-
-def ground_points(run: Run, frame: Int64, center_m: Float64) -> Float64:
-    """Return x, y (N, 2) in the world of points (N, 3) in body coordinates [m] at frames (N,) by index; inf where a
-    point isn't finite.
-    """
-    frames, at = np.unique(frame, return_inverse=True)
-    world_T_body = _poses(run, frames)[at]
-    x, y = ((world_T_body[:, axis, :3] * center_m).sum(axis=1) + world_T_body[:, axis, 3] for axis in (0, 1))
-    return np.asarray(np.nan_to_num(np.column_stack([x, y]), nan=np.inf), np.float64)
-
-
-def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -> Bool:
-    """Tell which points (N, 3), as in `ground_points`, lie in a region of these kinds. Raises ConfigError as
-    `chosen_regions`.
-    """
-    regions = chosen_regions(run, kinds)
-    return np.asarray(inside(regions, ground_points(run, frame, center_m)), bool)
-
-
-def _poses(run: Run, frames: Int64) -> Float64:
-    """(F, 4, 4) of these frames by index."""
-    row_of = {frame.index: row for row, frame in enumerate(run.frames)}
-    rows = run.poses[[row_of[index] for index in frames.tolist()]]
-    return pose_matrices(rows[:, :3], rows[:, 3:])
+    chosen = [region for region in regions if region.kind in kinds]
+    return np.asarray(inside(chosen, ground_points(run, frame, center_m)), bool)

@@ -7,11 +7,11 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
+from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
 from fbench.metrics.profiles.profile import Match, Statistics
-from fbench.metrics.runs.columns import Labelled, View, nothing, objects_of
-from fbench.metrics.runs.places import on_ground, once, only_seen, require_told, seen_by_some
+from fbench.metrics.runs.columns import Labelled, View, objects_of
+from fbench.metrics.runs.places import on_ground, once, seen_by_some
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -23,6 +23,8 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
 
 S = TypeVar("S", bound=Statistics)
+Place = Callable[[Int64, Boxes, Bool | None], Objects]
+"""Makes objects of boxes (N,) of these frames (N,); of truth, some sensor of the log sees these (N,)."""
 
 
 def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
@@ -30,76 +32,60 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     Raises ConfigError where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
     """
     labelled = Labelled.of(run, "3d")
-    truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labelled, options))
-    sequence = Sequence(
-        run.manifest.log.name,
-        labelled.steps(),
-        truth,
-        _objects(labelled, *labelled.rows(table), options),
-        labelled.num_unlabelled,
-        num_invalid,
-    )
-    view = ", in view" if options.in_view and modelled_cameras(run.manifest.rig) else ""
-    matching = (
-        f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{only_seen(options)}{in_regions(options)}"
-    )
+
+    def place(frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
+        if not isinstance(boxes, Boxes3D):
+            raise MetricError("2D boxes can't be scored in 3D")
+        centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
+        inside = _within(centers, options.range_m)
+        for rig, rows in labelled.rigs(frame) if options.in_view else ():
+            if cameras := _modelled_cameras(rig):
+                inside[rows] &= np.any([_in_view(rig, name, centers[rows]) for name in cameras], axis=0)
+        if options.regions:
+            inside &= on_ground(run, options.regions, labelled.indices[frame], centers)
+        if options.seen and seen is not None:
+            inside &= seen
+        return objects_of(boxes, frame, inside, seen=seen)
+
+    truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labelled, "3d", options, place))
+    estimates = place(*labelled.rows(table))
+    sequence = Sequence(run.manifest.log.name, labelled.steps(), truth, estimates, labelled.num_unlabelled, num_invalid)
+    view = ", in view" if options.in_view and _modelled_cameras(run.manifest.rig) else ""
+    matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{_limits(options)}"
     reason = None if labelled.frames else "no truth"
     return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
 
 
-def modelled_cameras(rig: Rig) -> tuple[str, ...]:
+def _truth(labelled: Labelled, space: str, options: ScoreOptions, place: Place) -> tuple[Objects, int]:
+    """Truth of `3d` or `2d`, and how many boxes of it aren't finite."""
+    frame, truth = labelled.rows(labelled.run.truth_table(space))
+    good, _ = finite(truth)
+    frame, boxes = frame[good], truth[good]
+    seen = seen_by_some(labelled, frame, boxes, options) if isinstance(boxes, Boxes3D) else None
+    return place(frame, boxes, seen), int((~good).sum())
+
+
+def _modelled_cameras(rig: Rig) -> list[str]:
     """Cameras whose view is known: those whose lens distortion is modelled."""
-    return tuple(name for name, camera in sorted(rig.cameras.items()) if not_projectable(camera) is None)
+    return [name for name, camera in sorted(rig.cameras.items()) if not_projectable(camera) is None]
 
 
-def within(centers: Float64, range_m: float) -> Bool:
-    """Tell which points (N, 3) in body coordinates are at most `range_m` from the body's origin in the ground plane."""
-    near: Bool = np.hypot(centers[:, 0], centers[:, 1]) <= range_m
-    return near
+def _within(centers: Float64, range_m: float) -> Bool:
+    """Which points (N, 3) in body coordinates are at most `range_m` from the body's origin in the ground plane."""
+    return np.asarray(np.hypot(centers[:, 0], centers[:, 1]) <= range_m)
 
 
-def in_view(rig: Rig, camera: str, centers: Float64) -> Bool:
-    """Tell which points (N, 3) in body coordinates project into the image of a camera. Raises LogError where the
-    camera's distortion isn't modelled.
-    """
+def _in_view(rig: Rig, camera: str, centers: Float64) -> Bool:
+    """Which points (N, 3) in body coordinates project into the image of a camera."""
     return in_image(rig.cameras[camera], project_body(rig, camera, centers)[0])
 
 
-def in_regions(options: ScoreOptions) -> str:
-    """Say to which regions scores are restricted."""
-    return f", in region {' or '.join(sorted(options.regions))}" if options.regions else ""
-
-
-def _truth(labelled: Labelled, options: ScoreOptions) -> tuple[Objects, int]:
-    frame, truth = labelled.rows(labelled.run.truth_table("3d"))
-    good, _ = finite(truth)
-    frame, boxes = frame[good], _solid(truth[good])
-    seen = seen_by_some(labelled, frame, boxes, options)
-    require_told(labelled, seen, options)
-    return _objects(labelled, frame, boxes, options, seen), int((~good).sum())
-
-
-def _solid(boxes: Boxes) -> Boxes3D:
-    if not isinstance(boxes, Boxes3D):
-        raise MetricError("2D boxes can't be scored in 3D")
-    return boxes
-
-
-def _objects(
-    labelled: Labelled, frame: Int64, any_boxes: Boxes, options: ScoreOptions, seen: Bool | None = None
-) -> Objects:
-    boxes = _solid(any_boxes)
-    centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
-    inside = within(centers, options.range_m)
-    for rig, rows in labelled.rigs(frame) if options.in_view else ():
-        cameras = modelled_cameras(rig)
-        if cameras:
-            inside[rows] &= np.any([in_view(rig, name, centers[rows]) for name in cameras], axis=0)
-    if options.regions:
-        inside &= on_ground(labelled.run, options.regions, labelled.indices[frame], centers)
-    if options.seen and seen is not None:
-        inside &= seen
-    return objects_of(boxes, frame, inside, seen=seen)
+def _limits(options: ScoreOptions, has_seen: bool = True) -> str:
+    """Say what else scores are restricted to."""
+    seen = ""
+    if has_seen and options.seen:
+        seen = ", seen" if options.seen == 1 else f", seen with {options.seen} points"
+    return seen + (f", in region {' or '.join(sorted(options.regions))}" if options.regions else "")
 
 
 def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
@@ -108,31 +94,25 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
 
     A pipeline that works in images is judged in those of the cameras that it got.
     """
-    space = _Space.of(run, table, options)
-    labelled = Labelled.of(run, space.kind)
-    reason = space.reason or (None if labelled.frames else "no truth")
-    name, match = run.manifest.log.name, Match("iou2d", options.iou)
-    if reason is not None:
-        sequence = nothing(name, labelled.num_unlabelled)
-        return View(match, space.matching, sequence, len(run.frames), reason)
-    key = ("truth in images", space.cameras, space.derived, options)
-    truth, num_invalid = once(run, key, lambda: space.truth(labelled))
-    sequence = Sequence(
-        name,
-        labelled.steps(space.cameras),
-        truth,
-        space.objects(labelled, *labelled.rows(table)),
-        labelled.num_unlabelled,
-        num_invalid,
-    )
-    return View(match, space.matching, sequence, len(run.frames), None)
+    images = _Images.of(run, table, options)
+    labelled = images.labelled
+    reason = images.reason or (None if labelled.frames else "no truth")
+    if reason is None:
+        key = ("truth in images", images.cameras, images.derived, options)
+        truth, num_invalid = once(run, key, lambda: _truth(labelled, images.space, options, images.place))
+        estimates, steps = images.place(*labelled.rows(table)), labelled.steps(images.cameras)
+    else:
+        truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
+        steps, num_invalid = Steps.counted(0), 0
+    sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labelled.num_unlabelled, num_invalid)
+    return View(Match("iou2d", options.iou), images.matching, sequence, len(run.frames), reason)
 
 
 @dataclass(frozen=True, eq=False)
-class _Space:
+class _Images:
     """Which images, and where truth in them comes from."""
 
-    rig: Rig
+    labelled: Labelled
     options: ScoreOptions
     cameras: tuple[str, ...]
     derived: bool  # Whether truth is 3D truth, projected
@@ -140,7 +120,7 @@ class _Space:
     projects: bool  # Whether truth or estimates are 3D and must be projected
 
     @classmethod
-    def of(cls, run: Run, table: BoxTable, options: ScoreOptions) -> "_Space":
+    def of(cls, run: Run, table: BoxTable, options: ScoreOptions) -> "_Images":
         rig = run.manifest.rig
         derived = not any("2d" in frame.truth_spaces.split() for frame in run.frames)
         recorded = run.truth_table("2d").boxes
@@ -151,11 +131,12 @@ class _Space:
         if isinstance(table.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
             names = rig.sensors("camera", "lidar", "radar")
             cameras -= set(names) - set(chosen_sensors(names, run.manifest.frames.sensors))
+        labelled = Labelled.of(run, "3d" if derived else "2d")
         projects = derived or isinstance(table.boxes, Boxes3D)
-        return cls(rig, options, tuple(sorted(cameras)), derived, ranged, projects)
+        return cls(labelled, options, tuple(sorted(cameras)), derived, ranged, projects)
 
     @property
-    def kind(self) -> Literal["2d", "3d"]:
+    def space(self) -> Literal["2d", "3d"]:
         """Which truth is used."""
         return "3d" if self.derived else "2d"
 
@@ -166,8 +147,8 @@ class _Space:
             return "no cameras"
         if self.options.regions and not self.derived:
             return "boxes of truth in images have no place in a region"
-        known = [(name, self.rig.cameras[name]) for name in self.cameras if name in self.rig.cameras]
-        bent = [name for name, camera in known if not_projectable(camera) is not None]
+        known = self.labelled.run.manifest.rig.cameras
+        bent = [name for name in self.cameras if name in known and not_projectable(known[name]) is not None]
         return f"lens distortion of '{bent[0]}' isn't modelled" if self.projects and bent else None
 
     @property
@@ -176,43 +157,27 @@ class _Space:
         derived = ", truth projected from 3D" if self.derived else ""
         near = f", within {self.options.range_m:g} m" if self.ranged else ""
         view = ", in view" if self.derived and self.options.in_view else ""
-        seen = only_seen(self.options) if self.derived else ""
-        return f"iou {self.options.iou:g}{derived}{near}{view}{seen}{in_regions(self.options)}"
+        return f"iou {self.options.iou:g}{derived}{near}{view}{_limits(self.options, self.derived)}"
 
-    def truth(self, labelled: Labelled) -> tuple[Objects, int]:
-        """Truth in each camera, and how many boxes of it aren't finite."""
-        frame, truth = labelled.rows(labelled.run.truth_table(self.kind))
-        good, _ = finite(truth)
-        frame, boxes = frame[good], truth[good]
-        seen = seen_by_some(labelled, frame, boxes, self.options) if isinstance(boxes, Boxes3D) else None
-        if self.derived:
-            require_told(labelled, seen, self.options)
-        return self.objects(labelled, frame, boxes, seen), int((~good).sum())
-
-    def objects(self, labelled: Labelled, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
+    def place(self, frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
         """Boxes of these frames (N,) in each camera; of truth, which of them some sensor sees."""
         if isinstance(boxes, Boxes2D):
-            return self._recorded(frame, boxes)
-        parts = [self._projected(camera, labelled, frame, boxes) for camera in range(len(self.cameras))]
+            held = np.isin(boxes.camera, self.cameras)
+            boxes, frame = boxes[held], frame[held]
+            step = frame * len(self.cameras) + np.searchsorted(self.cameras, boxes.camera)
+            inside = np.ones(len(boxes), bool)
+            if self.ranged and boxes.distance_m is not None:
+                inside = ~(boxes.distance_m > self.options.range_m)
+            return objects_of(boxes, step, inside)
+        parts = [self._project(camera, frame, boxes) for camera in range(len(self.cameras))]
         step, rows, inside, xyxy = (np.concatenate(part) for part in zip(*parts, strict=True))
         if self.options.seen and seen is not None:
             inside &= seen[rows]
         return objects_of(boxes[rows], step, inside, xyxy, None if seen is None else seen[rows])
 
-    def _recorded(self, frame: Int64, boxes: Boxes2D) -> Objects:
-        held = np.isin(boxes.camera, self.cameras)
-        boxes, frame = boxes[held], frame[held]
-        camera = np.searchsorted(self.cameras, boxes.camera)
-        inside = np.ones(len(boxes), bool)
-        if self.ranged and boxes.distance_m is not None:
-            inside = ~(boxes.distance_m > self.options.range_m)
-        return objects_of(boxes, frame * len(self.cameras) + camera, inside)
-
-    def _projected(
-        self, camera: int, labelled: Labelled, frame: Int64, boxes: Boxes3D
-    ) -> tuple[Int64, Int64, Bool, Float64]:
+    def _project(self, camera: int, frame: Int64, boxes: Boxes3D) -> tuple[Int64, Int64, Bool, Float64]:
         """Steps, rows, region and outlines of the boxes in one camera."""
-        name = self.cameras[camera]
+        name, labelled, options = self.cameras[camera], self.labelled, self.options
         sane = finite(boxes)[0] & np.all(boxes.size_lwh_m >= 0, axis=1)
         outline, seen, inside = np.full((len(boxes), 4), np.nan), np.zeros(len(boxes), bool), np.ones(len(boxes), bool)
         for rig, rows in labelled.rigs(frame):
@@ -220,12 +185,11 @@ class _Space:
             outline[good], seen[good] = project_boxes(rig, name, boxes[good])
             centers = np.where(sane[rows, None], boxes.center_m[rows], 0.0)
             if self.ranged:
-                inside[rows] &= within(centers, self.options.range_m)
-            if self.derived and self.options.in_view:
-                inside[rows] &= in_view(rig, name, centers)
-            if self.options.regions:
-                at = labelled.indices[frame[rows]]
-                inside[rows] &= on_ground(labelled.run, self.options.regions, at, centers)
+                inside[rows] &= _within(centers, options.range_m)
+            if self.derived and options.in_view:
+                inside[rows] &= _in_view(rig, name, centers)
+            if options.regions:
+                inside[rows] &= on_ground(labelled.run, options.regions, labelled.indices[frame[rows]], centers)
         # What isn't finite, or has a negative size, can't be projected; it counts once, in the first image.
         kept = np.flatnonzero(seen | (~sane & (camera == 0)))
         return frame[kept] * len(self.cameras) + camera, kept, inside[kept], outline[kept]
