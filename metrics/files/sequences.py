@@ -265,7 +265,7 @@ class FilePair:
             estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
         else:
             estimates = self.estimates.read(pair.estimates)
-        self.warnings.add((*estimates.warnings, find_missing_entries(truth, estimates, pair.name)))
+        self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.name))
         where = Where(pair.name, str(self.truth.path), str(self.estimates.path))
         return join(truth, estimates, pair.num_frames, where, self.faults, space)
 
@@ -296,5 +296,5 @@ def open_files(
     pair = FilePair(true, own, pair_sequences(true, own, choice or Choice()), true.faults)
     submission = own.submission()
     if submission is not None and not submission.has_meta:
-        pair.warnings.add((InputWarning("submission without 'meta', which nuscenes-devkit refuses", 1, ""),))
+        pair.warnings.add(InputWarning("submission without 'meta', which nuscenes-devkit refuses", 1))
     return pair

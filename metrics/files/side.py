@@ -1,16 +1,14 @@
 """One side, truth or results, of one sequence as its files hold it, and both sides on the same steps."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Space, Steps
+from fbench.metrics.core.sequence import Objects, Sequence, Space, Steps, are_finite
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
-from fbench.replay.data.boxes import MAX_MAGNITUDE
 from fbench.replay.truth.labelling import TOLERANCE_NS
 
 
@@ -20,30 +18,26 @@ class InputWarning:
 
     what: str  # Of one: `box without a velocity`
     num: int
-    where: str  # The first of them; empty where that says nothing
+    where: str = ""  # The first of them; empty where that says nothing
 
 
 @dataclass
 class InputWarnings:
     """Those of all sequences, by their kind."""
 
-    nums: dict[str, int] = field(default_factory=dict)
-    places: dict[str, str] = field(default_factory=dict)
+    found: dict[str, InputWarning] = field(default_factory=dict)
 
-    def add(self, warnings: Iterable[InputWarning]) -> None:
+    def add(self, *warnings: InputWarning) -> None:
         """Count some."""
         for warning in warnings:
             if warning.num:
-                self.nums[warning.what] = self.nums.get(warning.what, 0) + warning.num
-                self.places.setdefault(warning.what, warning.where)
+                known = self.found.get(warning.what)
+                self.found[warning.what] = replace(known, num=known.num + warning.num) if known else warning
 
     def lines(self) -> list[str]:
         """Return a line a kind, with the first place."""
-        places = {what: f": {where}{' ...' if self.nums[what] > 1 else ''}" for what, where in self.places.items()}
-        return [f"{num} x {what}{places[what] if self.places[what] else ''}" for what, num in self.nums.items()]
-
-
-NO_CAMERA: Text = np.array([], np.str_)
+        places = (f": {w.where}{' ...' if w.num > 1 else ''}" if w.where else "" for w in self.found.values())
+        return [f"{w.num} x {w.what}{place}" for w, place in zip(self.found.values(), places, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +49,7 @@ class Side:
     """Ascending keys of all frames that the source knows, also empty ones; `None`: from 0 to the highest."""
     has_stamps: bool = False  # Whether keys are stamps
     num_frames: int | None = None  # Where the source says it
-    camera: Text = field(default_factory=NO_CAMERA.copy)
+    camera: Text = field(default_factory=lambda: np.array([], np.str_))
     """(N,) whose image each rectangle is in; empty (0,): nobody says."""
     space: str = ""  # Coordinate frame of solids; empty: nobody says
     first_pixel: int = 0  # Position of the middle of the first pixel: MOTChallenge counts from 1
@@ -64,6 +58,17 @@ class Side:
     lists_frames: bool = False
     """Whether frames without boxes have an entry too, as in submissions and folders of images."""
     warnings: tuple[InputWarning, ...] = ()  # What is odd about these boxes, as results
+
+    def select(self, rows: Bool) -> "Side":
+        """Return the marked boxes (N,)."""
+        return replace(self, objects=self.objects[rows], camera=self.camera[rows] if len(self.camera) else self.camera)
+
+    def from_pixel_0(self) -> "Side":
+        """Return it with pixels counted from 0."""
+        xyxy = self.objects.xyxy_px
+        if not self.first_pixel or xyxy is None:
+            return self
+        return replace(self, objects=replace(self.objects, xyxy_px=xyxy - self.first_pixel))
 
 
 @dataclass(frozen=True)
@@ -84,17 +89,15 @@ def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
     if not len(columns["step"]):
         return nothing(), np.zeros(0, np.int64)
     order = np.argsort(columns["step"], kind="stable")
-    found: dict[str, Any] = columns
     if (np.diff(columns["step"]) < 0).any():
-        found = {name: None if value is None else value[order] for name, value in columns.items()}
-    return Objects(**found), order
+        columns = {name: None if value is None else value[order] for name, value in columns.items()}
+    return Objects(**columns), order
 
 
 def nothing() -> Objects:
     """Return no objects, of both kinds."""
-    none, triple = np.zeros(0), np.zeros((0, 3))
-    return Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), none, np.zeros((0, 4)), triple,
-                   triple, none)  # fmt: skip
+    none, triple, ids = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.int64)
+    return Objects(ids, np.zeros(0, "U1"), ids, none, np.zeros((0, 4)), triple, triple, none)
 
 
 def unreal(objects: Objects, space: Space = "both") -> Bool:
@@ -105,19 +108,18 @@ def unreal(objects: Objects, space: Space = "both") -> Bool:
         space: Where boxes are compared: a rectangle without size is no matter in space (`3d`), nor a solid without size
             in images (`2d`). Nothing may be infinite anywhere.
     """
-    bad, anywhere = [~np.isfinite(objects.score)], [np.zeros(len(objects), bool)]
+    bad, anywhere = ~np.isfinite(objects.score), np.zeros(len(objects), bool)
     if objects.xyxy_px is not None:
-        there, finite = _there(objects.xyxy_px), _are_finite(objects.xyxy_px)
-        sizes = np.where(finite[:, None], objects.xyxy_px, 0.0)
-        bad.append(there & ~(finite & ((space == "3d") | _are_positive(sizes[:, 2:] - sizes[:, :2]))))
-        anywhere.append(there)
+        there, finite = _there(objects.xyxy_px), are_finite(objects.xyxy_px)
+        xyxy = np.where(finite[:, None], objects.xyxy_px, 0.0)
+        bad |= there & ~(finite & ((space == "3d") | (xyxy[:, 2:] - xyxy[:, :2] > 0).all(axis=1)))
+        anywhere |= there
     if objects.center_m is not None and objects.size_lwh_m is not None and objects.yaw_rad is not None:
         numbers = np.column_stack([objects.center_m, objects.size_lwh_m, objects.yaw_rad])
         there = _there(numbers)
-        bad.append(there & ~(_are_finite(numbers) & ((space == "2d") | _are_positive(objects.size_lwh_m))))
-        anywhere.append(there)
-    found: Bool = np.any(bad, axis=0) | ~np.any(anywhere, axis=0)
-    return found
+        bad |= there & ~(are_finite(numbers) & ((space == "2d") | (objects.size_lwh_m > 0).all(axis=1)))
+        anywhere |= there
+    return np.asarray(bad | ~anywhere)
 
 
 def has_solids(objects: Objects) -> bool:
@@ -126,54 +128,7 @@ def has_solids(objects: Objects) -> bool:
 
 
 def _there(numbers: Array) -> Bool:
-    there: Bool = ~np.all(np.isnan(numbers), axis=1)
-    return there
-
-
-def _are_finite(numbers: Array) -> Bool:
-    finite: Bool = np.all(np.abs(numbers) < MAX_MAGNITUDE, axis=1)
-    return finite
-
-
-def _are_positive(sizes: Array) -> Bool:
-    positive: Bool = np.all(sizes > 0, axis=1)
-    return positive
-
-
-def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -> tuple[Steps, Objects, Objects]:
-    """Steps and the objects of both sides, split by camera where there are several and boxes are in images.
-
-    Where both sides have solids, these are what is scored, and cameras don't matter: rectangles are left out.
-    """
-    cameras: Text = np.unique(np.concatenate([truth.camera, estimates.camera]))
-    cameras = cameras[cameras != ""]
-    if len(cameras) < 2:
-        return steps, truth.objects, estimates.objects
-    if has_solids(truth.objects) and has_solids(estimates.objects):
-        return steps, replace(truth.objects, xyxy_px=None), replace(estimates.objects, xyxy_px=None)
-    num = len(cameras)
-    split = Steps(
-        np.repeat(steps.frame, num),
-        np.repeat(steps.stamp_ns, num),
-        np.tile(np.arange(num), len(steps)),
-        tuple(cameras.tolist()) * len(steps),
-    )
-    return split, _split(truth, cameras, where.truth), _split(estimates, cameras, where.estimates)
-
-
-def _split(side: Side, cameras: Text, where: str) -> Objects:
-    if not len(side.objects):
-        return side.objects
-    there_are = f"there are the cameras {', '.join(cameras.tolist())}; tell that of every box in a column 'camera'"
-    if not len(side.camera) or side.objects.xyxy_px is None:
-        raise LogError(f"{where}: {there_are}")
-    there = np.flatnonzero(~np.isnan(side.objects.xyxy_px).all(axis=1))
-    if (side.camera[there] == "").any():
-        raise LogError(f"{where}: a box without camera, though {there_are}")
-    objects, number = side.objects[there], np.searchsorted(cameras, side.camera[there])
-    step: Int64 = objects.step * len(cameras) + number
-    order = np.argsort(step, kind="stable")
-    return replace(objects[order], step=step[order])
+    return ~np.asarray(np.isnan(numbers).all(axis=1))
 
 
 def join(
@@ -196,12 +151,18 @@ def join(
     _require_alike(truth, estimates, where)
     frames = _frames(truth, estimates, num_frames, where)
     own, num_strange = _place_on_frames(estimates, frames)
-    true = _place_on_frames(truth, frames)[0]
-    true, num_invalid = _drop_unreal(true, where, faults, space)
-    num = int(unreal(own.objects, space).sum())
-    if num:
+    true, _ = _place_on_frames(truth, frames)
+
+    bad = unreal(true.objects, space)
+    labels, counts = np.unique(true.objects.label[bad], return_counts=True)
+    for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
+        faults.add("GT004", f"{where.truth}, sequence {where.sequence}: {num} of class '{label}'", num)
+    true = true.select(~bad) if bad.any() else true
+    if num := int(unreal(own.objects, space).sum()):
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
-    true, own = _align_pixels(true, own)
+
+    if true.first_pixel != own.first_pixel:  # where both count alike, positions stay as the files have them
+        true, own = true.from_pixel_0(), own.from_pixel_0()
     zeros = np.zeros(len(frames), np.int64)
     steps = Steps(np.arange(len(frames)), frames, zeros) if truth.has_stamps else Steps(frames, zeros, zeros)
     steps, in_truth, in_estimates = _split_by_camera(steps, true, own, where)
@@ -210,14 +171,9 @@ def join(
     ego = _ego(truth, estimates, frames)
     keys = steps.stamp_ns if truth.has_stamps else steps.frame
     return Sequence(
-        where.sequence,
-        steps,
-        in_truth,
-        in_estimates,
-        num_unlabelled=num_strange,
-        num_invalid_truth=num_invalid,
+        where.sequence, steps, in_truth, in_estimates, num_strange, int(bad.sum()),
         ego_m=None if ego is None else ego[np.searchsorted(frames, keys)],
-    )
+    )  # fmt: skip
 
 
 def _require_alike(truth: Side, estimates: Side, where: Where) -> None:
@@ -237,23 +193,23 @@ def _frames(truth: Side, estimates: Side, num_frames: int | None, where: Where) 
         return truth.keys
     if truth.has_stamps:
         return np.unique(truth.objects.step)
-    told = next((num for num in (num_frames, truth.num_frames, estimates.num_frames) if num), None)
-    last = max((int(side.objects.step[-1]) for side in (truth, estimates) if len(side.objects)), default=-1)
-    known = max((int(side.keys[-1]) for side in (estimates,) if side.keys is not None and len(side.keys)), default=-1)
-    if told is not None and last >= told:
-        side = where.truth if len(truth.objects) and int(truth.objects.step[-1]) >= told else where.estimates
-        raise MetricError(f"{side}: sequence {where.sequence} has {told} frames, but a box is in frame {last}")
-    return np.arange(max(last, known) + 1 if told is None else told, dtype=np.int64)
+    given = num_frames or truth.num_frames or estimates.num_frames
+    lasts = [int(side.objects.step[-1]) if len(side.objects) else -1 for side in (truth, estimates)]
+    if not given:
+        known = -1 if estimates.keys is None else int(estimates.keys.max(initial=-1))
+        return np.arange(max(*lasts, known) + 1)
+    if max(lasts) >= given:
+        side = where.truth if lasts[0] >= given else where.estimates
+        raise MetricError(f"{side}: sequence {where.sequence} has {given} frames, but a box is in frame {max(lasts)}")
+    return np.arange(given)
 
 
 def _place_on_frames(side: Side, frames: Int64) -> tuple[Side, int]:
     """Give steps their numbers; boxes of other frames are left out, and these frames counted."""
-    objects = side.objects
-    at = _nearest(objects.step, frames, TOLERANCE_NS if side.has_stamps else 0)
-    num_strange = len(np.unique(objects.step[at < 0]))
-    there = at >= 0
-    camera = side.camera[there] if len(side.camera) else side.camera
-    return replace(side, objects=replace(objects[there], step=at[there]), camera=camera), num_strange
+    step = side.objects.step
+    at = _nearest(step, frames, TOLERANCE_NS if side.has_stamps else 0)
+    kept = side.select(at >= 0)
+    return replace(kept, objects=replace(kept.objects, step=at[at >= 0])), len(np.unique(step[at < 0]))
 
 
 def _nearest(keys: Int64, frames: Int64, tolerance: int) -> Int64:
@@ -270,33 +226,41 @@ def find_missing_entries(truth: Side, estimates: Side, sequence: str) -> InputWa
     """Say which frames of the truth the results don't list, though they list those without boxes too."""
     what = "frame that the results have no entry for, so that all of its truth is missed"
     if truth.keys is None or estimates.keys is None or not estimates.lists_frames:
-        return InputWarning(what, 0, "")
+        return InputWarning(what, 0)
     at = _nearest(truth.keys, estimates.keys, TOLERANCE_NS if truth.has_stamps else 0)
     missing = truth.keys[at < 0]
     return InputWarning(what, len(missing), f"sequence {sequence}, {missing[0]}" if len(missing) else "")
 
 
-def _drop_unreal(truth: Side, where: Where, faults: FaultLog, space: Space) -> tuple[Side, int]:
-    bad = unreal(truth.objects, space)
-    labels, counts = np.unique(truth.objects.label[bad], return_counts=True)
-    for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
-        faults.add("GT004", f"{where.truth}, sequence {where.sequence}: {num} of class '{label}'", num)
-    if not bad.any():
-        return truth, 0
-    camera = truth.camera[~bad] if len(truth.camera) else truth.camera
-    return replace(truth, objects=truth.objects[~bad], camera=camera), int(bad.sum())
+def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -> tuple[Steps, Objects, Objects]:
+    """Steps and the objects of both sides, split by camera where there are several and boxes are in images.
+
+    Where both sides have solids, these are what is scored, and cameras don't matter: rectangles are left out.
+    """
+    cameras: Text = np.unique(np.concatenate([truth.camera, estimates.camera]))
+    cameras = cameras[cameras != ""]
+    if len(cameras) < 2:
+        return steps, truth.objects, estimates.objects
+    if has_solids(truth.objects) and has_solids(estimates.objects):
+        return steps, replace(truth.objects, xyxy_px=None), replace(estimates.objects, xyxy_px=None)
+    num = len(cameras)
+    frame, stamp_ns = np.repeat(steps.frame, num), np.repeat(steps.stamp_ns, num)
+    split = Steps(frame, stamp_ns, np.tile(np.arange(num), len(steps)), tuple(cameras.tolist()) * len(steps))
+    return split, _split(truth, cameras, where.truth), _split(estimates, cameras, where.estimates)
 
 
-def _align_pixels(truth: Side, estimates: Side) -> list[Side]:
-    """Count pixels from 0, unless both count alike: then positions stay as the files have them, bit for bit."""
-    if truth.first_pixel == estimates.first_pixel:
-        return [truth, estimates]
-    return [
-        replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
-        if side.first_pixel and side.objects.xyxy_px is not None
-        else side
-        for side in (truth, estimates)
-    ]
+def _split(side: Side, cameras: Text, where: str) -> Objects:
+    if not len(side.objects):
+        return side.objects
+    there_are = f"there are the cameras {', '.join(cameras.tolist())}; tell that of every box in a column 'camera'"
+    if not len(side.camera) or side.objects.xyxy_px is None:
+        raise LogError(f"{where}: {there_are}")
+    flat = side.select(_there(side.objects.xyxy_px))
+    if (flat.camera == "").any():
+        raise LogError(f"{where}: a box without camera, though {there_are}")
+    step = flat.objects.step * len(cameras) + np.searchsorted(cameras, flat.camera)
+    order = np.argsort(step, kind="stable")
+    return replace(flat.objects[order], step=step[order])
 
 
 def _require_unique(steps: Steps, objects: Objects, where: str) -> None:
@@ -318,6 +282,6 @@ def _ego(truth: Side, estimates: Side, frames: Int64) -> Float64 | None:
     for side in (estimates, truth):
         if side.ego_m is not None and side.keys is not None:
             at = _nearest(side.keys, frames, TOLERANCE_NS if side.has_stamps else 0)
-            told = (at >= 0) & ~np.isnan(side.ego_m).any(axis=1)
-            found[at[told]] = side.ego_m[told]
+            known = (at >= 0) & ~np.isnan(side.ego_m).any(axis=1)
+            found[at[known]] = side.ego_m[known]
     return None if np.isnan(found).all() else found

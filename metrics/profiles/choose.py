@@ -60,7 +60,7 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
         results = pair.estimates.submission() if profile.name == "nuscenes-detection" else None
         if results is not None and results.task == "tracking":
             what = "submission of tracking, whose boxes are taken as detections"
-            pair.warnings.add((InputWarning(what, 1, ""),))
+            pair.warnings.add(InputWarning(what, 1))
         _require_samples(profile, pair, pair.truth.read(pair.pairing.pairs[0].truth))
     return profile
 
