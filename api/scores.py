@@ -169,7 +169,7 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     faults = [_describe_fault(pair.faults, code, num) for code, num in sorted(pair.faults.counts.items())]
     title, warnings = (
         f"{request.detections} against {request.truth}",
-        (*pair.pairing.notes, *odd, *remarks.lines(), *faults),
+        (*pair.notes, *odd, *remarks.lines(), *faults),
     )
     return ScoreResult(rows, title, profile.name, tuple(result.statistics), warnings, not pair.faults.lost)
 

@@ -73,17 +73,21 @@ def _require_usable(path: Path, form: str | None) -> None:
 def _files(path: Path) -> dict[str, Path]:
     """Files by what they are called, in the order of names."""
     if path.is_file():
-        return {_sequence_of(path): path}
+        is_mot = path.name == "gt.txt" and path.parent.name == "gt"
+        return {path.resolve().parent.parent.name if is_mot else path.stem: path}
     if _is_sequence(path):
         return {path.resolve().name: path / "gt" / "gt.txt"}
     # Beside its folder `data` TrackEval puts numbers and plots.
     inner = next((path / name for name in _INNER if (path / name).is_dir()), None)
     if inner is not None:
         return _files(inner)
-    folders = {folder.name: folder / "gt" / "gt.txt" for folder in _list_folder(path) if _is_sequence(folder)}
-    own = folders or {
+    try:
+        entries = sorted(path.iterdir())
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+    own = {folder.name: folder / "gt" / "gt.txt" for folder in entries if _is_sequence(folder)} or {
         file.stem: file
-        for file in _list_folder(path)
+        for file in entries
         if file.is_file() and (file.suffix == ".txt" or file.suffix.lower() in SUFFIXES)
     }
     if not own:
@@ -94,52 +98,40 @@ def _files(path: Path) -> dict[str, Path]:
     return own
 
 
-def _list_folder(path: Path) -> list[Path]:
-    try:
-        return sorted(path.iterdir())
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
-
-
 def _is_sequence(path: Path) -> bool:
     """Whether a folder is one sequence of MOTChallenge."""
     return path.is_dir() and (path / "gt" / "gt.txt").is_file()
 
 
-def _sequence_of(file: Path) -> str:
-    """`SEQ/gt/gt.txt` is sequence SEQ."""
-    is_mot = file.name == "gt.txt" and file.parent.name == "gt"
-    return file.resolve().parent.parent.name if is_mot else file.stem
-
-
 def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
     found: dict[str, Path] = {}
-    for file in [file for file in files.values() if _has_content(file)][:_MAX_INSPECTED]:
-        found.setdefault(recognize(file), file)
-    if len(found) > 1:
-        (one, file), (other, second) = list(found.items())[:2]
-        raise LogError(f"{path}: {file.name} is '{one}', but {second.name} is '{other}'; one folder, one form")
-    for form in found:
-        if form not in FORMS:
-            raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
-        return form
-    if like is None:
-        raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
-    return like.form
-
-
-def _has_content(file: Path) -> bool:
-    try:
-        with file.open("rb") as opened:
-            return bool(opened.read(4096).strip())
-    except OSError as error:
-        raise LogError(f"{file}: can't be read ({error.strerror})") from error
+    num = 0
+    for file in files.values():
+        try:
+            with file.open("rb") as opened:
+                is_empty = not opened.read(4096).strip()
+        except OSError as error:
+            raise LogError(f"{file}: can't be read ({error.strerror})") from error
+        if not is_empty and num < _MAX_INSPECTED:
+            num += 1
+            found.setdefault(recognize(file), file)
+    if not found:
+        if like is None:
+            raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
+        return like.form
+    (form, file), *others = found.items()
+    if others:
+        other, second = others[0]
+        raise LogError(f"{path}: {file.name} is '{form}', but {second.name} is '{other}'; one folder, one form")
+    if form not in FORMS:
+        raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
+    return form
 
 
 _KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
 
 
-def read_seqmap(path: Path) -> dict[str, int | None]:
+def _read_seqmap(path: Path) -> dict[str, int | None]:
     """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's. Raises
     ConfigError where there is no such file. Raises LogError where a row is neither, or a sequence is listed twice.
     """
@@ -147,14 +139,13 @@ def read_seqmap(path: Path) -> dict[str, int | None]:
         raise ConfigError(f"--seqmap {path}: no such file")
     found: dict[str, int | None] = {}
     for line in lines(path):
-        name = line.fields[0]
-        if len(line.fields) not in (1, _KITTI):
-            raise LogError(f"{line.where}: {len(line.fields)} columns, expected a name, or: NAME empty 000000 FRAMES")
+        name, num = line.fields[0], len(line.fields)
+        if num not in (1, _KITTI):
+            raise LogError(f"{line.where}: {num} columns, expected a name, or: NAME empty 000000 FRAMES")
         if name in found:
             raise LogError(f"{line.where}: sequence '{name[:40]}' twice")
-        if len(line.fields) == 1 and line.number == 1 and name == "name":
-            continue
-        found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if len(line.fields) == _KITTI else None
+        if num > 1 or line.number > 1 or name != "name":
+            found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if num == _KITTI else None
     if not found:
         raise LogError(f"{path}: lists no sequence")
     return found
@@ -178,32 +169,24 @@ class Choice:
 class Pair:
     """One sequence in both."""
 
-    name: str
-    truth: str  # As the truth calls it
+    truth: str  # As the truth calls it, which is its name
     estimates: str | None  # As the results call it; `None`: there are none
     num_frames: int | None  # As the seqmap says
 
 
-@dataclass(frozen=True)
-class Pairing:
-    """All that is scored, and what there is to say about the rest."""
-
-    pairs: tuple[Pair, ...]
-    notes: tuple[str, ...]
-
-
-def pair_sequences(truth: Source, estimates: Source, choice: Choice) -> Pairing:
-    """Match sequences by their names; two files that are one sequence each belong together whatever their names are.
-    Raises ConfigError where an unknown sequence is asked for. Raises MetricError where no sequence has truth (GT001),
-    or one has no results and that is no miss.
+def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair], list[str]]:
+    """Match sequences by their names, and say what there is about the rest; two files that are one sequence each belong
+    together whatever their names are. Raises ConfigError where an unknown sequence is asked for. Raises MetricError
+    where no sequence has truth (GT001), or one has no results and that is no miss.
     """
-    lengths = {} if choice.seqmap is None else read_seqmap(choice.seqmap)
-    if truth.is_single and estimates.is_single and not lengths:
-        name = truth.names[0]
-        _require_known(choice.sequences, (name,))
-        return Pairing((Pair(name, name, estimates.names[0], None),), ())
-    everything = tuple(lengths) or tuple(dict.fromkeys([*truth.names, *estimates.names]))
-    _require_known(choice.sequences, everything)
+    lengths = {} if choice.seqmap is None else _read_seqmap(choice.seqmap)
+    are_single = truth.is_single and estimates.is_single and not lengths
+    everything = truth.names if are_single else tuple(lengths or dict.fromkeys([*truth.names, *estimates.names]))
+    for name in choice.sequences:
+        if name not in everything:
+            raise ConfigError(f"--sequences {name}: no such sequence{did_you_mean(name, everything)}")
+    if are_single:
+        return [Pair(truth.names[0], estimates.names[0], None)], []
     wanted = [name for name in everything if not choice.sequences or name in choice.sequences]
     scored = [name for name in wanted if name in truth.names]
     without = [name for name in wanted if name not in truth.names]
@@ -219,14 +202,7 @@ def pair_sequences(truth: Source, estimates: Source, choice: Choice) -> Pairing:
             "misses with --missing empty"
         )
     notes += [f"no results for {_list_names(absent)}: all of its truth is missed"] if absent else []
-    pairs = [Pair(n, n, n if n in estimates.names else None, lengths.get(n)) for n in scored]
-    return Pairing(tuple(pairs), tuple(notes))
-
-
-def _require_known(wanted: tuple[str, ...], known: tuple[str, ...]) -> None:
-    for name in wanted:
-        if name not in known:
-            raise ConfigError(f"--sequences {name}: no such sequence{did_you_mean(name, known)}")
+    return [Pair(name, None if name in absent else name, lengths.get(name)) for name in scored], notes
 
 
 def _list_names(names: list[str]) -> str:
@@ -241,7 +217,8 @@ class FilePair:
 
     truth: Source
     estimates: Source
-    pairing: Pairing
+    pairs: tuple[Pair, ...]
+    notes: tuple[str, ...]  # What there is to say about sequences that aren't in pairs
     faults: FaultLog = field(default_factory=FaultLog)  # Counts boxes that aren't finite, as sequences are read
     warnings: InputWarnings = field(default_factory=InputWarnings)
     """Counts what is odd about the results, as sequences are read."""
@@ -256,18 +233,15 @@ class FilePair:
             LogError: naming file, row and column of what can't be read.
             MetricError: where truth and results don't fit together.
         """
-        for pair in self.pairing.pairs:
-            yield self._read(pair, space)
-
-    def _read(self, pair: Pair, space: Space) -> Sequence:
-        truth = self.truth.read(pair.truth)
-        if pair.estimates is None:
-            estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
-        else:
-            estimates = self.estimates.read(pair.estimates)
-        self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.name))
-        where = Where(pair.name, str(self.truth.path), str(self.estimates.path))
-        return join(truth, estimates, pair.num_frames, where, self.faults, space)
+        for pair in self.pairs:
+            truth = self.truth.read(pair.truth)
+            if pair.estimates is None:
+                estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
+            else:
+                estimates = self.estimates.read(pair.estimates)
+            self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.truth))
+            where = Where(pair.truth, str(self.truth.path), str(self.estimates.path))
+            yield join(truth, estimates, pair.num_frames, where, self.faults, space)
 
 
 def open_files(
@@ -293,7 +267,8 @@ def open_files(
     """
     true = open_source(truth, truth_form, is_truth=True)
     own = open_source(estimates, estimates_form, is_truth=False, like=true)
-    pair = FilePair(true, own, pair_sequences(true, own, choice or Choice()), true.faults)
+    pairs, notes = _pair(true, own, choice or Choice())
+    pair = FilePair(true, own, tuple(pairs), tuple(notes), true.faults)
     submission = own.submission()
     if submission is not None and not submission.has_meta:
         pair.warnings.add(InputWarning("submission without 'meta', which nuscenes-devkit refuses", 1))

@@ -61,7 +61,7 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
         if results is not None and results.task == "tracking":
             what = "submission of tracking, whose boxes are taken as detections"
             pair.warnings.add(InputWarning(what, 1))
-        _require_samples(profile, pair, pair.truth.read(pair.pairing.pairs[0].truth))
+        _require_samples(profile, pair, pair.truth.read(pair.pairs[0].truth))
     return profile
 
 
@@ -92,7 +92,7 @@ def _space_of(match: Match) -> Space:
 
 
 def _match_for(pair: FilePair) -> Match:
-    for one in pair.pairing.pairs:
+    for one in pair.pairs:
         truth = pair.truth.read(one.truth).objects
         estimates = None if one.estimates is None else pair.estimates.read(one.estimates).objects
         if estimates is not None and len(truth) and len(estimates):

@@ -27,7 +27,7 @@ def test_folders_are_paired_by_name(write, tmp_path):
     assert [(s.name, len(s.steps), len(s.truth), len(s.estimates)) for s in found] == [
         ("0000", 3, 6, 4), ("0003", 3, 6, 4)
     ]  # fmt: skip
-    assert pair.pairing.notes == ()
+    assert pair.notes == ()
 
 
 def test_length_is_that_of_the_last_box_or_of_the_seqmap(write):
@@ -49,7 +49,7 @@ def test_a_sequence_without_results(write, tmp_path):
         sequences(tmp_path / "truth", tmp_path / "results")
     found, pair = sequences(tmp_path / "truth", tmp_path / "results", missing="empty")
     assert [len(s.estimates) for s in found] == [0, 4]
-    assert pair.pairing.notes == (
+    assert pair.notes == (
         "no truth for sequence 0009: left out [GT001]", "no results for sequence 0000: all of its truth is missed"
     )  # fmt: skip
     only, _ = sequences(tmp_path / "truth", tmp_path / "results", sequences=("0001",))
