@@ -24,7 +24,7 @@ from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
 from fbench.datasets.importing.run import write_recording
-from fbench.metrics.robustness import ScoredRun, pooled
+from fbench.metrics.robustness import ScoredRun, pool
 from fbench.replay.conditions.generators import generator
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.setup.request import ReplayRequest
@@ -121,7 +121,7 @@ def table(title: str, runs: Sequence[ScoredRun], levels: Sequence[float]) -> Non
     for space in ("image", "3D"):
         for pipeline in pipelines:
             own = [[r for r in runs if (r.configuration, r.condition) == (pipeline, name)] for name in names]
-            values = [pooled(members, "f1", space).value for members in own]
+            values = [pool(members, "f1", space).value for members in own]
             if any(value is not None for value in values):
                 found[pipeline, space] = values
                 shown = " | ".join("-" if value is None else f"{100 * value:.1f}" for value in values)

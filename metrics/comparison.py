@@ -1,6 +1,6 @@
 """Comparison of two runs: what became better, what worse, and whether that is a regression."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -9,11 +9,10 @@ from fbench.replay.contracts.errors import ConfigError, MetricError
 from fbench.replay.data.metadata import SCENE_ID
 from fbench.replay.data.scores import Score
 from fbench.replay.runs.folder import Run
-from fbench.replay.runs.manifest import InputEntry, Manifest, TruthEntry
+from fbench.replay.runs.manifest import Manifest
 
 Verdict = Literal["same", "better", "worse", "changed", "gone", "new", "null"]
 """`changed`: of a number that is neither good nor bad."""
-Key = tuple[str, str, str, str]
 
 _DECISIVE = ("f1", "mota")
 _ROUNDING = 1e-12  # 0.80 - 0.79 is a little more than 0.01 in binary
@@ -45,7 +44,10 @@ class Comparison:
     @property
     def regressed(self) -> bool:
         """Whether a primary number fell by more than the tolerance, or lost its value."""
-        return any(row.primary and (row.verdict in ("worse", "gone") or _lost(row)) for row in self.rows)
+        return any(
+            row.primary and (row.verdict in ("worse", "gone") or (row.base is not None and row.head is None))
+            for row in self.rows
+        )
 
 
 def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> Comparison:
@@ -64,39 +66,25 @@ def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> C
     """
     if not tolerance >= 0:
         raise ConfigError(f"tolerance {tolerance}: expected a number from 0 on")
-    before, after = {_key(s): s for s in base}, {_key(s): s for s in head}
-    primary = _primary(base)
+    before, after = {s.key: s for s in base}, {s.key: s for s in head}
+    firsts = [next((s for s in scores if s.metric in _DECISIVE), None) for scores in (base, head)]
+    primary = [s.key for s in base if s.metric in _DECISIVE and firsts[0] and s.key[1:] == firsts[0].key[1:]]
     if not any(key in after for key in primary):
+        names = [f"{s.metric} of {s.class_} ({s.matching})" if s else "neither f1 nor mota" for s in firsts]
         raise MetricError(
-            f"nothing to compare: base has {_name(base)}, head has {_name(head)}; "
+            f"nothing to compare: base has {names[0]}, head has {names[1]}; "
             "score both with the same options, and compare 3D with 3D, 2D with 2D"
         )
     if all(before[key].value is None for key in primary):
         raise MetricError(f"nothing to compare: base has no value of f1 or mota ({before[primary[0]].reason})")
-    keys = [*before, *(key for key in after if key not in before)]
-    rows = tuple(_row(key, before.get(key), after.get(key), key in primary, tolerance) for key in keys)
-    return Comparison(rows, tolerance)
-
-
-def _key(score: Score) -> Key:
-    return score.metric, score.class_, score.slice, score.matching
-
-
-def _primary(base: Sequence[Score]) -> tuple[Key, ...]:
-    first = next((s for s in base if s.metric in _DECISIVE), None)
-    return tuple(_key(s) for s in base if first and s.metric in _DECISIVE and _key(s)[1:] == _key(first)[1:])
-
-
-def _name(scores: Sequence[Score]) -> str:
-    first = next((s for s in scores if s.metric in _DECISIVE), None)
-    return f"{first.metric} of {first.class_} ({first.matching})" if first else "neither f1 nor mota"
-
-
-def _row(key: Key, base: Score | None, head: Score | None, primary: bool, tolerance: float) -> Row:
-    a, b = (base.value if base else None), (head.value if head else None)
-    delta = None if a is None or b is None else b - a
-    unit = next(score.unit for score in (head, base) if score)
-    return Row(*key, unit, a, b, delta, _verdict(base, head, delta, tolerance), primary)
+    rows = []
+    for key in {**before, **after}:
+        one, other = before.get(key), after.get(key)
+        a, b = (score and score.value for score in (one, other))
+        delta = None if a is None or b is None else b - a
+        unit = next(score.unit for score in (other, one) if score)
+        rows.append(Row(*key, unit, a, b, delta, _verdict(one, other, delta, tolerance), key in primary))
+    return Comparison(tuple(rows), tolerance)
 
 
 def _verdict(base: Score | None, head: Score | None, delta: float | None, tolerance: float) -> Verdict:
@@ -108,21 +96,12 @@ def _verdict(base: Score | None, head: Score | None, delta: float | None, tolera
         return "null"
     if abs(delta) <= tolerance + _ROUNDING:
         return "same"
-    wanted = _wanted(head)
+    wanted: Better = DEFINITIONS[head.metric].better if head.metric in DEFINITIONS else "higher"
+    if head.unit == "m":  # a distance is an error, whatever the metric is in another unit
+        wanted = "lower"
     if wanted == "neither":
         return "changed"
     return "better" if (delta < 0) == (wanted == "lower") else "worse"
-
-
-def _wanted(score: Score) -> Better:
-    """Which values are better; a distance is an error, whatever the metric is in another unit."""
-    if score.unit == "m" or score.metric not in DEFINITIONS:
-        return "lower" if score.unit == "m" else "higher"
-    return DEFINITIONS[score.metric].better
-
-
-def _lost(row: Row) -> bool:
-    return row.base is not None and row.head is None
 
 
 _MAX_CHARS = 40  # Longer values of metadata say no more in a note
@@ -135,8 +114,8 @@ def require_comparable(base: Manifest, head: Manifest) -> tuple[str, ...]:
     the same truth, under other weather or with other sensors. Raises MetricError where the logs show different things,
     naming both.
     """
-    other = _other_log(base, head) if base.log.digest != head.log.digest else []
-    notes = [f"{what}: {a} -> {b}" for what, a, b in (*other, *_settings(base, head)) if a != b]
+    notes = _compare_logs(base, head) if base.log.digest != head.log.digest else []
+    notes += _compare_settings(base, head)
     partial = [f"{name} is incomplete" for name, run in (("base", base), ("head", head)) if not run.complete]
     return (*notes, *partial)
 
@@ -158,27 +137,27 @@ def require_common_instants(base: Run, head: Run) -> tuple[str, ...]:
     return tuple(f"{num} frames are at instants that {name} alone has" for name, num in alone if num)
 
 
-def _other_log(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
-    """What two logs of one scene say of themselves, and their sensors."""
+def _compare_logs(base: Manifest, head: Manifest) -> list[str]:
+    """Notes on two logs of one scene, what they say of themselves, and their sensors."""
     a, b = base.log.metadata, head.log.metadata
+    base_log, head_log = (f"'{run.log.name}' ({run.log.digest[:12]})" for run in (base, head))
     if not a.get(SCENE_ID) or a.get(SCENE_ID) != b.get(SCENE_ID):
         raise MetricError(
-            f"runs of different logs can't be compared: base is {_log(base)}, head is {_log(head)}; "
+            f"runs of different logs can't be compared: base is {base_log}, head is {head_log}; "
             "replay both on one log, or on simulated logs of one scene"
         )
-    keys = [*a, *(key for key in b if key not in a)]
-    return [
-        ("log", _log(base), _log(head)),
-        *((key, _short(a, key), _short(b, key)) for key in keys if a.get(key) != b.get(key)),
+    one, other = ({n: (mount, m.cameras.get(n)) for n, mount in m.mounts.items()} for m in (base, head))
+    moved = [name for name in one if name in other and one[name] != other[name]]
+    return _changes([
+        ("log", base_log, head_log),
+        *((key, _short(a, key), _short(b, key)) for key in {**a, **b} if a.get(key) != b.get(key)),
         ("sensors", ", ".join(base.mounts), ", ".join(head.mounts)),
-        *_calibration(base, head),
-    ]
+        *([(f"calibration of {', '.join(moved)}", "one", "another")] if moved else []),
+    ])  # fmt: skip
 
 
-def _calibration(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
-    a, b = ({n: (mount, m.cameras.get(n)) for n, mount in m.mounts.items()} for m in (base, head))
-    changed = [name for name in a if name in b and a[name] != b[name]]
-    return [(f"calibration of {', '.join(changed)}", "one", "another")] if changed else []
+def _changes(table: Iterable[tuple[str, object, object]]) -> list[str]:
+    return [f"{what}: {a} -> {b}" for what, a, b in table if a != b]
 
 
 def _short(metadata: Mapping[str, str], key: str) -> str:
@@ -186,29 +165,22 @@ def _short(metadata: Mapping[str, str], key: str) -> str:
     return text if len(text) <= _MAX_CHARS else f"{text[:_MAX_CHARS]}..."
 
 
-def _settings(base: Manifest, head: Manifest) -> list[tuple[str, object, object]]:
+def _compare_settings(base: Manifest, head: Manifest) -> list[str]:
     before, after = ({**m.parameters, **m.frames.model_dump()} for m in (base, head))
-    names = [*before, *(name for name in after if name not in before)] if base.pipeline == head.pipeline else []
+    names = {**before, **after} if base.pipeline == head.pipeline else {}
     files, others = _files(base), _files(head)
-    return [
+    return _changes([
         ("pipeline", base.pipeline, head.pipeline),
         ("frames", base.num_frames, head.num_frames),
         *((role, files.get(role, "none"), others.get(role, "none")) for role in sorted({*files, *others})),
         *((name, before.get(name, "absent"), after.get(name, "absent")) for name in names),
-    ]
+    ])  # fmt: skip
 
 
 def _files(manifest: Manifest) -> dict[str, str]:
     """What files beside the log say, by their role; equal names may have other content."""
-    named: dict[str, list[str]] = {"truth": [_file(manifest.truth)]} if manifest.truth else {}
-    for entry in manifest.inputs:
-        named.setdefault(entry.role, []).append(_file(entry))
+    named: dict[str, list[str]] = {}
+    for role, entry in [("truth", manifest.truth), *((entry.role, entry) for entry in manifest.inputs)]:
+        if entry is not None:
+            named.setdefault(role, []).append(f"{entry.name or 'a file'} ({entry.digest[:8]})")
     return {role: ", ".join(entries) for role, entries in named.items()}
-
-
-def _file(entry: InputEntry | TruthEntry) -> str:
-    return f"{entry.name or 'a file'} ({entry.digest[:8]})"
-
-
-def _log(manifest: Manifest) -> str:
-    return f"'{manifest.log.name}' ({manifest.log.digest[:12]})"

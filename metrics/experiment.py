@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 from fbench.metrics.latency import stage_latency
-from fbench.metrics.robustness import CLEAR, ScoredRun, Space, change, pooled, spaces_of
+from fbench.metrics.robustness import CLEAR, ScoredRun, Space, change, pool, spaces_of
 from fbench.replay.data.scores import Column, Figure, Line, ResultTable
 
 
@@ -77,9 +77,16 @@ def configurations(runs: Sequence[ScoredRun]) -> list[str]:
 def accuracy_table(runs: Sequence[ScoredRun]) -> ResultTable:
     """Return table 9.4: F1 and MOTA in clear weather, a line for each configuration and space."""
     clear = [run for run in runs if run.condition == CLEAR]
-    lines = tuple(_accuracy_line(own, space) for own, space in _groups(clear))
+    lines = []
+    for own, space in _groups(clear):
+        f1, mota, no_fp = (pool(own, metric, space) for metric in ("f1", "mota", "mota_no_fp"))
+        published = PUBLISHED.get((own[0].configuration, space))
+        if published is not None:
+            f1, no_fp = replace(f1, published=published.f1), replace(no_fp, published=published.mota_no_fp)
+        truth = Figure(f1.counts["tp"] + f1.counts["fn"]) if f1.counts else Figure(None, f1.reason)
+        lines.append(Line(own[0].configuration, space, (f1, mota, no_fp, truth)))
     notes = (*_NOTES, *_published_notes(lines))
-    return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, lines, notes)
+    return ResultTable("accuracy", "Accuracy in clear weather (table 9.4), %", _ACCURACY, tuple(lines), notes)
 
 
 def robustness_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> ResultTable:
@@ -100,7 +107,7 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Res
     """Return F1 in each condition."""
     lines = tuple(
         Line(own[0].configuration, space,
-             tuple(pooled([run for run in own if run.condition == name], "f1", space) for name in conditions))
+             tuple(pool([run for run in own if run.condition == name], "f1", space) for name in conditions))
         for own, space in _groups(runs)
     )  # fmt: skip
     return ResultTable("f1_by_condition", "F1 by condition, %", tuple(map(Column, conditions)), lines)
@@ -113,7 +120,10 @@ def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) 
         timings: For each configuration, of each of its runs the times [ns] by stage, in the order of frames. The first
             of each stage in each run, which also compiles and loads, doesn't count.
     """
-    times = {name: _joined(runs) for name, runs in timings.items()}
+    times = {
+        name: {stage: [ns for own in runs for ns in own.get(stage, ())[1:]] for run in runs for stage in run}
+        for name, runs in timings.items()
+    }
     longest_first = sorted(times.values(), key=len, reverse=True)  # has most of them in their order
     stages = [name for name in dict.fromkeys(name for own in longest_first for name in own) if name != _TOTAL]
     lines = tuple(
@@ -130,16 +140,6 @@ def _groups(runs: Sequence[ScoredRun]) -> list[tuple[list[ScoredRun], Space]]:
     return [(members, space) for members, space in found if space in spaces_of(members)]
 
 
-def _accuracy_line(runs: Sequence[ScoredRun], space: Space) -> Line:
-    name = runs[0].configuration
-    published = PUBLISHED.get((name, space))
-    f1, mota, without = (pooled(runs, metric, space) for metric in ("f1", "mota", "mota_no_fp"))
-    if published is not None:
-        f1, without = replace(f1, published=published.f1), replace(without, published=published.mota_no_fp)
-    truth = Figure(f1.counts["tp"] + f1.counts["fn"]) if f1.counts else Figure(None, f1.reason)
-    return Line(name, space, (f1, mota, without, truth))
-
-
 def _change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
     published = PUBLISHED.get((runs[0].configuration, space))
     found = change(runs, condition, space)
@@ -148,11 +148,6 @@ def _change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
 
 def _published_notes(lines: Sequence[Line]) -> tuple[str, ...]:
     return NOTES if any(figure.published is not None for line in lines for figure in line.figures) else ()
-
-
-def _joined(runs: Sequence[Mapping[str, Sequence[int]]]) -> dict[str, list[int]]:
-    names = dict.fromkeys(stage for run in runs for stage in run)
-    return {stage: [ns for run in runs for ns in run.get(stage, ())[1:]] for stage in names}
 
 
 def _median(times_ns: Sequence[int]) -> Figure:

@@ -4,7 +4,7 @@ Runs of several scenes are put together by adding raw counts, never by averaging
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fbench.replay.data.scores import Figure, Score
@@ -26,23 +26,23 @@ class ScoredRun:
     scores: Sequence[Score]
 
 
-@dataclass(frozen=True)
-class _Ratio:
-    """How a metric comes from counts."""
-
-    top: Callable[[Counter[str]], float]
-    bottom: Callable[[Counter[str]], float]
-    nothing: str  # Why there is no value where the bottom is 0
+_NOTHING = {"f1": "no boxes, in truth nor detected", "precision": "nothing detected"}
+"""Why there is no value where there is nothing to divide by; of the others: no truth boxes."""
 
 
-_RATIOS: Mapping[str, _Ratio] = {
-    "f1": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fp"] / 2 + n["fn"] / 2, "no boxes, in truth nor detected"),
-    "precision": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fp"], "nothing detected"),
-    "recall": _Ratio(lambda n: n["tp"], lambda n: n["tp"] + n["fn"], "no truth boxes"),
-    "mota": _Ratio(lambda n: n["gt"] - n["fn"] - n["fp"] - n["idsw"], lambda n: n["gt"], "no truth boxes"),
-    "mota_no_fp": _Ratio(lambda n: n["gt"] - n["fn"] - n["idsw"], lambda n: n["gt"], "no truth boxes"),
-}
-"""F1 = TP / (TP + FP/2 + FN/2); MOTA as in `metrics.runs.tracking`."""
+def _fraction(metric: str, n: Counter[str]) -> tuple[float, float]:
+    """Top and bottom of a metric: F1 = TP / (TP + FP/2 + FN/2); MOTA as in `metrics.runs.tracking`."""
+    match metric:
+        case "f1":
+            return n["tp"], n["tp"] + n["fp"] / 2 + n["fn"] / 2
+        case "precision":
+            return n["tp"], n["tp"] + n["fp"]
+        case "recall":
+            return n["tp"], n["tp"] + n["fn"]
+        case "mota":
+            return n["gt"] - n["fn"] - n["fp"] - n["idsw"], n["gt"]
+        case _:
+            return n["gt"] - n["fn"] - n["idsw"], n["gt"]
 
 
 def spaces_of(runs: Iterable[ScoredRun]) -> list[Space]:
@@ -51,7 +51,7 @@ def spaces_of(runs: Iterable[ScoredRun]) -> list[Space]:
     return [space for space, start in SPACES.items() if any(matching.startswith(start) for matching in found)]
 
 
-def pooled(runs: Iterable[ScoredRun], metric: str, space: Space) -> Figure:
+def pool(runs: Iterable[ScoredRun], metric: str, space: Space) -> Figure:
     """Return a metric of all vehicles over several runs.
 
     Args:
@@ -59,21 +59,24 @@ def pooled(runs: Iterable[ScoredRun], metric: str, space: Space) -> Figure:
         metric: f1, precision, recall, mota or mota_no_fp.
         space: `image` or `3D`.
     """
-    rows = [row for run in runs if (row := _row(run, metric, space)) is not None]
+    of = (metric, _CLASS, "all")
+    found = (
+        [row for row in run.scores if row.key[:3] == of and row.matching.startswith(SPACES[space])] for run in runs
+    )
+    rows = [own[0] for own in found if own]
     if not rows:
         return Figure(None, "no run")
     counts: Counter[str] = Counter()
     for row in rows:
         counts.update({name: int(row.counts[name]) for name in _COUNTS if name in row.counts})
-    how = _RATIOS[metric]
-    undefined = [row.reason for row in rows if row.reason is not None and how.bottom(Counter(row.counts))]
-    if undefined:  # for another reason than that there is nothing to divide by
-        return Figure(None, undefined[0], counts)
-    bottom = how.bottom(counts)
     reasons = [row.reason for row in rows if row.reason is not None]
-    return (
-        Figure(how.top(counts) / bottom, None, counts) if bottom else Figure(None, (*reasons, how.nothing)[0], counts)
-    )
+    for row in rows:
+        if row.reason is not None and _fraction(metric, Counter(row.counts))[1]:
+            return Figure(None, row.reason, counts)  # for another reason than that there is nothing to divide by
+    top, bottom = _fraction(metric, counts)
+    if not bottom:
+        return Figure(None, (*reasons, _NOTHING.get(metric, "no truth boxes"))[0], counts)
+    return Figure(top / bottom, None, counts)
 
 
 def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
@@ -89,7 +92,7 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
     if not scenes:
         return Figure(None, f"no scene was run both in {CLEAR} and in {condition}")
     base, found = (
-        pooled([run for run in runs if run.condition == name and run.scene in scenes], "f1", space)
+        pool([run for run in runs if run.condition == name and run.scene in scenes], "f1", space)
         for name in (CLEAR, condition)
     )
     counts = {f"{name}_{key}": num for name, f in ((CLEAR, base), ("then", found)) for key, num in f.counts.items()}
@@ -100,9 +103,3 @@ def change(runs: Sequence[ScoredRun], condition: str, space: Space) -> Figure:
     if base.value == 0:
         return Figure(None, f"F1 is 0 in {CLEAR}", counts)
     return Figure((found.value - base.value) / base.value, None, counts)
-
-
-def _row(run: ScoredRun, metric: str, space: Space) -> Score | None:
-    start = SPACES[space]
-    rows = (row for row in run.scores if (row.metric, row.class_, row.slice) == (metric, _CLASS, "all"))
-    return next((row for row in rows if row.matching.startswith(start)), None)

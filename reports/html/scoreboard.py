@@ -87,7 +87,7 @@ def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
     """Join the scores of all runs by metric, class, slice and matching."""
     scored = [(run.folder / "scores.json").is_file() for run in runs]
     columns = [
-        {(score.metric, score.class_, score.slice, score.matching): score for score in run.scores} if has else {}
+        {score.key: score for score in run.scores} if has else {}
         for run, has in zip(runs, scored, strict=True)
     ]
     keys = dict.fromkeys(key for column in columns for key in column)

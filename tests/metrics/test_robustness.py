@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.metrics.robustness import ScoredRun, change, pooled, spaces_of
+from fbench.metrics.robustness import ScoredRun, change, pool, spaces_of
 from fbench.replay.data.scores import Score
 
 IMAGE, GROUND = "iou 0.5, within 50 m", "bev 2 m, within 50 m, in view"
@@ -26,35 +26,35 @@ def run(*scores, condition="clear", scene="urban-1", configuration="lidar3d"):
 
 def test_counts_are_added_not_ratios_averaged():
     runs = [run(f1(8, 0, 2)), run(f1(0, 0, 90), scene="highway-1")]
-    figure = pooled(runs, "f1", "image")
+    figure = pool(runs, "f1", "image")
     assert figure.value == pytest.approx(8 / (8 + 46))  # the mean of both would be 0.444
     assert figure.counts == {"tp": 8, "fp": 0, "fn": 92}
 
 
 def test_mota_of_scenes_together():
     runs = [run(mota(10, 2, 3, 1)), run(mota(30, 5, 0, 0), scene="highway-1")]
-    assert pooled(runs, "mota", "image").value == pytest.approx(1 - (7 + 3 + 1) / 40)
+    assert pool(runs, "mota", "image").value == pytest.approx(1 - (7 + 3 + 1) / 40)
 
 
 def test_mota_without_false_positives():
     runs = [run(mota(10, 2, 3, 1, metric="mota_no_fp"))]
-    assert pooled(runs, "mota_no_fp", "image").value == pytest.approx(1 - 3 / 10)
+    assert pool(runs, "mota_no_fp", "image").value == pytest.approx(1 - 3 / 10)
 
 
 def test_scenes_without_boxes_add_nothing_but_their_false_alarms():
     runs = [run(mota(10, 0, 0, 0)), run(mota(0, 0, 5, 0), scene="empty-1")]
-    assert pooled(runs, "mota", "image").value == pytest.approx(0.5)
+    assert pool(runs, "mota", "image").value == pytest.approx(0.5)
 
 
 def test_what_one_scene_leaves_undefined_is_undefined_in_all():
-    figure = pooled([run(mota(10, 0, 0, 0)), run(mota(4, 0, 0, 0, "tracks have no ids"))], "mota", "image")
+    figure = pool([run(mota(10, 0, 0, 0)), run(mota(4, 0, 0, 0, "tracks have no ids"))], "mota", "image")
     assert (figure.value, figure.reason) == (None, "tracks have no ids")
 
 
 def test_nothing_to_divide_by_is_null_with_the_reason():
-    assert pooled([run(f1(0, 0, 0))], "f1", "image").reason == "no boxes"
-    assert pooled([], "f1", "image").reason == "no run"
-    assert pooled([run(f1(1, 1, 1))], "f1", "3D").reason == "no run"
+    assert pool([run(f1(0, 0, 0))], "f1", "image").reason == "no boxes"
+    assert pool([], "f1", "image").reason == "no run"
+    assert pool([run(f1(1, 1, 1))], "f1", "3D").reason == "no run"
 
 
 def test_spaces_are_those_that_were_scored():
@@ -65,7 +65,7 @@ def test_spaces_are_those_that_were_scored():
 def test_other_classes_and_slices_play_no_part():
     other = Score("f1", "car", "all", IMAGE, 1.0, None, "1", {"tp": 5, "fp": 0, "fn": 0})
     part = Score("f1", "vehicle", "range 0-10 m", IMAGE, 1.0, None, "1", {"tp": 5, "fp": 0, "fn": 0})
-    assert pooled([run(other, part, f1(1, 0, 1))], "f1", "image").counts["tp"] == 1
+    assert pool([run(other, part, f1(1, 0, 1))], "f1", "image").counts["tp"] == 1
 
 
 def test_change_is_relative_to_clear():
