@@ -86,10 +86,7 @@ class Scoreboard:
 def scoreboard(runs: Sequence[Run], labels: Sequence[str]) -> Scoreboard:
     """Join the scores of all runs by metric, class, slice and matching."""
     scored = [(run.folder / "scores.json").is_file() for run in runs]
-    columns = [
-        {score.key: score for score in run.scores} if has else {}
-        for run, has in zip(runs, scored, strict=True)
-    ]
+    columns = [{score.key: score for score in run.scores} if has else {} for run, has in zip(runs, scored, strict=True)]
     keys = dict.fromkeys(key for column in columns for key in column)
     lines = [_line(key, [column.get(key) for column in columns], scored) for key in keys]
     unscored = [label for label, has in zip(labels, scored, strict=True) if not has]
