@@ -80,7 +80,7 @@ def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> C
     rows = []
     for key in {**before, **after}:
         one, other = before.get(key), after.get(key)
-        a, b = (score and score.value for score in (one, other))
+        a, b = (None if score is None else score.value for score in (one, other))
         delta = None if a is None or b is None else b - a
         unit = next(score.unit for score in (other, one) if score)
         rows.append(Row(*key, unit, a, b, delta, _verdict(one, other, delta, tolerance), key in primary))

@@ -8,7 +8,7 @@ import numpy as np
 from fbench.metrics.files.nuscenes import Submission
 from fbench.metrics.files.side import Side, nothing
 from fbench.metrics.files.sources import Source
-from fbench.metrics.reference_runs.rows import Rows, both, objects_of, stacked
+from fbench.metrics.reference_runs.rows import B, Rows, join_sides, objects_of, stack
 from fbench.metrics.reference_runs.world import in_world
 from fbench.replay.contracts.errors import LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
@@ -97,31 +97,27 @@ def _at_body(sequence: BoxSequence) -> Side:
 
 def _rows(sequence: BoxSequence, order: Int64) -> Rows:
     """All objects; where rectangles are of several cameras, solids alone, or rectangles where there are no solids."""
-    flats, solids = [], []
-    for place, at in enumerate(order.tolist()):
-        frame = sequence.frames[at]
-        flats.append((place, Boxes2D.empty() if frame.boxes2d is None else frame.boxes2d))
-        solids.append((place, Boxes3D.empty() if frame.boxes3d is None else frame.boxes3d))
-    flat, solid = stacked([b for _, b in flats], Boxes2D.empty()), stacked([b for _, b in solids], Boxes3D.empty())
-    flat_frame, solid_frame = _frames(flats), _frames(solids)
+    frames = [sequence.frames[at] for at in order.tolist()]
+    flat, flat_frame = _stack([frame.boxes2d for frame in frames], Boxes2D.empty())
+    solid, solid_frame = _stack([frame.boxes3d for frame in frames], Boxes3D.empty())
     if len(sequence.cameras_of_boxes) > 1 and len(solid):
         flat, flat_frame = flat[:0], flat_frame[:0]
-    return both(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
+    return join_sides(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
 
 
-def _frames(parts: list[tuple[int, Boxes2D]] | list[tuple[int, Boxes3D]]) -> Int64:
-    return np.repeat(np.array([place for place, _ in parts], np.int64), [len(boxes) for _, boxes in parts])
+def _stack(parts: list[B | None], nothing: B) -> tuple[B, Int64]:
+    """Boxes of all frames, and the number of the frame (N,) of each."""
+    known = [nothing if part is None else part for part in parts]
+    return stack(known, nothing), np.repeat(np.arange(len(known)), [len(part) for part in known])
 
 
 def _in_world(sequence: BoxSequence) -> Side:
     frames = sorted((frame for frame in sequence.frames if frame.number is not None), key=lambda f: f.stamp_ns)
-    poses = [frame.world_T_body for frame in frames]
-    known = [pose for pose in poses if pose is not None]
-    if len(known) < len(poses):
+    known = [frame.world_T_body for frame in frames if frame.world_T_body is not None]
+    if len(known) < len(frames):
         raise LogError(f"{sequence.where}: doesn't tell where the body was at each keyframe")
-    solids = [(i, Boxes3D.empty() if f.boxes3d is None else f.boxes3d) for i, f in enumerate(frames)]
-    boxes = stacked([own for _, own in solids], Boxes3D.empty())
+    boxes, frame_of_box = _stack([frame.boxes3d for frame in frames], Boxes3D.empty())
     keys = np.array([frame.stamp_ns for frame in frames], np.int64)
-    stack = np.array(known).reshape(-1, 4, 4)
-    found = in_world(_frames(solids), boxes, stack, "nuscenes", is_truth=True)
-    return Side(replace(found, step=keys[found.step]), keys, has_stamps=True, space="world", ego_m=stack[:, :3, 3])
+    poses = np.array(known).reshape(-1, 4, 4)
+    found = in_world(frame_of_box, boxes, poses, "nuscenes", is_truth=True)
+    return Side(replace(found, step=keys[found.step]), keys, has_stamps=True, space="world", ego_m=poses[:, :3, 3])

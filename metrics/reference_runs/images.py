@@ -7,14 +7,14 @@ import numpy as np
 
 from fbench.metrics.core.sequence import Objects, Sequence, Space
 from fbench.metrics.files.side import unreal
-from fbench.metrics.reference_runs.rows import Family, Rows, both, concatenated, objects_of
+from fbench.metrics.reference_runs.rows import Family, Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.sensor_settings import chosen_sensors
-from fbench.replay.data.arrays import Bool, Float64
+from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
-from fbench.replay.formats.sequence import body_T_level
+from fbench.replay.formats.sequence import ImageRows, body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
@@ -109,11 +109,17 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
 def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Objects:
     """All cameras' rows: one step a frame, or one for each camera of it."""
     cameras = view.cameras or ("",)
-    parts = [_placed(view, camera, rows_in(camera)) for camera in cameras]
-    alphas = [_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)]
+    parts = [_place(view, camera, rows_in(camera)) for camera in cameras]
+    alpha = np.concatenate([_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)])
     step = np.concatenate([part.frame * len(cameras) + i for i, part in enumerate(parts)])
     order = np.argsort(step, kind="stable")
-    return objects_of(concatenated(parts)[order], family, step[order], np.concatenate(alphas)[order])
+    first = parts[0].found
+    xyxy, flat_rows, solid_rows = (
+        np.concatenate([getattr(part.found, name) for part in parts]) for name in ("xyxy_px", "flat_rows", "solid_rows")
+    )
+    found = ImageRows(xyxy, first.flat, flat_rows, first.solid, solid_rows)
+    rows = Rows(np.concatenate([part.frame for part in parts]), found)
+    return objects_of(rows[order], family, step[order], alpha[order])
 
 
 def _truth(view: View, camera: str) -> Rows:
@@ -121,7 +127,7 @@ def _truth(view: View, camera: str) -> Rows:
     frame3d, solid = view.labelled.rows(view.run.truth_table("3d"))
     flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
     solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
-    rows = both(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
+    rows = join_sides(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
     if view.space == "2d":
         return rows[rows.found.flat_rows >= 0] if view.is_recorded else rows
     return rows[(rows.found.solid_rows >= 0) | rows.ignored] if view.space == "3d" else rows
@@ -131,29 +137,24 @@ def _results(view: View, camera: str, table: BoxTable) -> Rows:
     frame, boxes = view.labelled.rows(table)
     nothing = np.zeros(0, np.int64)
     if isinstance(boxes, Boxes2D):
-        return both(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
-    return both(nothing, Boxes2D.empty(), nothing, frame, boxes)
+        return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
+    return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
 
 
-def _placed(view: View, camera: str, rows: Rows) -> Rows:
+def _place(view: View, camera: str, rows: Rows) -> Rows:
     """Project what has no rectangle, and leave out what the camera doesn't see; what isn't finite stays once."""
     alone = np.flatnonzero(rows.found.flat_rows < 0)
     if not camera or not len(alone):
         return rows
-    xyxy, seen = np.array(rows.found.xyxy_px), np.ones(len(rows), bool)
-    xyxy[alone], seen[alone] = _projected(view, camera, rows[alone])
-    return Rows(rows.frame, replace(rows.found, xyxy_px=xyxy))[seen]
-
-
-def _projected(view: View, camera: str, rows: Rows) -> tuple[Float64, Bool]:
-    """Outlines (N, 4), and which boxes are kept."""
-    solid = rows.found.solid[rows.found.solid_rows]
-    sane, is_first = finite(solid)[0], camera == view.cameras[0]
-    xyxy, kept = np.full((len(solid), 4), np.nan), ~sane & is_first
-    for rig, own in view.labelled.rigs(rows.frame):
+    solid = rows.found.solid[rows.found.solid_rows[alone]]
+    sane = finite(solid)[0]
+    outline, kept = np.full((len(solid), 4), np.nan), ~sane & (camera == view.cameras[0])
+    for rig, own in view.labelled.rigs(rows.frame[alone]):
         good = np.flatnonzero(own & sane)
-        xyxy[good], kept[good] = project_boxes(rig, camera, solid[good])
-    return xyxy, kept
+        outline[good], kept[good] = project_boxes(rig, camera, solid[good])
+    xyxy, seen = np.array(rows.found.xyxy_px), np.ones(len(rows), bool)
+    xyxy[alone], seen[alone] = outline, kept
+    return Rows(rows.frame, replace(rows.found, xyxy_px=xyxy))[seen]
 
 
 def _alphas(view: View, camera: str, rows: Rows) -> Float64:
@@ -163,16 +164,12 @@ def _alphas(view: View, camera: str, rows: Rows) -> Float64:
     solid, owner = rows.found.solid[rows.found.solid_rows[has]], view.run.manifest.log.metadata.get(CAMERA0, camera)
     for rig, own in view.labelled.rigs(rows.frame[has]):
         body_T = body_T_level(owner, rig) if owner else None
-        angles[has[own]] = _observed(solid[own], None if body_T is None else inverse(body_T))
+        center, yaw = solid[own].center_m, solid[own].yaw_rad
+        if body_T is not None and len(yaw):
+            level_T_body = inverse(body_T)
+            turn = level_T_body.copy()
+            turn[:3, 3] = 0
+            ahead = transform(turn, np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))]))
+            center, yaw = transform(level_T_body, center), np.arctan2(ahead[:, 1], ahead[:, 0])
+        angles[has[own]] = np.arctan2(center[:, 1], center[:, 0]) - yaw - np.pi / 2
     return angles
-
-
-def _observed(solid: Boxes3D, level_T_body: Float64 | None) -> Float64:
-    center, yaw = solid.center_m, solid.yaw_rad
-    if level_T_body is not None and len(solid):
-        turn = level_T_body.copy()
-        turn[:3, 3] = 0
-        ahead = transform(turn, np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(yaw))]))
-        center, yaw = transform(level_T_body, center), np.arctan2(ahead[:, 1], ahead[:, 0])
-    angle: Float64 = np.arctan2(center[:, 1], center[:, 0]) - yaw - np.pi / 2
-    return angle

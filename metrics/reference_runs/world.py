@@ -9,7 +9,7 @@ from fbench.metrics.files.side import unreal
 from fbench.metrics.reference_runs.rows import Family, names_of
 from fbench.metrics.runs.columns import Labelled, objects_of
 from fbench.replay.contracts.errors import MetricError
-from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.arrays import Bool, Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.formats.nuscenes import ATTRIBUTES, MAX_BOXES, TOKENS, attributes
 from fbench.replay.geometry.transforms import pose_matrices
@@ -25,16 +25,20 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
     with the lowest scores. Velocities that a pipeline doesn't tell count as 0, as there. Raises MetricError where the
     run has no 3D truth (GT001), or no poses and `needs_world`.
     """
-    labelled = _keyframes(run)
+    labelled = Labelled.of(run, "3d")
+    if TOKENS in run.manifest.log.metadata:  # only keyframes have a number: between them truth may be interpolated
+        labelled = replace(labelled, frames=tuple(frame for frame in labelled.frames if frame.frame_number is not None))
     if not labelled.frames:
         what = "truth in 3D" if any(frame.truth_spaces for frame in run.frames) else "truth"
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
-    world_T_body = _poses(labelled)
-    if world_T_body is None and needs_world:
+    row_of = {frame.index: row for row, frame in enumerate(run.frames)}
+    found = run.poses[[row_of[frame.index] for frame in labelled.frames]]
+    has_poses = bool(np.isfinite(found).all())
+    if needs_world and not has_poses:
         raise MetricError(
             f"{run.folder}: its log doesn't tell where the body was, without which tracks can't be scored in the world"
         )
-    poses = np.tile(np.eye(4), (len(labelled.frames), 1, 1)) if world_T_body is None else world_T_body
+    poses = pose_matrices(found[:, :3], found[:, 3:]) if has_poses else np.tile(np.eye(4), (len(found), 1, 1))
     truth = in_world(*labelled.rows(run.truth_table("3d")), poses, family, is_truth=True)
     bad = unreal(truth)
     return Sequence(
@@ -44,23 +48,8 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
         _best(in_world(*labelled.rows(table), poses, family, is_truth=False)),
         len(run.frames) - len(labelled.frames),
         int(bad.sum()),
-        ego_m=None if world_T_body is None else world_T_body[:, :3, 3],
+        ego_m=poses[:, :3, 3] if has_poses else None,
     )
-
-
-def _keyframes(run: Run) -> Labelled:
-    """Frames with truth; of a log of nuScenes those with a number: between them truth may have been interpolated."""
-    labelled = Labelled.of(run, "3d")
-    if TOKENS not in run.manifest.log.metadata:
-        return labelled
-    return replace(labelled, frames=tuple(frame for frame in labelled.frames if frame.frame_number is not None))
-
-
-def _poses(labelled: Labelled) -> Float64 | None:
-    """(F, 4, 4) of these frames; `None` where one is unknown."""
-    rows = {frame.index: row for row, frame in enumerate(labelled.run.frames)}
-    found = labelled.run.poses[[rows[frame.index] for frame in labelled.frames]]
-    return pose_matrices(found[:, :3], found[:, 3:]) if np.isfinite(found).all() else None
 
 
 def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Family, is_truth: bool) -> Objects:
@@ -79,23 +68,30 @@ def in_world(frame: Int64, boxes: Boxes2D | Boxes3D, poses: Float64, family: Fam
     if not isinstance(boxes, Boxes3D):
         raise MetricError("boxes in images can't be scored as nuScenes scores them, in 3D")
     blank = np.full(len(boxes), "")
-    sources, labels = (blank if told is None else told for told in (boxes.source_label, boxes.label))
+    sources, labels, given = (
+        blank if column is None else column for column in (boxes.source_label, boxes.label, boxes.attribute)
+    )
     names = names_of(family, sources, labels, np.zeros(len(boxes), bool))
-    velocity = _velocities(boxes, poses[frame])
+    unknown = np.full((len(boxes), 3), np.nan)
+    velocity = _turn(poses[frame], unknown if boxes.velocity_mps is None else boxes.velocity_mps)
+    if is_truth:
+        attribute = np.where(np.isin(given, ATTRIBUTES), given, "")
+    else:  # also what follows from how fast they are
+        attribute = text_array(attributes(boxes, names.tolist(), velocity))
     own = replace(
         boxes,
-        center_m=_turned(poses[frame], boxes.center_m) + poses[frame, :3, 3],
+        center_m=_turn(poses[frame], boxes.center_m) + poses[frame, :3, 3],
         yaw_rad=_headings(boxes, poses[frame]),
         velocity_mps=velocity if is_truth else np.where(np.isnan(velocity), 0.0, velocity),
         label=names,
-        attribute=_attributes(boxes, names, velocity, is_truth),
+        attribute=attribute,
     )
     # What has no class at all stays, to be counted as such.
     kept = (names != "") | ((labels == "") & (sources == "")) | is_truth
     return replace(objects_of(own[kept], frame[kept], np.ones(int(kept.sum()), bool)), distance_m=None, inside=None)
 
 
-def _turned(poses: Float64, vectors: Float64) -> Float64:
+def _turn(poses: Float64, vectors: Float64) -> Float64:
     """Turn vectors (N, 3) into the world; what isn't finite stays so. Sums of products don't depend on the BLAS."""
     with np.errstate(invalid="ignore"):
         x, y, z = ((poses[:, axis, :3] * vectors).sum(axis=1) for axis in range(3))
@@ -107,22 +103,8 @@ def _headings(boxes: Boxes3D, poses: Float64) -> Float64:
     pitch = np.zeros(len(boxes)) if boxes.pitch_rad is None else boxes.pitch_rad
     with np.errstate(invalid="ignore"):
         ahead = [np.cos(boxes.yaw_rad) * np.cos(pitch), np.sin(boxes.yaw_rad) * np.cos(pitch), -np.sin(pitch)]
-    x, y, _ = _turned(poses, np.column_stack(ahead)).T
+    x, y, _ = _turn(poses, np.column_stack(ahead)).T
     return np.asarray(np.arctan2(y, x), np.float64)
-
-
-def _velocities(boxes: Boxes3D, poses: Float64) -> Float64:
-    """(N, 3) over ground in the axes of the world, NaN where unknown."""
-    unknown = np.full((len(boxes), 3), np.nan)
-    return _turned(poses, unknown if boxes.velocity_mps is None else boxes.velocity_mps)
-
-
-def _attributes(boxes: Boxes3D, names: Text, velocity_mps: Float64, is_truth: bool) -> Text:
-    """Of truth those that nuScenes knows; of results also what follows from how fast they are."""
-    if not is_truth:
-        return text_array(attributes(boxes, names.tolist(), velocity_mps))
-    told = np.full(len(boxes), "") if boxes.attribute is None else boxes.attribute
-    return np.where(np.isin(told, ATTRIBUTES), told, "")
 
 
 def _best(results: Objects) -> Objects:

@@ -56,7 +56,7 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
 
 
-def _truth(labelled: Labelled, space: str, options: ScoreOptions, place: Place) -> tuple[Objects, int]:
+def _truth(labelled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions, place: Place) -> tuple[Objects, int]:
     """Truth of `3d` or `2d`, and how many boxes of it aren't finite."""
     frame, truth = labelled.rows(labelled.run.truth_table(space))
     good, _ = finite(truth)

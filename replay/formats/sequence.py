@@ -93,26 +93,35 @@ def usable(boxes: B | None, left: LeftOut) -> B | None:
     return boxes if good.all() else boxes[good]
 
 
-def pair_boxes(flat: Boxes2D, solid: Boxes3D) -> Int64:
+def pair_boxes(
+    flat: Boxes2D, solid: Boxes3D, flat_frame: Int64 | None = None, solid_frame: Int64 | None = None
+) -> Int64:
     """Return the 3D box (N,) of each 2D box, -1 where it has none.
 
     Boxes of one track id belong together. Those without an id do in their order, within a class as the source names it;
     ignore regions have no other half.
+
+    Args:
+        flat: N boxes.
+        solid: M boxes.
+        flat_frame: (N,) frame of each box, where they are of several; all of one by default.
+        solid_frame: (M,)
     """
-    mates = np.full(len(flat), -1, np.int64)
-    ids_flat, ids_solid = (np.full(len(b), -1) if b.track_id is None else b.track_id for b in (flat, solid))
-    ignored_flat, ignored_solid = (np.zeros(len(b), bool) if b.ignore is None else b.ignore for b in (flat, solid))
-    classes_flat, classes_solid = (
-        [""] * len(b) if names is None else names.tolist()
-        for b, names in ((b, b.label if b.source_label is None else b.source_label) for b in (flat, solid))
-    )
-    by_id = {id_: j for j, id_ in enumerate(ids_solid.tolist()) if id_ >= 0}
-    mates[:] = [by_id.get(id_, -1) if id_ >= 0 else -1 for id_ in ids_flat.tolist()]
-    waiting: defaultdict[str, deque[int]] = defaultdict(deque)
-    for j in np.flatnonzero((ids_solid < 0) & ~ignored_solid).tolist():
-        waiting[classes_solid[j]].append(j)
-    for i in np.flatnonzero((ids_flat < 0) & ~ignored_flat).tolist():
-        rows = waiting[classes_flat[i]]
+    ignored, ids, classes, keys = [], [], [], []
+    for boxes, frame in ((flat, flat_frame), (solid, solid_frame)):
+        num, names = len(boxes), boxes.label if boxes.source_label is None else boxes.source_label
+        ignored.append(np.zeros(num, bool) if boxes.ignore is None else boxes.ignore)
+        ids.append(np.full(num, -1) if boxes.track_id is None else boxes.track_id)
+        at = [0] * num if frame is None else frame.tolist()
+        classes.append(list(zip(at, [""] * num if names is None else names.tolist(), strict=True)))
+        keys.append(list(zip(at, ids[-1].tolist(), strict=True)))
+    by_id = {key: j for j, key in enumerate(keys[1]) if key[1] >= 0}
+    mates = np.array([by_id.get(key, -1) if key[1] >= 0 else -1 for key in keys[0]], np.int64)
+    waiting: defaultdict[tuple[int, str], deque[int]] = defaultdict(deque)
+    for j in np.flatnonzero((ids[1] < 0) & ~ignored[1]).tolist():
+        waiting[classes[1][j]].append(j)
+    for i in np.flatnonzero((ids[0] < 0) & ~ignored[0]).tolist():
+        rows = waiting[classes[0][i]]
         if rows:
             mates[i] = rows.popleft()
     return mates
@@ -154,7 +163,7 @@ class ImageRows:
         """Classes (N,), see `export_request.namer`."""
         return namer(self.column("source_label", ""), self.column("label", ""))
 
-    def __getitem__(self, rows: Bool) -> "ImageRows":
+    def __getitem__(self, rows: Bool | Int64) -> "ImageRows":
         return ImageRows(self.xyxy_px[rows], self.flat, self.flat_rows[rows], self.solid, self.solid_rows[rows])
 
 
