@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from fbench.metrics.core.sequence import Objects
-from fbench.replay.data.arrays import Bool, Float64, Int64, Text, text_array
+from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.formats.export_request import TABLES, ClassTable
 from fbench.replay.formats.sequence import ImageRows, pair_boxes
@@ -61,20 +61,21 @@ def stack(parts: Sequence[B], nothing: B) -> B:
     joined: dict[str, Any] = {}
     for own in fields(full[0]):
         columns = [getattr(part, own.name) for part in full]
-        example = next((column for column in columns if column is not None), None)
-        if example is None:
-            continue
-        for i, part in enumerate(full):
-            if columns[i] is None:
-                shape = (len(part), *example.shape[1:])
-                columns[i] = np.full(shape, _UNKNOWN[example.dtype.kind], example.dtype)
-        joined[own.name] = np.concatenate(columns)
+        example: Array | None = next((column for column in columns if column is not None), None)
+        if example is not None:
+            joined[own.name] = np.concatenate([
+                _unknown(len(part), example) if column is None else column
+                for part, column in zip(full, columns, strict=True)
+            ])  # fmt: skip
     return type(nothing)(**joined)
+
+
+def _unknown(num: int, like: Array) -> Array:
+    return np.full((num, *like.shape[1:]), _UNKNOWN[like.dtype.kind], like.dtype)
 
 
 _ALPHA = re.compile(r"alpha=(-?[0-9]{1,4}(?:\.[0-9]{1,9})?)")  # Attribute of 2D truth from KITTI's labels
 _UNKNOWN_ALPHA = -10.0
-_LEVELS = ("occlusion", "truncation", "visibility")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +142,9 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
         if given := _ALPHA.fullmatch(text):
             alpha[row] = np.nan if float(given[1]) == _UNKNOWN_ALPHA else float(given[1])
 
-    levels = {name: np.asarray(found.column(name, np.nan), np.float64) for name in _LEVELS}
+    occlusion, truncation, visibility = (
+        _known(np.asarray(found.column(name, np.nan), np.float64)) for name in ("occlusion", "truncation", "visibility")
+    )
     return Objects(
         step=step,
         label=names_of(family, found.column("source_label", ""), found.column("label", ""), ignored),
@@ -152,8 +155,10 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
         size_lwh_m=size if has.any() else None,
         yaw_rad=yaw if has.any() else None,
         alpha_rad=_known(alpha),
+        occlusion=occlusion,
+        truncation=truncation,
+        visibility=visibility,
         ignore=ignored if ignored.any() else None,
-        **{name: _known(values) for name, values in levels.items()},
     )
 
 
