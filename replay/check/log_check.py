@@ -25,7 +25,7 @@ from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.container import Entry
 from fbench.replay.logs.open import Storage, storage
 from fbench.replay.logs.partial_rig import PartialRig, partial_rig
-from fbench.replay.logs.reader import LogReader
+from fbench.replay.logs.reader import LogReader, make_tick
 from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
@@ -153,9 +153,7 @@ class _Check:
                 self._frames.change(item)
         elif isinstance(item, TruthPart):
             if entry.channel in self._reader.tick_channels and self._frames is not None:
-                tick = self._reader.tick(entry)
-                if tick is not None:
-                    self._frames.tick(tick)
+                self._frames.tick(make_tick(entry, item))
             if self._reader.roles[entry.channel].kind == "truth":
                 self._truth.add(item.truth)
                 self._truth_clock.add_truth(item.truth)

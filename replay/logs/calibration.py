@@ -1,0 +1,92 @@
+"""The calibration of one log: its rig as the log begins, changes of it, coordinate frames, and poses by transforms."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from fbench.replay.contracts.errors import LogError
+from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.rig import KINDS, Rig
+from fbench.replay.logs.codecs.codec import SENSORS
+from fbench.replay.logs.container import Container
+from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, tree_of
+from fbench.replay.logs.poses import TfPoses, TfSource
+from fbench.replay.logs.rig import RigChanges, RigState, first_state
+from fbench.replay.logs.rig_patch import fitted, renamed, require_use
+from fbench.replay.logs.roles import Role
+from fbench.replay.logs.setup import Setup
+from fbench.replay.logs.truth import PosesIn
+
+
+@dataclass(frozen=True)
+class LogCalibration:
+    """What a log and its user say about sensors and coordinate frames; read when it is first asked for."""
+
+    container: Container
+    roles: Mapping[int, Role]
+    left_out: frozenset[str]
+    setup: Setup
+    metadata: Mapping[str, str]
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
+        the camera that isn't calibrated.
+        """
+        return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
+
+    @cached_property
+    def coordinate_frames(self) -> CoordinateFrames:
+        """What names of coordinate frames and cameras mean here. Raises LogError where the rig is incomplete."""
+        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        names = {role.frame_id: role.sensor for role in heard} | {role.topic: role.sensor for role in heard}
+        world, is_camera0 = self.poses_in.world, self.metadata.get(CAMERA0) == BODY
+        return CoordinateFrames(self.rig, *self.tree(), names, world, is_camera0)
+
+    def tree(self) -> tuple[TransformTree, str]:
+        """Return the transforms that hold as the log begins, and the name of the body in them."""
+        if self.container.rigs:
+            return tree_of(self.rig), BODY
+        return self._state.tree, self._state.body()
+
+    @cached_property
+    def tf(self) -> TfSource:
+        """The topic with transforms that poses come from."""
+        return TfSource(self.container, self.roles, self.setup.pose, lambda: self._state, self.setup.world)
+
+    def moving_poses(self) -> TfPoses | None:
+        """Begin to compose poses from transforms; `None` where they don't come from there."""
+        return self.tf.poses() if self.tf.channels else None
+
+    @cached_property
+    def poses_in(self) -> PosesIn:
+        """Whether there are poses, and in which coordinate frame."""
+        if self.tf.channels:
+            return PosesIn(are_there=True, world=self.tf.world)
+        worlds = [role.world for _, role in sorted(self.roles.items()) if role.kind == "pose"]
+        return PosesIn(bool(worlds), next(iter(worlds), ""))
+
+    def changes(self) -> RigChanges:
+        """Begin to follow the changes of the rig; messages can be read even where there is no rig."""
+        stored = self._stored_rigs[1:]
+        try:
+            rig: Rig | None = self.rig
+        except LogError:
+            rig = None
+        return RigChanges(rig, stored, None if self.container.rigs else self._state)
+
+    @cached_property
+    def _state(self) -> RigState:
+        return first_state(self.container, self.roles, self.left_out, self.setup)
+
+    @cached_property
+    def _stored_rigs(self) -> list[tuple[int, Rig]]:
+        """Rigs that the container itself holds, as the setup wants them."""
+        return [(log_ns, self._arrange(rig)) for log_ns, rig in self.container.rigs]
+
+    def _arrange(self, rig: Rig) -> Rig:
+        heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        rig = renamed(rig, {role.frame_id: role.sensor for role in heard}) if self.setup.sensors else rig
+        patch = fitted(self.setup.rig, self.roles)
+        require_use(self.setup.rig, patch, self.roles, patch.tree(tree_of(rig), BODY))
+        return patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard}).without(self.left_out)

@@ -1,0 +1,142 @@
+"""Decoding of single entries of a log into messages and truth, in body coordinates and with the user's names."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from fbench.replay.contracts.errors import DataError, DecodeError, LogError, PointsError
+from fbench.replay.data.classes import ClassMap
+from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.logs.arrange import as_set_up
+from fbench.replay.logs.calibration import LogCalibration
+from fbench.replay.logs.codecs.codec import Codec, Origin, TruthPart
+from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.coordinate_frames import BODIES, invalid
+from fbench.replay.logs.poses import TfPoses, of_body
+from fbench.replay.logs.roles import Role
+from fbench.replay.logs.setup import Setup
+from fbench.replay.logs.truth import in_body
+
+T = TypeVar("T", bound=Message | Truth)
+
+_MAX_STAMP_NS = 2**63 - 1
+
+
+class EventDecoder:
+    """Decodes the entries of one log; what can't be decoded is counted as a fault, once."""
+
+    def __init__(
+        self, container: Container, roles: Mapping[int, Role], setup: Setup, calibration: LogCalibration
+    ) -> None:
+        self._container, self._roles, self._setup, self._calibration = container, roles, setup, calibration
+
+    def message(self, entry: Entry, moving: TfPoses | None = None) -> Message | None:
+        """Decode a measurement or pose; `moving` composes poses from transforms. `None` where it can't be read."""
+        role = self._roles[entry.channel]
+        try:
+            _check(entry)
+            if not isinstance(entry.data, memoryview):
+                stored = entry.data.read()
+                if isinstance(stored, TruthPart):
+                    raise DecodeError("truth in the place of a measurement")
+                return as_set_up(replace(stored, sensor=role.sensor), self._setup)
+            if moving is not None and entry.channel in self._calibration.tf.channels:
+                return moving.decoded(_codec(role), entry.data, entry.log_ns)
+            message = _codec(role).message(role.kind, entry.data, _origin(role, entry))
+            if isinstance(message, Pose) and not role.is_own:
+                message = self._of_body(message, role.frame_id)
+            return as_set_up(self._stamp(entry, message), self._setup)
+        except (DecodeError, DataError) as error:
+            self._count(entry, error)
+            return None
+
+    def truth_part(self, entry: Entry) -> TruthPart | None:
+        """Decode a message of truth, into body coordinates; `None` where it can't be read."""
+        role = self._roles[entry.channel]
+        try:
+            _check(entry)
+            if isinstance(entry.data, memoryview):
+                part = _codec(role).truth(entry.data, _origin(role, entry))
+                part = self._place(replace(part, truth=self._stamp(entry, part.truth)))
+            else:
+                stored = entry.data.read()
+                if not isinstance(stored, TruthPart):
+                    raise DecodeError("a measurement in the place of truth")
+                part = self._place(stored)
+            return replace(part, truth=self.classify(part.truth, "" if role.is_own else entry.topic))
+        except (DecodeError, DataError) as error:
+            self._count(entry, error)
+            return None
+
+    def try_rig(self, entry: Entry, kind: str) -> None:
+        """Count what can't be decoded of a transform or calibration that isn't followed."""
+        try:
+            if kind == "transform" and isinstance(entry.data, memoryview):
+                _codec(self._roles[entry.channel]).transforms(entry.data)
+            elif kind == "calibration" and isinstance(entry.data, memoryview):
+                _codec(self._roles[entry.channel]).calibration(entry.data)
+        except DecodeError as error:
+            self._count(entry, error)
+
+    def classify(self, truth: Truth, where: str) -> Truth:
+        """Return truth with the labels that the setup gives; a name that means nothing is counted once. Importers of
+        fbench know theirs: `where` is empty then.
+        """
+
+        def count(name: str) -> None:
+            if where:
+                self._container.once("GT007", (where, name), f"{where}: '{name}'")
+
+        classes = ClassMap(self._setup.classes)
+        boxes3d = None if truth.boxes3d is None else classes.applied(truth.boxes3d, count)
+        boxes2d = None if truth.boxes2d is None else classes.applied(truth.boxes2d, count)
+        return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
+
+    def _place(self, part: TruthPart) -> TruthPart:
+        if not part.frame_id:
+            return part
+        cameras = {role.frame_id: role.sensor for _, role in sorted(self._roles.items()) if role.kind == "camera"}
+        return in_body(part, *self._calibration.tree(), cameras, self._calibration.poses_in)
+
+    def _of_body(self, pose: Pose, child: str) -> Pose:
+        """Where the body is, from the pose of a coordinate frame that is fixed to it."""
+        if (why := invalid(pose.translation_m, pose.rotation_xyzw)) is not None:
+            raise DecodeError(f"pose {why}")
+        try:
+            body_T_child = self._calibration.coordinate_frames.body_T(child)
+        except LogError:  # messages can be read even where the rig can't
+            return pose
+        if body_T_child is None and child not in BODIES:
+            raise DecodeError(f"pose of '{child}', which no fixed transform links to the body")
+        return pose if body_T_child is None or np.array_equal(body_T_child, np.eye(4)) else of_body(pose, body_T_child)
+
+    def _stamp(self, entry: Entry, item: T) -> T:
+        """Give what another program left without a stamp the time of its recording; counted once a topic."""
+        if item.stamp_ns or not entry.log_ns or self._roles[entry.channel].is_own:
+            return item
+        self._container.once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
+        stamped: T = replace(item, stamp_ns=entry.log_ns)
+        return stamped
+
+    def _count(self, entry: Entry, error: Exception) -> None:
+        where = f"{entry.topic} at {entry.publish_ns}: {error}"
+        code = "DEC003" if isinstance(error, PointsError) else "DEC001"
+        self._container.once(code, (entry.part, entry.block, entry.offset), where)
+
+
+def _codec(role: Role) -> Codec:
+    if role.codec is None:
+        raise DecodeError(f"topic '{role.topic}' can't be decoded")
+    return role.codec
+
+
+def _origin(role: Role, entry: Entry) -> Origin:
+    number = entry.sequence if role.numbered else None
+    return Origin(role.sensor, entry.log_ns, entry.publish_ns, number, role.size_wh)
+
+
+def _check(entry: Entry) -> None:
+    if max(entry.log_ns, entry.publish_ns) > _MAX_STAMP_NS:
+        raise DecodeError("stamp doesn't fit an int64")
