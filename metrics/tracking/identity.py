@@ -63,10 +63,10 @@ def _best(row: Int64, column: Int64, weight: Int64) -> int:
     Tracks that have nothing to do with each other, also by way of others, are solved apart, as steps are elsewhere.
     """
     from fbench.metrics.core.assignment_kernel import best_places  # numba takes a while to import
-    from fbench.metrics.tracking.kernels import linked
+    from fbench.metrics.tracking.kernels import link_groups
 
     num_rows = int(row.max()) + 1
-    group = linked(row, num_rows + column, np.arange(num_rows + int(column.max()) + 1))
+    group = link_groups(row, num_rows + column, np.arange(num_rows + int(column.max()) + 1))
     (row_start, i), (column_start, j) = _within(row, group), _within(column, group)
     width = np.diff(column_start)
     block_start = block_starts(row_start, column_start)

@@ -102,7 +102,7 @@ def follow(  # noqa: C901  # apart it compiles twice as long
 
 
 @kernel
-def linked(row: Int64, column: Int64, parent: Int64) -> Int64:
+def link_groups(row: Int64, column: Int64, parent: Int64) -> Int64:
     """Return the group (P,) of each pair, from 0: pairs that share a row or column, also by way of others, are in one.
 
     Args:
