@@ -100,7 +100,7 @@ def nothing() -> Objects:
     return Objects(ids, np.zeros(0, "U1"), ids, none, np.zeros((0, 4)), triple, triple, none)
 
 
-def unreal(objects: Objects, space: Space = "both") -> Bool:
+def find_unreal(objects: Objects, space: Space = "both") -> Bool:
     """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space.
 
     Args:
@@ -142,7 +142,7 @@ def join(
         num_frames: As told from outside; else as the sides say, else up to the last box of either.
         where: For errors.
         faults: Gets the counts.
-        space: Where boxes are compared, see `unreal`.
+        space: Where boxes are compared, see `find_unreal`.
 
     Raises:
         ConfigError: where frames, or coordinates, are of different kinds.
@@ -153,12 +153,12 @@ def join(
     own, num_strange = _place_on_frames(estimates, frames)
     true, _ = _place_on_frames(truth, frames)
 
-    bad = unreal(true.objects, space)
+    bad = find_unreal(true.objects, space)
     labels, counts = np.unique(true.objects.label[bad], return_counts=True)
     for label, num in zip(labels.tolist(), counts.tolist(), strict=True):
         faults.add("GT004", f"{where.truth}, sequence {where.sequence}: {num} of class '{label}'", num)
     true = true.select(~bad) if bad.any() else true
-    if num := int(unreal(own.objects, space).sum()):
+    if num := int(find_unreal(own.objects, space).sum()):
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
 
     if true.first_pixel != own.first_pixel:  # where both count alike, positions stay as the files have them

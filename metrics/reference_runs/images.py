@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.metrics.core.sequence import Objects, Sequence, Space
-from fbench.metrics.files.side import unreal
+from fbench.metrics.files.side import find_unreal
 from fbench.metrics.reference_runs.rows import Family, Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
@@ -95,7 +95,7 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     """
     view = view_of(run, table.boxes, space)
     truth = _objects(view, family, lambda camera: _truth(view, camera))
-    bad = unreal(truth)
+    bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
         view.labelled.steps(view.cameras if len(view.cameras) > 1 else ()),

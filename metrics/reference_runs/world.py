@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.files.side import unreal
+from fbench.metrics.files.side import find_unreal
 from fbench.metrics.reference_runs.rows import Family, names_of
 from fbench.metrics.runs.columns import Labelled, objects_of
 from fbench.replay.contracts.errors import MetricError
@@ -40,7 +40,7 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
         )
     poses = pose_matrices(found[:, :3], found[:, 3:]) if has_poses else np.tile(np.eye(4), (len(found), 1, 1))
     truth = in_world(*labelled.rows(run.truth_table("3d")), poses, family, is_truth=True)
-    bad = unreal(truth)
+    bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
         labelled.steps(),
