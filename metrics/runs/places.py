@@ -43,7 +43,7 @@ there, also holds what shows nothing.
 _UNSEEN, _UNTOLD, _SEEN = 0, 1, 2  # What a kind of sensor tells of a box; of several kinds the highest counts
 
 
-def seen_by_some(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOptions) -> Bool | None:
+def find_seen(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOptions) -> Bool | None:
     """Tell which truth boxes (N,) at least one sensor of the log sees, whatever the pipeline got; `None` where truth
     doesn't tell.
 

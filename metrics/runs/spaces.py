@@ -11,7 +11,7 @@ from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
 from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs.columns import Labelled, View, objects_of
-from fbench.metrics.runs.places import on_ground, once, seen_by_some
+from fbench.metrics.runs.places import on_ground, once, find_seen
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -61,7 +61,7 @@ def _truth(labelled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions
     frame, truth = labelled.rows(labelled.run.truth_table(space))
     good, _ = finite(truth)
     frame, boxes = frame[good], truth[good]
-    seen = seen_by_some(labelled, frame, boxes, options) if isinstance(boxes, Boxes3D) else None
+    seen = find_seen(labelled, frame, boxes, options) if isinstance(boxes, Boxes3D) else None
     return place(frame, boxes, seen), int((~good).sum())
 
 
