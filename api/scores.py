@@ -196,7 +196,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         options: How boxes match, and which count.
         how: Resamples for confidence intervals of the scores; none by default.
     """
-    from fbench.metrics.latency import summarise
+    from fbench.metrics.latency import summarize
     from fbench.metrics.runs.combine import score_run
 
     run = Run(folder)
@@ -206,7 +206,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
         from fbench.metrics.runs.scoring import intervals_of_run
 
         scores = intervals_of_run(run, options, scores, how)
-    latency = json.dumps(summarise(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
+    latency = json.dumps(summarize(run.timings, run.clock), indent=1, allow_nan=False) + "\n"
     save_scores(folder / "scores.json", scores)
     replace_text(folder / "latency.json", latency)
     return Run(folder)

@@ -10,7 +10,7 @@ _WHOLE = "total"
 _EXCLUDED = "the first run of each stage (first_ms), which also compiles, loads and allocates"
 
 
-def summarise(
+def summarize(
     timings: Mapping[str, Sequence[int]], clock: ClockName = "host", budget_ms: float = 100.0
 ) -> dict[str, Any]:
     """Summarise `Run.timings` for `latency.json`; the whole frame, `total`, is the last stage.
