@@ -35,7 +35,7 @@ def scene(seed: int, num_steps: int = NUM_STEPS) -> Sequence:
         [label[:, found], rng.choice(np.array(DETECTION_RULES.classes), (num_steps, others))], axis=1
     )
     truth, results = boxes(rng, label, place), boxes(rng, labels, centers)
-    return Sequence(f"scene-{seed:04d}", Steps.counted(num_steps), truth, results)
+    return Sequence(f"scene-{seed:04d}", Steps.of_one_stream(num_steps), truth, results)
 
 
 def boxes(rng: np.random.Generator, label: np.ndarray, xy: np.ndarray) -> Objects:

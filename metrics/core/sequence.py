@@ -104,7 +104,7 @@ class Steps:
         return place
 
     @classmethod
-    def counted(cls, num_frames: int) -> "Steps":
+    def of_one_stream(cls, num_frames: int) -> "Steps":
         """Return steps 0 to `num_frames` - 1 of one stream."""
         zeros = np.zeros(num_frames, np.int64)
         return cls(np.arange(num_frames), zeros, zeros)

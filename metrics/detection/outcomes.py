@@ -123,11 +123,10 @@ class BoxCounts(Counts):
         """Estimates that counted."""
         return self.tp + self.fp
 
-    def named(self, with_predicted: bool) -> dict[str, int]:
-        """All counts by name; that of predictions only if it is wanted, and isn't 0."""
+    def as_dict(self) -> dict[str, int]:
+        """All counts by name but that of predictions."""
         counts = asdict(self)
-        if not (with_predicted and self.predicted):
-            del counts["predicted"]
+        del counts["predicted"]
         return counts
 
 

@@ -154,7 +154,8 @@ def _deviations(found: Judgement) -> tuple[Deviation, Deviation]:
 def detection_rows(n: DetectionCounts, head: Heading) -> list[Score]:
     """Return F1, precision and recall at the operating point."""
     boxes = n.boxes
-    counts = {**boxes.named(with_predicted=True), "frames": head.num_frames}
+    predicted = {"predicted": boxes.predicted} if boxes.predicted else {}
+    counts = {**boxes.as_dict(), **predicted, "frames": head.num_frames}
     table = (
         ("f1", boxes.tp + boxes.fn / 2 + boxes.fp / 2, "no truth and no estimates"),
         ("precision", boxes.estimates, "no estimates"),

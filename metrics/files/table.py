@@ -1,6 +1,6 @@
 """Tables, CSV or Parquet, as columns."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -90,39 +90,29 @@ class Table:
                 yield values
 
     def _part(self, values: Values) -> dict[str, Array]:
-        rows = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates())
-        size = len(values)
+        rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates()), len(values)
         unknown, no_text = np.full(size, np.nan), np.full(size, "", "U1")
-        score = unknown
+        score = np.zeros(size)
         if "score" in values:
-            score, is_there = values.numbers("score")
-            score = np.where(is_there, score, 0.0)  # one that isn't finite stays so
-        part: dict[str, Array] = {
+            numbers, is_there = values.numbers("score")
+            score = np.where(is_there, numbers, 0.0)  # one that isn't finite stays so
+        labels = [text.lower() for text in values.texts("label").tolist()] if "label" in values else []
+        has_camera = rows.has_flat.any() and bool(self.cameras)
+        return {
             "step": self.key.read(values),
-            "label": no_text,
+            "label": np.array(labels, np.str_) if "label" in values else no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
-            "score": score if "score" in values else np.zeros(size),
+            "score": score,
             "there": rows.has_solid | rows.has_flat,
-            "camera": no_text,
+            "camera": _spread(rows.flats.camera, rows.has_flat, "") if has_camera else no_text,
             "frame_id": _spread(rows.frames, rows.has_solid, ""),
-            "velocity_mps": np.full((size, 3), np.nan),
             **{name: values.numbers(name)[0] if name in values else unknown for name in _LEVELS},
             "ignore": values.flags("ignore") if "ignore" in values else np.zeros(size, bool),
             "attribute": values.texts("attribute") if "attribute" in values else no_text,
             "num_points": _num_points(values),
+            **{name: _spread(getattr(rows.solids, name), rows.has_solid, np.nan, shape) for name, shape in _SOLID},
+            **{name: _spread(getattr(rows.flats, name), rows.has_flat, np.nan, shape) for name, shape in _FLAT},
         }
-        if "label" in values:
-            part["label"] = np.array([text.lower() for text in values.texts("label").tolist()], np.str_)
-        if rows.has_flat.any() and self.cameras:
-            part["camera"] = _spread(rows.flats.camera, rows.has_flat, "")
-        if rows.solids.velocity_mps is not None:
-            part["velocity_mps"] = _spread(rows.solids.velocity_mps, rows.has_solid, np.nan)
-        for name in ("center_m", "size_lwh_m", "yaw_rad"):
-            part[name] = _spread(getattr(rows.solids, name), rows.has_solid, np.nan)
-        for name in ("xyxy_px", "distance_m", "range_rate_mps"):
-            column = getattr(rows.flats, name)
-            part[name] = unknown if column is None else _spread(column, rows.has_flat, np.nan)
-        return part
 
     def _coordinates(self) -> CoordinateFrames:
         """Cameras are what the table calls so."""
@@ -154,8 +144,10 @@ def _distinct(file: TableFile, column: str) -> tuple[str, ...]:
     return tuple(name for name in found if name)
 
 
-def _spread(some: Array, rows: Bool, absent: Any) -> Array:
-    """Values of some rows among all; the others have `absent`."""
+def _spread(some: Array | None, rows: Bool, absent: Any, shape: tuple[int, ...] = ()) -> Array:
+    """Values of some rows among all; the others have `absent`, and all where there are none, of this shape."""
+    if some is None:
+        return np.full((len(rows), *shape), absent)
     found = np.full((len(rows), *some.shape[1:]), absent, some.dtype)
     found[rows] = some
     return found
@@ -169,16 +161,25 @@ def _num_points(values: Values) -> Array:
     return np.where(np.max(points, axis=0) < 0, -1, np.maximum(points, 0).sum(axis=0))
 
 
+_SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
+_FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
+_OPTIONAL = (
+    "center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points"
+)  # fmt: skip
+_IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
+    "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
+}  # fmt: skip
+"""Marks values that say nothing, by the kind of their array."""
+
+
 def _slim(objects: Objects) -> Objects:
     """Leave out columns in which nothing is known."""
     if not len(objects):
         return nothing()
-    optional = ("xyxy_px", "center_m", "velocity_mps", "distance_m", "range_rate_mps", *_LEVELS)
-    unknown = [name for name in optional if np.isnan(getattr(objects, name)).all()]
-    if "center_m" in unknown:
-        unknown += ["size_lwh_m", "yaw_rad"]
-    unknown += [] if objects.ignore is not None and objects.ignore.any() else ["ignore"]
-    unknown += [] if objects.attribute is not None and (objects.attribute != "").any() else ["attribute"]
-    unknown += [] if objects.num_points is not None and (objects.num_points >= 0).any() else ["num_points"]
-    absent: dict[str, Any] = dict.fromkeys(unknown)
+    columns = {name: getattr(objects, name) for name in _OPTIONAL}
+    absent: dict[str, Any] = {
+        name: None for name, column in columns.items() if _IS_UNKNOWN[column.dtype.kind](column).all()
+    }
+    if "center_m" in absent:
+        absent |= {"size_lwh_m": None, "yaw_rad": None}
     return replace(objects, **absent)

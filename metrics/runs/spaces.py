@@ -11,7 +11,7 @@ from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
 from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs.columns import Labelled, View, objects_of
-from fbench.metrics.runs.places import on_ground, once, find_seen
+from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -103,7 +103,7 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
         estimates, steps = images.place(*labelled.rows(table)), labelled.steps(images.cameras)
     else:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
-        steps, num_invalid = Steps.counted(0), 0
+        steps, num_invalid = Steps.of_one_stream(0), 0
     sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labelled.num_unlabelled, num_invalid)
     return View(Match("iou2d", options.iou), images.matching, sequence, len(run.frames), reason)
 

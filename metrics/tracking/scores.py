@@ -168,7 +168,7 @@ def _clear_rows(
     n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str
 ) -> list[Score]:  # fmt: skip
     boxes, clear = n.boxes, n.clear
-    counts = {**boxes.named(with_predicted=False), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
+    counts = {**boxes.as_dict(), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
     gt, why = (0 if undefined else boxes.gt), undefined or ""
     found = boxes.gt - boxes.fn - clear.switches
     similarity = float(clear.similarity)

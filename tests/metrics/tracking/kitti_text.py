@@ -23,7 +23,7 @@ def kitti_objects(text: str) -> Objects:
 
 
 def kitti_sequence(name: str, truth: str, results: str, num_frames: int) -> Sequence:
-    return Sequence(name, Steps.counted(num_frames), kitti_objects(truth), kitti_objects(results))
+    return Sequence(name, Steps.of_one_stream(num_frames), kitti_objects(truth), kitti_objects(results))
 
 
 def mot_objects(text: str, is_truth: bool) -> Objects:
@@ -40,7 +40,7 @@ def mot_objects(text: str, is_truth: bool) -> Objects:
 
 
 def mot_sequence(name: str, truth: str, results: str, num_frames: int) -> Sequence:
-    return Sequence(name, Steps.counted(num_frames), mot_objects(truth, True), mot_objects(results, False))
+    return Sequence(name, Steps.of_one_stream(num_frames), mot_objects(truth, True), mot_objects(results, False))
 
 
 def lengths(seqmap: Path) -> dict[str, int]:

@@ -26,7 +26,7 @@ def boxes(rows: Rows[Row], label: str = "car", **columns) -> Objects:
 
 def sequence(truth: Rows[Row], estimates: Rows[Row], num: int | None = None, name: str = "s", **columns) -> Sequence:
     last = max((row[0] for row in (*truth, *estimates)), default=-1)
-    steps = Steps.counted(last + 1 if num is None else num)
+    steps = Steps.of_one_stream(last + 1 if num is None else num)
     return Sequence(name, steps, boxes(truth, **columns), boxes(estimates))
 
 

@@ -108,7 +108,7 @@ def solid(x, label="car"):
 
 
 def test_distances_rate_by_how_far_below_the_threshold_they_are():
-    one = Sequence("s", Steps.counted(3), solid([0, 0, 0]), solid([0, 1, 3]))
+    one = Sequence("s", Steps.of_one_stream(3), solid([0, 0, 0]), solid([0, 1, 3]))
     match = Match("bev", 2)
     (first, _) = problems(one, TRACKEVAL_KITTI.preparation, match)
     assert overlaps(first, match).tolist() == [1, 0.5, 0]
@@ -124,7 +124,7 @@ def test_distances_rate_by_how_far_below_the_threshold_they_are():
 
 
 def test_boxes_in_space_match_by_overlap_too():
-    one = Sequence("s", Steps.counted(2), solid([0, 0]), solid([0, 2]))
+    one = Sequence("s", Steps.of_one_stream(2), solid([0, 0]), solid([0, 2]))
     counts = TRACKEVAL_KITTI.with_match(Match("iou3d", 0.25)).measure(one).classes["car"]
     assert counts.clear.tp == 2
     assert float(counts.clear.similarity) == pytest.approx(1 + 1 / 3)

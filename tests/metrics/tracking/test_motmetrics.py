@@ -54,7 +54,7 @@ def test_overall_motp_is_the_mean_over_matches():
 def test_pairs_match_where_1_less_the_overlap_is_the_threshold_or_less():
     """1 - 0.49999999999999994 is 0.5 in floats."""
     truth, results = (mot_objects(f"1,1,{left},0,15,40,1,1\n", True) for left in (1.1, 6.1))
-    sequence = Sequence("s", Steps.counted(1), truth, results)
+    sequence = Sequence("s", Steps.of_one_stream(1), truth, results)
     (own,) = problems(sequence, MOTMETRICS.preparation, MOTMETRICS.match)
     assert own.similarity.tolist() == [np.nextafter(0.5, 0)]
     counts = MOTMETRICS.measure(sequence).classes["object"]

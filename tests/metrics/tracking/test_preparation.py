@@ -29,7 +29,7 @@ def objects(*rows, **columns) -> Objects:
 
 def left(truth, estimates, preparation=KITTI):
     """Truth rows and estimate rows that count, of the first class."""
-    one = next(problems(Sequence("s", Steps.counted(1), truth, estimates), preparation, HALF))
+    one = next(problems(Sequence("s", Steps.of_one_stream(1), truth, estimates), preparation, HALF))
     return one.truth_row.tolist(), one.estimate_row.tolist()
 
 
@@ -76,7 +76,7 @@ def test_regions_excuse_what_lies_in_one_of_them_to_more_than_half():
 
 def test_each_class_has_its_own_results():
     truth, estimates = objects(("car", BIG), ("pedestrian", BIG)), objects(("pedestrian", BIG), ("car", BIG))
-    of_car, of_people = problems(Sequence("s", Steps.counted(1), truth, estimates), KITTI, HALF)
+    of_car, of_people = problems(Sequence("s", Steps.of_one_stream(1), truth, estimates), KITTI, HALF)
     assert (of_car.truth_row.tolist(), of_car.estimate_row.tolist()) == ([0], [1])
     assert (of_people.truth_row.tolist(), of_people.estimate_row.tolist()) == ([1], [0])
 
@@ -103,13 +103,13 @@ def test_an_id_twice_in_a_frame_is_refused():
     double = replace(objects(("car", BIG), ("car", (100, 0, 140, 40))), track_id=np.array([7, 7]))
     for truth, estimates in ((double, objects()), (objects(), double)):
         with pytest.raises(MetricError, match=r"s, frame 0: \w+ have id 7 twice") as raised:
-            TRACKEVAL_KITTI.measure(Sequence("s", Steps.counted(1), truth, estimates))
+            TRACKEVAL_KITTI.measure(Sequence("s", Steps.of_one_stream(1), truth, estimates))
         assert raised.value.code == "GT003"
 
 
 def test_each_class_has_its_own_ids():
     both = replace(objects(("car", BIG), ("pedestrian", BIG)), track_id=np.array([7, 7]))
-    found = TRACKEVAL_KITTI.measure(Sequence("s", Steps.counted(1), both, both)).classes
+    found = TRACKEVAL_KITTI.measure(Sequence("s", Steps.of_one_stream(1), both, both)).classes
     assert [found[name].clear.tp for name in ("car", "pedestrian")] == [1, 1]
 
 
@@ -117,7 +117,7 @@ def test_boxes_without_id_are_left_out_by_kitti_and_refused_by_others():
     nameless = replace(objects(("car", BIG)), track_id=np.array([-1]))
     assert left(nameless, nameless) == ([], [])
     with pytest.raises(MetricError, match="results without an id"):
-        MOTMETRICS.measure(Sequence("s", Steps.counted(1), objects(), nameless))
+        MOTMETRICS.measure(Sequence("s", Steps.of_one_stream(1), objects(), nameless))
 
 
 def test_truth_that_counts_for_nothing_needs_no_id():
@@ -129,7 +129,7 @@ def test_truth_that_counts_for_nothing_needs_no_id():
 
 @pytest.mark.parametrize("box", [(np.nan, 0, 1, 1), (0, 0, np.inf, 40), (40, 0, 0, 40)])
 def test_results_that_are_no_boxes_are_false_alarms(box):
-    one = Sequence("s", Steps.counted(1), objects(("car", BIG)), objects(("car", box)))
+    one = Sequence("s", Steps.of_one_stream(1), objects(("car", BIG)), objects(("car", box)))
     clear = MOTMETRICS.measure(one).classes["object"].clear
     assert (clear.tp, clear.fn, clear.fp) == (0, 1, 1)
     counts = TRACKEVAL_KITTI.measure(one).classes["car"]

@@ -39,7 +39,7 @@ def made(rng, label, num_ids=5, grid=0.0) -> Objects:
 
 def sequence(rng, profile, grid=0.0) -> Sequence:
     label = "car" if profile is TRACKEVAL_KITTI else "pedestrian"
-    return Sequence("s", Steps.counted(NUM_STEPS), made(rng, label, grid=grid), made(rng, label, grid=grid))
+    return Sequence("s", Steps.of_one_stream(NUM_STEPS), made(rng, label, grid=grid), made(rng, label, grid=grid))
 
 
 def shuffled(objects: Objects, rng) -> Objects:
@@ -58,7 +58,7 @@ def values(profile, one):
 @some
 def test_truth_as_result_scores_1(profile, seed):
     truth = sequence(rng_of(seed), profile).truth
-    rows = values(profile, Sequence("s", Steps.counted(NUM_STEPS), truth, shuffled(truth, rng_of(seed))))
+    rows = values(profile, Sequence("s", Steps.of_one_stream(NUM_STEPS), truth, shuffled(truth, rng_of(seed))))
     perfect = {"hota", "deta", "assa", "loca", "mota", "idf1", "clr_f1", "recall", "precision", "mota_no_fp", "idp"}
     found = [row for row in rows if row.metric in perfect and row.value is not None]
     assert found

@@ -30,7 +30,7 @@ def boxes(
 
 def rows(truth: Objects, estimates: Objects, num_steps: int = 1, profile: CocoProfile | None = None) -> list[Score]:
     profile = profile or CocoProfile()
-    return profile.scores(profile.measure(Sequence("s", Steps.counted(num_steps), truth, estimates)), "all")
+    return profile.scores(profile.measure(Sequence("s", Steps.of_one_stream(num_steps), truth, estimates)), "all")
 
 
 def row(found: list[Score], metric: str, class_: str = "all") -> Score:

@@ -33,7 +33,7 @@ def sequences(seed: int, num_parts: int, shuffle: int = 0) -> list[Sequence]:
     return [
         Sequence(
             f"part {k}",
-            Steps.counted(last - first),
+            Steps.of_one_stream(last - first),
             *(objects(boxes, first, last, rng.permutation(len(boxes.image))) for boxes in (truth, estimates)),
         )
         for k, (first, last) in enumerate(pairwise(borders))

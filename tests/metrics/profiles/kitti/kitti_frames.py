@@ -28,4 +28,4 @@ def objects_of(frames: list[Rows]) -> Objects:
 def object_sequence(name: str, frames: list[tuple[Rows, Rows]]) -> Sequence:
     """One sequence of frames."""
     truth, results = (objects_of([frame[side] for frame in frames]) for side in (0, 1))
-    return Sequence(name, Steps.counted(len(frames)), truth, results)
+    return Sequence(name, Steps.of_one_stream(len(frames)), truth, results)

@@ -26,4 +26,4 @@ def tracking_objects(lines: list[str]) -> Objects:
 
 def tracking_sequence(name: str, truth: list[str], results: list[str], num_frames: int) -> Sequence:
     """One sequence of `num_frames` frames."""
-    return Sequence(name, Steps.counted(num_frames), tracking_objects(truth), tracking_objects(results))
+    return Sequence(name, Steps.of_one_stream(num_frames), tracking_objects(truth), tracking_objects(results))

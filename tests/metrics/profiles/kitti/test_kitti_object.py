@@ -38,7 +38,7 @@ def joined(*parts: Objects) -> Objects:
 
 
 def sequence(truth: Objects, results: Objects, frames: int = 1) -> Sequence:
-    return Sequence("0", Steps.counted(frames), truth, results)
+    return Sequence("0", Steps.of_one_stream(frames), truth, results)
 
 
 def found(truth: Objects, results: Objects, profile=IOU2D, difficulty="moderate", frames=1, label="car"):
