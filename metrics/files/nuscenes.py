@@ -22,20 +22,6 @@ from fbench.replay.formats.nuscenes import (
 )
 
 
-def find_warnings(token: str, boxes: Sequence[Mapping[str, Any]], scene: str) -> list[InputWarning]:
-    """Return what is odd about the boxes under one sample."""
-    where = f"{f'scene {scene}, ' if scene else ''}sample '{token[:40]}'"
-    flat = [box for box in boxes if "tracking_name" not in box]
-    strange = [box for box in flat if box.get("attribute_name") and box["attribute_name"] not in ATTRIBUTES]
-    nums = {
-        "box whose sample_token names another sample than it is under":
-            sum(box.get("sample_token", token) != token for box in boxes),
-        "box with an attribute that nuScenes doesn't have": len(strange),
-        "box without a velocity, which counts as unknown": sum(box.get("velocity") is None for box in flat),
-    }  # fmt: skip
-    return [InputWarning(what, num, where) for what, num in nums.items() if num]
-
-
 @dataclass(frozen=True)
 class Submission:
     """Results by sample token."""
@@ -54,35 +40,29 @@ class Submission:
         named = isinstance(first, dict) and "tracking_name" in first
         return "" if first is None else "tracking" if named else "detection"
 
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """In the order of their names; one without a name where nobody tells."""
-        return tuple(sorted(self._tokens))
-
     @cached_property
-    def _tokens(self) -> Mapping[str, list[str]]:
-        """Of each scene."""
+    def tokens(self) -> Mapping[str, list[str]]:
+        """Those of each scene, in the order of the names of scenes; one without a name where nobody tells."""
         found: dict[str, list[str]] = {}
         for token in self.results:
             found.setdefault(self.samples[token].scene, []).append(token)
-        return found
+        return dict(sorted(found.items()))
 
     def read(self, scene: str) -> Side:
         """Return the boxes of one scene, in the world. Raises LogError naming sample and box of what can't be read."""
-        tokens = sorted(self._tokens[scene], key=lambda token: (self.samples[token].key, token))
+        tokens = sorted(self.tokens[scene], key=lambda token: (self.samples[token].key, token))
         keys = np.array([self.samples[token].key for token in tokens], np.int64)
         if len(keys) and (np.diff(keys) == 0).any():
             raise LogError(f"{self.path}: two samples are at {keys[int(np.argmax(np.diff(keys) == 0))]}")
         boxes, steps, ego_m, warnings = [], [], [], list[InputWarning]()
         for token, key in zip(tokens, keys.tolist(), strict=True):
             at = f"{self.path}: sample '{token[:40]}'"
-            found = [
-                (f"{at} box {i}", mapping(box, f"{at} box {i}")) for i, box in enumerate(items(self.results[token], at))
-            ]
-            boxes += found
-            warnings += find_warnings(token, [box for _, box in found], scene)
+            found = [mapping(box, f"{at} box {i}") for i, box in enumerate(items(self.results[token], at))]
+            boxes += [(f"{at} box {i}", box) for i, box in enumerate(found)]
             steps += [key] * len(found)
-            ego_m.append(_ego(self.samples[token], [box for _, box in found]))
+            ego_m.append(_ego(self.samples[token], found))
+            where = f"{f'scene {scene}, ' if scene else ''}sample '{token[:40]}'"
+            warnings += [InputWarning(what, num, where) for what, num in _count_oddities(token, found).items() if num]
         ego = np.array(ego_m, np.float64).reshape(-1, 3)
         return Side(
             objects_of(to_box_columns(boxes, steps))[0],
@@ -111,28 +91,36 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
     if not results:
         raise LogError(f"{path}: no results; expected an object with 'results' by sample token")
     companion = find_companion(path)
-    if companion is None and like is not None:
-        strange = next((token for token in results if token not in like.samples), None)
-        if strange is not None:
-            raise LogError(f"{path}: sample '{strange[:40]}' isn't in {like.path}")
-        return Submission(path, results, like.samples, like.are_ordered, like.has_stamps, "meta" in content)
-    samples, has_stamps, are_ordered = _samples(path, companion, list(results))
-    lost = [token for token in results if not samples[token].scene]
+    has_stamps = are_ordered = True
+    if companion is not None:
+        samples: Mapping[str, Sample] = read_samples(companion)
+    elif like is not None:
+        samples, has_stamps, are_ordered = like.samples, like.has_stamps, like.are_ordered
+    elif all(token.isascii() and token.isdigit() and len(token) < 19 for token in results):
+        samples, has_stamps = {token: Sample(int(token)) for token in results}, max(map(int, results)) >= FRAMES_BELOW
+    else:
+        samples, has_stamps, are_ordered = {t: Sample(key) for key, t in enumerate(sorted(results))}, False, False
+    strange = next((token[:40] for token in results if token not in samples), None)
+    if strange is not None and companion is not None:
+        raise LogError(f"{path}: when was sample '{strange}'? {companion} doesn't know it")
+    if strange is not None and like is not None:
+        raise LogError(f"{path}: sample '{strange}' isn't in {like.path}")
+    lost = [token for token in results if companion is not None and not samples[token].scene]
     if 0 < len(lost) < len(results):
         raise LogError(f"{companion}: sample '{lost[0][:40]}' has no scene, others have one")
     return Submission(path, results, samples, are_ordered, has_stamps, "meta" in content)
 
 
-def _samples(path: Path, companion: Path | None, tokens: Sequence[str]) -> tuple[dict[str, Sample], bool, bool]:
-    if companion is not None:
-        known = read_samples(companion)
-        strange = next((token for token in tokens if token not in known), None)
-        if strange is not None:
-            raise LogError(f"{path}: when was sample '{strange[:40]}'? {companion} doesn't know it")
-        return known, True, True
-    if all(token.isascii() and token.isdigit() and len(token) < 19 for token in tokens):
-        return {token: Sample(int(token)) for token in tokens}, max(map(int, tokens)) >= FRAMES_BELOW, True
-    return {token: Sample(key) for key, token in enumerate(sorted(tokens))}, False, False
+def _count_oddities(token: str, boxes: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """How many boxes under one sample are odd in which way."""
+    flat = [box for box in boxes if "tracking_name" not in box]
+    strange = [box for box in flat if box.get("attribute_name") and box["attribute_name"] not in ATTRIBUTES]
+    return {
+        "box whose sample_token names another sample than it is under":
+            sum(box.get("sample_token", token) != token for box in boxes),
+        "box with an attribute that nuScenes doesn't have": len(strange),
+        "box without a velocity, which counts as unknown": sum(box.get("velocity") is None for box in flat),
+    }  # fmt: skip
 
 
 def _ego(sample: Sample, boxes: Sequence[Mapping[str, Any]]) -> tuple[float, float, float]:

@@ -87,8 +87,8 @@ def open_submission_source(path: Path, like: Source | None) -> Source:
     is known there is one, called as the file.
     """
     submission = open_submission(path, None if like is None else like.submission())
-    names = tuple(scene or path.stem for scene in submission.scenes)
-    is_single = submission.scenes == ("",)
+    names = tuple(scene or path.stem for scene in submission.tokens)
+    is_single = list(submission.tokens) == [""]
     return Source(
         path, "nuscenes", names, is_single, lambda name: submission.read("" if is_single else name), lambda: submission
     )
