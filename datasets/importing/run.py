@@ -85,10 +85,11 @@ class _End:
     """Stands behind the last item."""
 
 
-def read_ahead(items: Iterator[T]) -> Iterator[T]:
+def read_ahead(items: Iterator[T]) -> Generator[T]:
     """Yield the same items, up to `NUM_AHEAD` of which are asked for before they are wanted.
 
-    All are asked for in one thread, one after the other. An error comes in the place of its item.
+    All are asked for in one thread, one after the other. An error comes in the place of its item. Who may leave items
+    unread has to close it: left to the garbage collector, it could be told to wait for its thread in that very thread.
     """
     waiting: deque[Future[T | _End]] = deque()
     with ThreadPoolExecutor(1, "fbench-import") as pool:
@@ -229,7 +230,8 @@ def _write(recording: Recording, target: Target, progress: Progress, skips: bool
     target.require_free()
     total = recording.num_items
     sink = open_sink(target, header_of(info, recording.rig))
-    written = write_items(_items(recording), sink, target, lambda num: progress(name, num, total), info.log_id)
+    with closing(_items(recording)) as items:
+        written = write_items(items, sink, target, lambda num: progress(name, num, total), info.log_id)
     return ImportedLog(name, target.path, "written", written, recording.summary())
 
 
@@ -264,12 +266,13 @@ def _header(path: Path) -> LogHeader | None:
         return None
 
 
-def _items(recording: Recording) -> Iterator[Item]:
+def _items(recording: Recording) -> Generator[Item]:
     rig = recording.rig
     yield RigAt(0, rig)
     items = LogItems()
-    for imported in checked_items(recording.name, rig, read_ahead(iter(recording.items()))):
-        try:
-            yield from items.of(imported)
-        except ValueError as error:
-            raise LogError(f"{recording.name}: a result can't be stored ({error})") from error
+    with closing(read_ahead(iter(recording.items()))) as ahead:
+        for imported in checked_items(recording.name, rig, ahead):
+            try:
+                yield from items.of(imported)
+            except ValueError as error:
+                raise LogError(f"{recording.name}: a result can't be stored ({error})") from error

@@ -64,6 +64,13 @@ def test_what_no_log_can_hold(tmp_path, items, message):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_thread_that_reads_ahead_ends_before_an_error_is_told(tmp_path):
+    with pytest.raises(LogError) as error:
+        import_one(Fixed(cloud(5), cloud(4), cloud(6), cloud(7)), tmp_path, tmp_path / "a.mcap")
+    assert error.tb is not None  # which still holds all that was open then
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fbench-import")]
+
+
 def test_one_sequence_is_expected(tmp_path):
     write_toy(tmp_path / "src", ["a", "b"])
     with pytest.raises(ConfigError, match=r"src: expected one sequence, there are 2$"):
@@ -253,7 +260,7 @@ def test_no_more_than_so_many_are_taken_before_they_are_wanted():
 
     items = read_ahead(numbers())
     assert next(items) == 0
-    del items
+    items.close()
     assert len(taken) <= NUM_AHEAD + 1
 
 
