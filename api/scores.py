@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from fbench.metrics.core.bootstrap import Bootstrap
     from fbench.metrics.files.sequences import Choice
     from fbench.metrics.profiles.catalog import AnyProfile
-    from fbench.metrics.profiles.profile import Match
+    from fbench.replay.contracts.profiles import Headlines, Match
 
 FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
@@ -131,6 +131,8 @@ class ScoreResult:
     warnings: tuple[str, ...] = ()
     complete: bool = True
     """Whether no data was lost."""
+    headlines: "Headlines | None" = None
+    """Of the profile: which metrics people look for."""
 
 
 def score(request: ScoreRequest) -> ScoreResult:
@@ -171,7 +173,8 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
         f"{request.detections} against {request.truth}",
         (*pair.notes, *odd, *remarks.lines(), *faults),
     )
-    return ScoreResult(rows, title, profile.name, tuple(result.statistics), warnings, not pair.faults.lost)
+    headlines, names = profile.facts.headlines, tuple(result.statistics)
+    return ScoreResult(rows, title, profile.name, names, warnings, not pair.faults.lost, headlines)
 
 
 def open_folder(folder: Path) -> Run:
@@ -252,7 +255,7 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
 def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
     from fbench.metrics.profiles.choose import chosen, only
     from fbench.metrics.profiles.default import DefaultProfile
-    from fbench.metrics.profiles.profile import Match
+    from fbench.replay.contracts.profiles import Match
 
     match = None if request.match is None else Match.parse(request.match)
     warnings: tuple[str, ...]
@@ -269,7 +272,8 @@ def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult
         rows, warnings, sequences = _count_by(profile, runs, match, request)
     complete = all(run.manifest.complete for run in runs)
     rows = only(rows, tuple(request.classes))
-    return ScoreResult(rows, _names(runs), profile.name, sequences, warnings, complete)
+    headlines = profile.facts.headlines
+    return ScoreResult(rows, _names(runs), profile.name, sequences, warnings, complete, headlines)
 
 
 def _count_by(

@@ -24,17 +24,17 @@ from fbench.datasets.city.recording import Cities, CityRecording
 from fbench.datasets.city.request import SEEDS
 from fbench.datasets.city.rig import RigSpec, thesis_rig
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.metrics.core.sequence import Objects, Steps
-from fbench.metrics.core.sequence import Sequence as Drive
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.metrics.profiles.profile import Match
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.boxes import VEHICLES, Boxes2D
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image
+from fbench.replay.data.sequences import Objects, Steps
+from fbench.replay.data.sequences import Sequence as Drive
 
 FAR_M, SEEN = 50.0, 0.5  # Vehicles count up to this distance, and where at least so much of them is visible
 MIN_SCORE = 0.01

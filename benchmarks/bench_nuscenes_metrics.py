@@ -15,10 +15,10 @@ import time
 import numpy as np
 from common import best_s
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
 from fbench.metrics.profiles.nuscenes.settings import DETECTION_RULES
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 NUM_SCENES, NUM_STEPS, NUM_TRUTH, NUM_RESULTS = 25, 40, 40, 100  # The last two are per sample: 100,000 results in all
 

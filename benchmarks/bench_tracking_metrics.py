@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.files.sequences import Choice, open_files
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 ROOT = Path(__file__).resolve().parents[2] / "shared/data/kitti_tracking"
 TRACKER = "GT-SORT"

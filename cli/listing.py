@@ -151,10 +151,10 @@ def show_metric(name: str) -> None:
 
 def show_profiles() -> None:
     """List every profile."""
-    from fbench.metrics.profiles.catalog import PROFILES, profile_of
+    from fbench.metrics.profiles.catalog import profile_names, profile_of
 
     table = _table("profile", "what it counts")
-    for name in PROFILES:
+    for name in profile_names():
         table.add_row(name, profile_of(name).summary)
     console().print(table)
 

@@ -62,10 +62,11 @@ def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
         sys.stdout.write("\n")
         return
     from fbench.metrics.profiles.remarks import lines
+    from fbench.replay.contracts.profiles import Headlines
 
     out = console()
     say(f"{result.title}: profile {profile}", "")
-    table = lines(rows, profile)
+    table = lines(rows, result.headlines or Headlines())
     columns = list(dict.fromkeys(name for line in table for name in line.scores))
     for first in range(0, len(columns), _MAX_COLUMNS):
         out.print(_table(table, columns[first : first + _MAX_COLUMNS]))

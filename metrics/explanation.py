@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 
 from fbench.metrics.core.problem import faults
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.core.slices import VEHICLE, Group, ground_range, label_group
 from fbench.metrics.detection.outcomes import Judgement, compare_class, judge_detections
 from fbench.metrics.detection.outcomes import Outcome as BoxOutcome
@@ -20,6 +19,7 @@ from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mea
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import LABELS, finite
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.data.sequences import Objects
 from fbench.replay.runs.folder import Run
 
 Outcome = Literal["hit", "missed", "false alarm", "ignored", "invalid"]

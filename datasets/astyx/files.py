@@ -11,17 +11,9 @@ import pyarrow as pa
 from pyarrow import csv
 from pydantic import BaseModel, Field, FiniteFloat
 
-from fbench.datasets.importing.files import (
-    find_numbered,
-    is_rotation,
-    mount_of,
-    read_bytes,
-    read_image,
-    read_json,
-    require_folder,
-)
+from fbench.datasets.importing.files import find_numbered, is_rotation, mount_of, read_image, read_json
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.contracts.importing import FrameRange, read_bytes, require_folder
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.messages import Image

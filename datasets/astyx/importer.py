@@ -30,9 +30,9 @@ from fbench.datasets.astyx.files import (
     read_rig,
     scan,
 )
-from fbench.datasets.importing.files import file_facts, format_counts, format_list, log_id, require_folder
+from fbench.datasets.importing.files import format_counts, format_list
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts, log_id, require_folder
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 

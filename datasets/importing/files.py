@@ -1,11 +1,9 @@
 """Files of datasets: find, read and check them; sensors from matrices; lines of an import's summary."""
 
 import re
-import stat
 import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from hashlib import blake2b
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,8 +11,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
-from fbench.replay.contracts.importing import FrameRange
-from fbench.replay.contracts.settings import describe
+from fbench.replay.contracts.importing import FrameRange, read_bytes
 from fbench.replay.data.arrays import Float32, Float64
 from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size
 from fbench.replay.data.messages import Image
@@ -74,47 +71,7 @@ def is_pinhole(K: Float64) -> bool:
     return bool(K[0, 0] > 0 and K[1, 1] > 0 and K[2, 2] == 1 and not np.tril(K, -1).any())
 
 
-MAX_BYTES = 112 * 2**20  # No file of a dataset that becomes one message is larger
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
-
-
-def require_folder(path: Path) -> None:
-    """Refuse what isn't a folder. Raises LogError: saying what it is."""
-    if not path.is_dir():
-        raise LogError(f"{path}: {'not a folder' if path.exists() else 'no such folder'}")
-
-
-def require_file(path: Path) -> None:
-    """Refuse what isn't a file: pipes and devices never end, or never begin. Raises LogError: saying so."""
-    try:
-        mode = path.stat().st_mode
-    except (OSError, ValueError) as error:
-        raise LogError(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
-    if not stat.S_ISREG(mode):
-        raise LogError(f"{path}: {'Is a directory' if stat.S_ISDIR(mode) else 'a pipe or device, expected a file'}")
-
-
-def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Return the content of a file. Raises LogError where it can't be read. Raises LimitError where it is larger than
-    `limit` [byte].
-    """
-    require_file(path)
-    try:
-        if (size := path.stat().st_size) > limit:
-            raise LimitError(f"{path}: {size} bytes, more than {limit}")
-        return path.read_bytes()
-    except OSError as error:
-        raise LogError(f"{path}: {error.strerror}") from error
-
-
-def read_text(path: Path, limit: int = MAX_BYTES) -> str:
-    """Return the content of a text file. Raises LogError where it can't be read, or isn't UTF-8. Raises LimitError
-    where it is larger than `limit` [byte].
-    """
-    try:
-        return read_bytes(path, limit).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: isn't UTF-8 text ({error.reason} at byte {error.start})") from error
 
 
 def read_floats(path: Path, num_columns: int) -> Float32:
@@ -222,36 +179,3 @@ def wrong_field(error: ValidationError) -> tuple[str, str]:
     """Return the name of the first field that isn't as its model says, empty for the whole, and why."""
     first = error.errors()[0]
     return ".".join(str(part) for part in first["loc"]), first["msg"]
-
-
-def log_id(dataset: str, facts: Iterable[str], frames: FrameRange, params: object = None) -> str:
-    """Return the id of a log.
-
-    Args:
-        dataset: Short name of the dataset, with which the id begins.
-        facts: What tells the source apart, in a fixed order: names and sizes of files (`file_facts`), tokens.
-        frames: Which frames were imported.
-        params: The importer's parameters.
-    """
-    digest = blake2b(digest_size=8)
-    own = [f"{name}={value}" for name, value in sorted(describe_params(params).items())]
-    for text in [*facts, str(frames), *own]:
-        data = text.encode(errors="surrogateescape")
-        digest.update(len(data).to_bytes(8, "little") + data)
-    return f"{dataset}-{digest.hexdigest()}"
-
-
-def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
-    """Return name below `root` and size of each file; of one that isn't there the name."""
-    facts = []
-    for path in paths:
-        size = path.stat().st_size if path.is_file() else "missing"
-        facts.append(f"{path.relative_to(root).as_posix()} {size}")
-    return facts
-
-
-def describe_params(params: object) -> Mapping[str, str]:
-    """Return an importer's parameters as metadata of the log, `import.NAME`; those that are left open are left out."""
-    if params is None:
-        return {}
-    return {f"import.{name}": str(value) for name, value in describe(params).items() if value not in (None, "")}

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import file_facts, find_numbered
+from fbench.datasets.importing.files import find_numbered
 from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, Results, frame_results, frame_rows, object_label
 from fbench.datasets.kitti.sensors import (
     IMAGES,
@@ -20,7 +20,7 @@ from fbench.datasets.kitti.sensors import (
     size_without_images,
 )
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.metadata import GAPS, MEANT

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import read_text
 from fbench.datasets.kitti.sensors import Calibration, world_T_body
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import read_text
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.formats.text import parse_number

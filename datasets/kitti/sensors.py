@@ -10,17 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import (
-    BODY_T_OPTICAL,
-    entries,
-    is_number,
-    is_pinhole,
-    is_rotation,
-    mount_of,
-    read_bytes,
-    require_file,
-)
+from fbench.datasets.importing.files import BODY_T_OPTICAL, entries, is_number, is_pinhole, is_rotation, mount_of
 from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
+from fbench.replay.contracts.importing import read_bytes, require_file
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import encoded_size
 from fbench.replay.data.rig import CameraModel, Rig

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import entries, file_facts, find_numbered
+from fbench.datasets.importing.files import entries, find_numbered
 from fbench.datasets.kitti.labels import (
     CAMERA,
     MAX_FRAMES,
@@ -35,7 +35,7 @@ from fbench.datasets.kitti.sensors import (
     size_without_images,
 )
 from fbench.replay.contracts.errors import LimitError, LogError
-from fbench.replay.contracts.importing import BadInput, ImportWish
+from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Rig
 from fbench.replay.formats.objects import LabeledObject

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import describe_params, file_facts, log_id
 from fbench.datasets.nuscenes.messages import REFERENCE, Content, Findings, Rows, items, summary_lines
 from fbench.datasets.nuscenes.opened import NuScenesSet
 from fbench.datasets.nuscenes.rows import Scene
@@ -18,7 +17,7 @@ from fbench.datasets.nuscenes.sensors import rig_of
 from fbench.datasets.nuscenes.tables import TABLES, open_folder, read_scenes
 from fbench.datasets.nuscenes.truth import SceneTruth
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 

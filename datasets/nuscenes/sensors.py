@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import is_pinhole, read_bytes
+from fbench.datasets.importing.files import is_pinhole
 from fbench.datasets.nuscenes.tables import DataRow, Tables
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import read_bytes
 from fbench.replay.data.arrays import Array, Bool, Float32
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 

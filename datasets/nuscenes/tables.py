@@ -8,7 +8,6 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
-from fbench.datasets.importing.files import require_folder
 from fbench.datasets.nuscenes.rows import (
     CalibratedSensor,
     Instance,
@@ -22,6 +21,7 @@ from fbench.datasets.nuscenes.rows import (
     read_by_token,
 )
 from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.importing import require_folder
 
 
 class PoseRow(NamedTuple):

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from fbench.datasets.importing.files import entries, find_numbered, read_text, require_folder
+from fbench.datasets.importing.files import entries, find_numbered
 from fbench.datasets.radiate.calibration import FILE_NAME, LEFT, LIDAR, RIGHT
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import BadInput, FrameRange
+from fbench.replay.contracts.importing import BadInput, FrameRange, read_text, require_folder
 
 _LINE = re.compile(r"Frame:\s*(\d{1,12})\s+Time:\s*(\d{1,10})\.(\d{1,9})", re.ASCII)
 _MAX_S = 2**63 // 10**9

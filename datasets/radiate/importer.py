@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import describe_params, file_facts, log_id, read_bytes, read_image, read_text
+from fbench.datasets.importing.files import read_image
 from fbench.datasets.radiate.calibration import LIDAR, Calibration, read_calibration, rig_of
 from fbench.datasets.radiate.files import (
     ANNOTATIONS,
@@ -38,7 +38,7 @@ from fbench.datasets.radiate.labels import Annotations, Findings, inside_bev, re
 from fbench.datasets.radiate.radar import DEFAULTS, RadiateParams, read_polar, scan_of
 from fbench.datasets.radiate.radar import SENSOR as RADAR
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.contracts.importing import ImportWish, describe_params, file_facts, log_id, read_bytes, read_text
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import LogInfo, Rig

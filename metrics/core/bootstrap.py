@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.metrics.profiles.profile import Statistics
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Statistics
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.scores import Score
 

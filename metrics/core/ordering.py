@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
 from fbench.replay.data.arrays import Array, Int64
+from fbench.replay.data.sequences import Objects
 
 
 def content_ranks(columns: Sequence[Array]) -> Int64:

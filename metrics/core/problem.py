@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, are_finite
-from fbench.metrics.profiles.profile import Likeness
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Likeness
 from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Objects, are_finite
 
 
 @dataclass(frozen=True, eq=False)

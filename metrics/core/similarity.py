@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, are_finite
-from fbench.metrics.profiles.profile import Likeness
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Likeness
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.sequences import Objects, are_finite
 from fbench.replay.geometry.iou import comparable, flat_iou
 
 

@@ -7,11 +7,11 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.profiles.profile import Statistics
+from fbench.replay.contracts.profiles import Statistics
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import VEHICLES, Source
 from fbench.replay.data.scores import Score, ratio
+from fbench.replay.data.sequences import Objects, Sequence
 
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0)
 VISIBILITIES = (0.0, 0.4, 0.6, 0.8, 1.0)  # The steps that nuScenes labels

@@ -9,11 +9,11 @@ import numpy as np
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.matching import match_best, match_greedy
 from fbench.metrics.core.problem import is_valid
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.similarity import Blocks, blocks, image_overlaps
 from fbench.metrics.core.slices import Group, Part
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.sequences import Objects, Sequence
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ from fractions import Fraction
 import numpy as np
 
 from fbench.metrics.core.exact import Counts, exact_sum
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import Group, Heading
 from fbench.metrics.detection.outcomes import (
     BoxCounts,
@@ -16,9 +15,10 @@ from fbench.metrics.detection.outcomes import (
     judge_detections,
     judge_ranked,
 )
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from fbench.metrics.core.sequence import Sequence, Space
 from fbench.metrics.files.logs import logs_in, open_logs
 from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, find_missing_entries, join, nothing
 from fbench.metrics.files.sources import Source, open_images, open_submission_source, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.sequences import Sequence, Space
 from fbench.replay.formats.open import recognize
 from fbench.replay.formats.table_files import SUFFIXES
 from fbench.replay.formats.text import MAX_FRAMES, frame_number, lines

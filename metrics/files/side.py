@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Space, Steps, are_finite
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text
+from fbench.replay.data.sequences import Objects, Sequence, Space, Steps, are_finite
 from fbench.replay.truth.labelling import TOLERANCE_NS
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.files.side import Side, nothing, objects_of
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.rig import Mount, Rig
+from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.table import is_run_table, rows_of, spaces_of
 from fbench.replay.formats.table_files import Key, TableFile, Values, key_of, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree

@@ -10,21 +10,21 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
-from fbench.metrics.core.sequence import Sequence, Space
 from fbench.metrics.files.sequences import FilePair
 from fbench.metrics.files.side import InputWarning, Side, has_solids
-from fbench.metrics.profiles.catalog import NEEDS_TIME, NEEDS_WORLD, AnyProfile, Facts, facts_of, profile_of
+from fbench.metrics.profiles.catalog import AnyProfile, profile_of
 from fbench.metrics.profiles.default import IN_IMAGES, IN_SPACE, DefaultProfile
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
 from fbench.metrics.profiles.motmetrics import MotmetricsProfile
-from fbench.metrics.profiles.profile import Match, Profile, Statistics
 from fbench.metrics.profiles.trackeval.profiles import TrackEvalProfile
 from fbench.metrics.reference_runs.images import image_sequence
 from fbench.metrics.reference_runs.world import world_sequence
 from fbench.metrics.runs.spaces import ground_view, image_view
 from fbench.replay.contracts.errors import ConfigError, MetricError, did_you_mean
+from fbench.replay.contracts.profiles import Facts, Match, Profile, Statistics
 from fbench.replay.data.boxes import Boxes2D
 from fbench.replay.data.scores import Score, ScoreOptions
+from fbench.replay.data.sequences import Sequence, Space
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
 
@@ -56,7 +56,7 @@ def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
     """
     if isinstance(profile, DefaultProfile) and not has_match:
         return replace(profile, match=_match_for(pair))
-    if profile.name in NEEDS_WORLD or profile.name in NEEDS_TIME:
+    if profile.facts.needs_ego or profile.facts.needs_time:
         results = pair.estimates.submission() if profile.name == "nuscenes-detection" else None
         if results is not None and results.task == "tracking":
             what = "submission of tracking, whose boxes are taken as detections"
@@ -84,7 +84,7 @@ def compared(profile: AnyProfile) -> Space:
         return _space_of(profile.rules.match)
     if isinstance(profile, DefaultProfile | TrackEvalProfile | MotmetricsProfile):
         return _space_of(profile.match)
-    return facts_of(profile).space
+    return profile.facts.space
 
 
 def _space_of(match: Match) -> Space:
@@ -102,7 +102,7 @@ def _match_for(pair: FilePair) -> Match:
 
 def _require_samples(profile: AnyProfile, pair: FilePair, truth: Side) -> None:
     beside = f"put samples.csv (token, stamp_ns, scene, ego_x, ego_y, ego_z) beside {pair.truth.path}"
-    if profile.name in NEEDS_TIME and not truth.are_ordered:
+    if profile.facts.needs_time and not truth.are_ordered:
         raise ConfigError(f"{profile.name}: nobody tells when the samples are; {beside}, or sample.json of nuScenes")
     if truth.space == "world" and truth.ego_m is None:
         raise ConfigError(f"{profile.name}: boxes are in the world, and nobody tells where the ego is; give truth "
@@ -124,15 +124,15 @@ def run_sequence(run: Run, profile: AnyProfile, match: Match | None = None) -> S
     Raises:
         MetricError: where nothing has truth of the kind (GT001), or results aren't of it.
     """
-    facts = facts_of(profile)
+    facts = profile.facts
     table = run.tracks if facts.judges_tracks else run.detections
     space = _space(facts, match)
     if space == "3d" and isinstance(table.boxes, Boxes2D):
         raise MetricError(f"{run.folder}: {profile.name} needs 3D boxes, and the results are in images")
     if facts.family is None:
         return _own_sequence(run, table, space)
-    if profile.name in NEEDS_WORLD:
-        return world_sequence(run, table, facts.family, needs_world=profile.name in NEEDS_TIME)
+    if profile.facts.needs_ego:
+        return world_sequence(run, table, facts.family, needs_world=profile.facts.needs_time)
     sequence = image_sequence(run, table, facts.family, space)
     return _of_its_classes(sequence, profile) if isinstance(profile, TrackEvalProfile) else sequence
 

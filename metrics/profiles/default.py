@@ -7,14 +7,14 @@ from typing import Self
 import numpy as np
 
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, Heading, add_entries, label_group
 from fbench.metrics.detection.scores import DetectionCounts, curve_rows, detection_counts, detection_rows
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.boxes import LABELS
 from fbench.replay.data.classes import label
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects, Sequence
 
 IN_SPACE, IN_IMAGES = Match("bev", 2.0), Match("iou2d", 0.5)
 
@@ -40,6 +40,15 @@ class DefaultStatistics:
         return DefaultStatistics(add_entries([self.entries, other.entries]))
 
 
+_FACTS = Facts(
+    judges_tracks=True, space="both",
+    headlines=Headlines(
+        ("f1", "precision", "recall", "ap", "mota", "mota_no_fp", "motp", "idf1", "hota", "deta", "assa", "loca",
+         "idsw", "frag", "mt", "ml")
+    ),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class DefaultProfile:
     """Detection at the operating point, CLEAR MOT, identity and HOTA, for all vehicles as one class and each label.
@@ -51,6 +60,11 @@ class DefaultProfile:
     match: Match = IN_SPACE
     name: str = "default"
     summary: str = "precision, recall, F1, CLEAR MOT, IDF1 and HOTA as fbench scores its runs"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

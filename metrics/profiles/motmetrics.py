@@ -6,8 +6,6 @@ from fractions import Fraction
 from typing import Self
 
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.sequence import Sequence
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.trackeval.fields import (
     NO_MATCH,
     NO_RESULTS,
@@ -21,7 +19,9 @@ from fbench.metrics.profiles.trackeval.fields import (
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, Preparation, problems
 from fbench.metrics.tracking.clear import ClearCounts, ClearRules, clear_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 MOTMETRICS_RULES = ClearRules(
     margin=0.0, memory="last match", settle_first=True, most_pairs=True, own_frames=True, tracked_inclusive=True,
@@ -30,6 +30,14 @@ MOTMETRICS_RULES = ClearRules(
 """`mot.py` and `metrics.py` there: a truth track stays with the id of its last match, after any gap, while the two are
 near enough; all others are assigned so that most pairs, and of these the nearest, come about."""
 Value = tuple[str, float | Fraction | None, str, str]  # Metric, value, why it is undefined, unit
+
+_FACTS = Facts(
+    judges_tracks=True, space="2d", family="mot",
+    headlines=Headlines(
+        ("mota", "motp", "idf1", "idp", "idr", "recall", "precision", "num_switches", "num_fragmentations",
+         "num_false_positives", "num_misses", "mostly_tracked", "partially_tracked", "mostly_lost")
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,11 @@ class MotmetricsProfile:
     preparation: Preparation = EVERYTHING
     match: Match = HALF
     rules: ClearRules = MOTMETRICS_RULES  # The floor comes from `match`
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
-from fbench.metrics.profiles.catalog import AnyProfile, facts_of
+from fbench.metrics.profiles.catalog import AnyProfile
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Headlines
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.classes import is_known
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects, Sequence
 
 _OWN = "default"
-_RANKED = ("nuscenes-detection", "coco")  # Their tools rank equal scores as the file has them, which changes AP
 _NAMED = 5
 
 
@@ -68,7 +68,7 @@ class Remarks:
         """Refuse boxes without ids where tracks are judged, which tools would count as nothing at all. Raises
         MetricError where no truth box, or no result, has an id.
         """
-        if not facts_of(self.profile).judges_tracks or self.profile.name == _OWN:
+        if not self.profile.facts.judges_tracks or self.profile.name == _OWN:
             return
         for where, what, side in ((self.truth, "truth boxes", self.tally.truth), (self.what, "results",
                                                                                   self.tally.results)):  # fmt: skip
@@ -89,7 +89,7 @@ def tally_of(sequence: Sequence, profile: AnyProfile) -> Tally:
     asked = np.ones(len(truth), bool) if truth.ignore is None else ~truth.ignore
     counts = _of_classes(results, profile)
     names, numbers = np.unique(results.label, return_counts=True)
-    ranked = names.tolist() if profile.name in _RANKED else []
+    ranked = names.tolist() if profile.facts.ranks_by_file else []
     scores = {name: (results.score[counts & (results.label == name)],) for name in ranked}
     return Tally(
         _side(truth, asked),
@@ -128,7 +128,7 @@ def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
 
 
 def _about_ids(tally: Tally, profile: AnyProfile) -> Iterator[str]:
-    if not facts_of(profile).judges_tracks:
+    if not profile.facts.judges_tracks:
         return
     what = "count as tracks of their own" if profile.name == _OWN else "are left out"
     for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
@@ -161,51 +161,6 @@ def _listed(labels: Mapping[str, int]) -> str:
 
 
 @dataclass(frozen=True)
-class Headlines:
-    """Metrics of a profile that people look for."""
-
-    metrics: tuple[str, ...]  # In the order in which they are printed
-    all_matchings: bool = False
-    """Whether one metric has rows for several ways of matching, of which each counts; else the first is shown."""
-    has_levels: bool = False  # Whether rows are about levels of difficulty, `all, easy`, and none about all of them
-
-
-_TRACKEVAL = Headlines(
-    ("hota", "deta", "assa", "loca", "mota", "motp", "idf1", "idp", "idr", "clr_re", "clr_pr", "clr_tp", "clr_fp",
-     "clr_fn", "idsw", "frag", "mt", "pt", "ml")
-)  # fmt: skip
-_HEADLINES: Mapping[str, Headlines] = {
-    "default": Headlines(
-        ("f1", "precision", "recall", "ap", "mota", "mota_no_fp", "motp", "idf1", "hota", "deta", "assa", "loca",
-         "idsw", "frag", "mt", "ml")
-    ),
-    "trackeval-kitti": _TRACKEVAL,
-    "trackeval-mot": _TRACKEVAL,
-    "trackeval-mot15": _TRACKEVAL,
-    "trackeval-mot20": _TRACKEVAL,
-    "motmetrics": Headlines(
-        ("mota", "motp", "idf1", "idp", "idr", "recall", "precision", "num_switches", "num_fragmentations",
-         "num_false_positives", "num_misses", "mostly_tracked", "partially_tracked", "mostly_lost")
-    ),
-    "nuscenes-detection": Headlines(
-        ("nds", "map", "mate", "mase", "maoe", "mave", "maae", "mean_dist_ap", "ate", "ase", "aoe", "ave", "aae")
-    ),
-    "nuscenes-tracking": Headlines(
-        ("amota", "amotp", "recall", "motar", "mota", "motp", "mt", "ml", "faf", "tp", "fp", "fn", "ids", "frag",
-         "tid", "lgd")
-    ),
-    "kitti-object": Headlines(("ap", "ap11", "aos"), all_matchings=True, has_levels=True),
-    "kitti-3dmot": Headlines(
-        ("samota", "amota", "amotp", "mota", "motp", "recall", "precision", "f1", "ids", "frag", "tp", "fp", "fn",
-         "mt", "ml", "best_threshold")
-    ),
-    "coco": Headlines(
-        ("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl"),
-    ),
-}  # fmt: skip
-
-
-@dataclass(frozen=True)
 class Line:
     """One line of the table: a metric and how it was matched."""
 
@@ -214,14 +169,8 @@ class Line:
     scores: Mapping[str, Score]  # By column: the class, and what of it
 
 
-def headlines_of(profile: str) -> Headlines:
-    """Return what to print of a profile; every metric where nobody chose."""
-    return _HEADLINES.get(profile, Headlines(()))
-
-
-def lines(rows: Iterable[Score], profile: str, part: str = "all") -> list[Line]:
+def lines(rows: Iterable[Score], headlines: Headlines, part: str = "all") -> list[Line]:
     """Return the lines about a part, a column for each class and level, `car, easy`."""
-    headlines = headlines_of(profile)
     own = [row for row in rows if row.slice == part or (headlines.has_levels and row.slice.startswith(f"{part}, "))]
     found: dict[tuple[str, str], dict[str, Score]] = {}
     for metric in headlines.metrics or tuple(dict.fromkeys(row.metric for row in own)):

@@ -5,15 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Space
 from fbench.metrics.files.side import find_unreal
-from fbench.metrics.reference_runs.rows import Family, Rows, join_sides, objects_of
+from fbench.metrics.reference_runs.rows import Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Family
 from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
+from fbench.replay.data.sequences import Objects, Sequence, Space
 from fbench.replay.formats.sequence import ImageRows, body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform

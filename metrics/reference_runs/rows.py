@@ -3,18 +3,17 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
+from fbench.replay.contracts.profiles import Family
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.export_request import TABLES, ClassTable
 from fbench.replay.formats.sequence import ImageRows, pair_boxes
 
-Family = Literal["kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
-"""Benchmarks with one set of classes, called as the formats of `fbench log export`."""
 RACK = "static_object.bicycle_rack"  # nuScenes' truth tells where bicycles stand that don't count
 _REGIONS = {"kitti-tracking": "dontcare", "mot": "distractor"}
 """What truth that is to be ignored is called, where a flag doesn't do."""

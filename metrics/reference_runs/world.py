@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.files.side import find_unreal
-from fbench.metrics.reference_runs.rows import Family, names_of
+from fbench.metrics.reference_runs.rows import names_of
 from fbench.metrics.runs.columns import Labelled, objects_of
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Family
 from fbench.replay.data.arrays import Bool, Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
+from fbench.replay.data.sequences import Objects, Sequence
 from fbench.replay.formats.nuscenes import ATTRIBUTES, MAX_BOXES, TOKENS, attributes
 from fbench.replay.geometry.transforms import pose_matrices
 from fbench.replay.runs.folder import Run

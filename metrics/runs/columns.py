@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import Heading
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes, Boxes2D
 from fbench.replay.data.rig import Rig
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 from fbench.replay.runs.folder import FrameRecord, Run
 from fbench.replay.runs.tables import BoxTable
 

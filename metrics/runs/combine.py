@@ -10,11 +10,11 @@ from typing import TypeVar
 from fbench.metrics.core.bootstrap import Bootstrap, with_intervals
 from fbench.metrics.core.slices import VEHICLE, Entry, add_entries
 from fbench.metrics.detection.scores import DetectionCounts
-from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs import detection, tracking
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match, Statistics
 from fbench.replay.contracts.protocols import Metric
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from collections.abc import Sequence as Sequence_of_abc
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import (
     VEHICLE,
     VISIBILITY_SLICES,
@@ -22,11 +21,12 @@ from fbench.metrics.detection.scores import (
     detection_rows,
     deviation_rows,
 )  # fmt: skip
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.places import ground_points, has_poses, regions_of
 from fbench.metrics.runs.spaces import measure_classes, views
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.metadata import inside
 from fbench.replay.data.scores import Score, ScoreOptions, ratio
+from fbench.replay.data.sequences import Sequence
 from fbench.replay.runs.folder import Run
 
 

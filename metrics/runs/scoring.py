@@ -7,7 +7,6 @@ import numpy as np
 
 from fbench.metrics.core.bootstrap import LEAST_UNITS, Bootstrap
 from fbench.metrics.detection.scores import DetectionCounts, detection_counts
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.columns import View, of_steps
 from fbench.metrics.runs.combine import (
     OF_TRACKS,
@@ -22,6 +21,7 @@ from fbench.metrics.runs.combine import (
 from fbench.metrics.runs.places import SharedRun
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run

@@ -7,17 +7,17 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
-from fbench.metrics.profiles.profile import Match, Statistics
 from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Match, Statistics
 from fbench.replay.contracts.sensor_settings import chosen_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.rig import Rig
 from fbench.replay.data.scores import ScoreOptions
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 from fbench.replay.geometry.camera import in_image, not_projectable, project_body, project_boxes
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 from fbench.metrics.core.slices import VEHICLE, Entry, by_seen
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.metrics.tracking.scores import TrackingCounts, require_unique_ids, tracking_counts, tracking_rows
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score, ScoreOptions
 from fbench.replay.runs.folder import Run
 

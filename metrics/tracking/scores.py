@@ -6,19 +6,19 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.similarity import block_starts
 from fbench.metrics.core.slices import Group, Heading, Part
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.hota import HotaCounts, hota_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
 from fbench.metrics.tracking.survival import SurvivalCounts, survival_counts, survival_rows
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.sequence import Steps
 from fbench.metrics.core.slices import Heading
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Steps
 
 LENGTHS_S = (0.0, 0.5, 1.0, 2.0, np.inf)
 HIDDEN_BELOW = 0.2  # Truth boxes with a smaller visible share count as hidden

@@ -7,11 +7,11 @@ import numpy as np
 
 from fbench.pipelines.baseline.boxes import PlainCloud, crop, join_clouds, make_cloud
 from fbench.pipelines.baseline.params import PlainParams, PlainSensor
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.sensors.points.merged import lidar_points, radar_scans
 from fbench.pipelines.sensors.stereo.stage import NOISE, StereoStage
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.frames import Fault, Frame

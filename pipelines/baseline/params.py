@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.stereo.stage import StereoParams
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import CheckedParams, bounded
 
 PlainSensor = Literal["camera", "lidar", "radar", "stereo"]
 Strategy = Literal["early", "late"]

@@ -27,13 +27,13 @@ from fbench.pipelines.baseline.params import (
     PlainSensor,
     Strategy,
 )
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes2D, concatenate
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig

@@ -29,13 +29,13 @@ from fbench.pipelines.baseline.params import (
     PlainSizeParams,
     Strategy,
 )
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.merged import require
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.rig import LogInfo, Rig

@@ -17,8 +17,8 @@ from fbench.pipelines.external.messages import (
     to_output,
 )
 from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
-from fbench.pipelines.params import require_between
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
+from fbench.replay.contracts.params import require_between
 from fbench.replay.contracts.settings import described_file
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig

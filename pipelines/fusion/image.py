@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.fusion.reliability import CameraReliability, combine_factors, log_odds, saturate
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
 from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, seen_through
 from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.rig import Rig

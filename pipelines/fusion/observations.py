@@ -6,9 +6,9 @@ import numpy as np
 
 from fbench.pipelines.fusion.kernels import inside_boxes
 from fbench.pipelines.fusion.sizes import LOW_TRUCK_M, SIZES
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Rig

@@ -6,7 +6,7 @@ from typing import overload
 
 import numpy as np
 
-from fbench.pipelines.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Source
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, Generic, TypeVar, overload
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.camera.stage import CameraStage
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.rig import LogInfo, Rig

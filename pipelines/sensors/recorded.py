@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.params import require_between
 from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.params import require_between
 from fbench.replay.contracts.protocols import BoxReader
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D

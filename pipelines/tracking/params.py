@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from fbench.pipelines.params import LIMIT, CheckedParams, bounded
+from fbench.replay.contracts.params import LIMIT, CheckedParams, bounded
 
 MIN_STD = 1e-6
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Generic
 
-from fbench.pipelines.params import StageClock, require_between
 from fbench.pipelines.sensors.points.merged import world_T_body
 from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.replay.contracts.params import StageClock, require_between
 from fbench.replay.data.boxes import Boxes
 from fbench.replay.data.frames import Fault, Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig

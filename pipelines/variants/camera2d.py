@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.tracking.params import Tracker2DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.frames import Fault, Frame

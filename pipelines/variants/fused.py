@@ -10,7 +10,6 @@ from fbench.pipelines.fusion.image import ImageFusion, ImageFusionParams
 from fbench.pipelines.fusion.late.existence import FusionParams
 from fbench.pipelines.fusion.late.fuse import LateFusion, SensorViews
 from fbench.pipelines.models.weights import resolve_settings
-from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.camera.stage import CameraStage
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams, far_radar, whole_vehicles
@@ -26,6 +25,7 @@ from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.pipelines.tracking.tracks import B, Tracker
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.frames import Fault, Frame

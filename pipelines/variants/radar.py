@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
 from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
 from fbench.pipelines.sensors.points.merged import reported, require
@@ -11,6 +10,7 @@ from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.tracking.tracker3d import Tracker3D
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, Source
 from fbench.replay.data.frames import Frame

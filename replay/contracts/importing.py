@@ -1,11 +1,17 @@
-"""Types of importers: what is requested of a dataset, what a recording consists of, and the checks of both."""
+"""Types of importers: what is requested of a dataset, what a recording consists of, the checks of both, and what every
+importer needs: files that are read whole, and ids of logs.
+"""
 
-from collections.abc import Iterable, Iterator, Sequence
+import stat
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from hashlib import blake2b
+from pathlib import Path
 from typing import get_args
 
-from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, LimitError, LogError, did_you_mean
+from fbench.replay.contracts.settings import describe
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, Rig, RigChange
 
@@ -140,3 +146,78 @@ def _what(item: Imported) -> str:
         case Truth() | OtherResult() | RigChange():
             return type(item).__name__
     return "an item"
+
+
+MAX_BYTES = 112 * 2**20  # No file of a dataset that becomes one message is larger
+
+
+def require_folder(path: Path) -> None:
+    """Refuse what isn't a folder. Raises LogError: saying what it is."""
+    if not path.is_dir():
+        raise LogError(f"{path}: {'not a folder' if path.exists() else 'no such folder'}")
+
+
+def require_file(path: Path) -> None:
+    """Refuse what isn't a file: pipes and devices never end, or never begin. Raises LogError: saying so."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError) as error:
+        raise LogError(f"{path}: {error.strerror if isinstance(error, OSError) else error}") from error
+    if not stat.S_ISREG(mode):
+        raise LogError(f"{path}: {'Is a directory' if stat.S_ISDIR(mode) else 'a pipe or device, expected a file'}")
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Return the content of a file. Raises LogError where it can't be read. Raises LimitError where it is larger than
+    `limit` [byte].
+    """
+    require_file(path)
+    try:
+        if (size := path.stat().st_size) > limit:
+            raise LimitError(f"{path}: {size} bytes, more than {limit}")
+        return path.read_bytes()
+    except OSError as error:
+        raise LogError(f"{path}: {error.strerror}") from error
+
+
+def read_text(path: Path, limit: int = MAX_BYTES) -> str:
+    """Return the content of a text file. Raises LogError where it can't be read, or isn't UTF-8. Raises LimitError
+    where it is larger than `limit` [byte].
+    """
+    try:
+        return read_bytes(path, limit).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: isn't UTF-8 text ({error.reason} at byte {error.start})") from error
+
+
+def log_id(dataset: str, facts: Iterable[str], frames: FrameRange, params: object = None) -> str:
+    """Return the id of a log.
+
+    Args:
+        dataset: Short name of the dataset, with which the id begins.
+        facts: What tells the source apart, in a fixed order: names and sizes of files (`file_facts`), tokens.
+        frames: Which frames were imported.
+        params: The importer's parameters.
+    """
+    digest = blake2b(digest_size=8)
+    own = [f"{name}={value}" for name, value in sorted(describe_params(params).items())]
+    for text in [*facts, str(frames), *own]:
+        data = text.encode(errors="surrogateescape")
+        digest.update(len(data).to_bytes(8, "little") + data)
+    return f"{dataset}-{digest.hexdigest()}"
+
+
+def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
+    """Return name below `root` and size of each file; of one that isn't there the name."""
+    facts = []
+    for path in paths:
+        size = path.stat().st_size if path.is_file() else "missing"
+        facts.append(f"{path.relative_to(root).as_posix()} {size}")
+    return facts
+
+
+def describe_params(params: object) -> Mapping[str, str]:
+    """Return an importer's parameters as metadata of the log, `import.NAME`; those that are left open are left out."""
+    if params is None:
+        return {}
+    return {f"import.{name}": str(value) for name, value in describe(params).items() if value not in (None, "")}

@@ -92,7 +92,7 @@ def _clean(text: str) -> str:
     return re.sub(r"[^\w.-]+", "_", text).strip("_.-")[:_MAX_CHARS]
 
 
-Group = Literal["datasets", "pipelines", "metrics", "reports"]
+Group = Literal["datasets", "pipelines", "metrics", "profiles", "reports"]
 
 
 def found(group: Group) -> dict[str, EntryPoint]:
@@ -110,7 +110,7 @@ def found(group: Group) -> dict[str, EntryPoint]:
 
 
 def load(group: Group, name: str) -> Any:
-    """Return the class behind a name of `fbench.GROUP`, or behind `FILE.py:CLASS`.
+    """Return what a name of `fbench.GROUP` stands for, a class or a profile, or the class behind `FILE.py:CLASS`.
 
     Raises:
         ConfigError: for an unknown name (with the nearest one) or a plug-in that can't be imported.

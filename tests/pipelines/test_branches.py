@@ -12,10 +12,10 @@ from threading import Barrier, Event, current_thread, main_thread
 import pytest
 from tests.pipelines.frames import JPEG, cloud, frame, image, rig, scan
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraParams
 from fbench.pipelines.sensors.parallel import Branches
 from fbench.pipelines.variants.fused import Late3D, Late3DParams
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import VARIABLE
@@ -107,7 +107,7 @@ def test_threads_end_with_what_owns_them():
 ENDLESS = """
 import time
 from fbench.pipelines.sensors.parallel import Branches
-from fbench.pipelines.params import StageClock
+from fbench.replay.contracts.params import StageClock
 branches, clock = Branches(3), StageClock()
 branch = lambda clock: time.sleep(0.01)
 branches.run(clock, branch, branch, branch)

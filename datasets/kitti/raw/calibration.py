@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import is_pinhole, is_rotation, mount_of, read_text
+from fbench.datasets.importing.files import is_pinhole, is_rotation, mount_of
 from fbench.datasets.kitti.raw.files import Drive
 from fbench.datasets.kitti.sensors import BODY_T_CAMERA0, LIDAR, Calibration, camera_name, rig_of
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import read_text
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.formats.text import parse_number

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from fbench.datasets.importing.files import entries, read_text
+from fbench.datasets.importing.files import entries
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
 from fbench.datasets.kitti.sensors import LIDAR, camera_name
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import FrameRange
+from fbench.replay.contracts.importing import FrameRange, read_text
 from fbench.replay.formats.text import MAX_FRAMES, stamp_of_time
 
 _DATE = re.compile(r"\d{4}_\d\d_\d\d", re.ASCII)

@@ -16,17 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import (
-    describe_params,
-    file_facts,
-    find_runs,
-    format_counts,
-    format_runs,
-    log_id,
-    read_floats,
-    read_image,
-    read_text,
-)
+from fbench.datasets.importing.files import find_runs, format_counts, format_runs, read_floats, read_image
 from fbench.datasets.kitti import oxts
 from fbench.datasets.kitti.oxts import SENSOR as OXTS
 from fbench.datasets.kitti.raw.calibration import (
@@ -41,7 +31,7 @@ from fbench.datasets.kitti.raw.tracklets import FILE as TRACKLETS
 from fbench.datasets.kitti.raw.tracklets import Tracklets, read_tracklets
 from fbench.datasets.kitti.sensors import LIDAR, KittiParams
 from fbench.replay.contracts.errors import ConfigError, LogError
-from fbench.replay.contracts.importing import FrameRange, ImportWish
+from fbench.replay.contracts.importing import FrameRange, ImportWish, describe_params, file_facts, log_id, read_text
 from fbench.replay.contracts.protocols import Recording
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.boxes import Boxes3D

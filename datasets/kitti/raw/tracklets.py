@@ -13,8 +13,8 @@ from xml.parsers import expat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.importing.files import read_bytes
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.importing import read_bytes
 from fbench.replay.data.arrays import Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label

@@ -7,10 +7,10 @@ import numpy as np
 
 from fbench.metrics.core.matching import match_greedily, score_order
 from fbench.metrics.core.problem import is_valid
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.similarity import image_overlaps
 from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome, Ranked
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 _ALMOST_ONE = 1 - 1e-10  # Overlap that suffices where the threshold is 1 (pycocotools)
 

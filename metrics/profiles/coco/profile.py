@@ -7,13 +7,13 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Sequence as Sequence_of_sequence
 from fbench.metrics.profiles.coco.measure import measure
 from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence as Sequence_of_sequence
 
 
 def average_precision(outcome: Array, num_truth: int, num_recalls: int) -> float:
@@ -153,6 +153,12 @@ def _has_truth(statistics: ClassStatistics) -> bool:
     return statistics.num_truth[0] > 0 or statistics.num_crowds > 0
 
 
+_FACTS = Facts(
+    judges_tracks=False, space="2d", ranks_by_file=True,
+    headlines=Headlines(("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class CocoProfile:
     """Average precision and recall of boxes in images as pycocotools 2.0.11 counts them (`COCOeval`, `bbox`).
@@ -174,6 +180,11 @@ class CocoProfile:
     classes: tuple[str, ...] = ()  # Labels that count; empty: all that truth has
     name: str = "coco"
     summary: str = "average precision and recall in images, as pycocotools 2.0.11 (bbox)"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

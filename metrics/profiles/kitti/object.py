@@ -8,7 +8,6 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.profiles.kitti.object_table import (
     CLASSES,
     DIFFICULTIES,
@@ -18,10 +17,11 @@ from fbench.metrics.profiles.kitti.object_table import (
     object_table,
 )
 from fbench.metrics.profiles.kitti.rows import recall_thresholds
-from fbench.metrics.profiles.profile import Likeness, Match
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Facts, Headlines, Likeness, Match
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 NUM_RECALLS = 40
 
@@ -172,6 +172,12 @@ class ObjectStatistics:
         return ObjectStatistics(self.tables + other.tables)
 
 
+_FACTS = Facts(
+    judges_tracks=False, space="both", family="kitti-tracking",
+    headlines=Headlines(("ap", "ap11", "aos"), all_matchings=True, has_levels=True),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class KittiObject:
     """KITTI's object devkit (Geiger et al., CVPR 2012; 40 recalls: Simonelli et al., ICCV 2019), as OpenPCDet 8cacccec
@@ -189,6 +195,11 @@ class KittiObject:
     summary: str = (
         "KITTI object AP and AOS over 40 and 11 recalls: in the image, from above, in 3D (OpenPCDet 8cacccec)"
     )
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

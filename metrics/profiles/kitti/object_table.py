@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
     by_content,  # fmt: skip
@@ -18,8 +17,9 @@ from fbench.metrics.profiles.kitti.rows import (
     sound_results,  # fmt: skip
     sound_truth,  # fmt: skip
 )
-from fbench.metrics.profiles.profile import Likeness, Match
+from fbench.replay.contracts.profiles import Likeness, Match
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Objects, Sequence
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import numpy as np
 
 from fbench.metrics.core.ordering import content_ranks, life_ranks
 from fbench.metrics.core.problem import is_valid
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.similarity import blocks, image_overlaps, pairs_of
-from fbench.metrics.profiles.profile import Likeness
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Likeness
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Objects, Sequence
 
 DONT_CARE = "dontcare"
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
     by_content,  # fmt: skip
@@ -22,8 +21,9 @@ from fbench.metrics.profiles.kitti.rows import (
     track_numbers,  # fmt: skip
     unique_ids,  # fmt: skip
 )
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Objects, Sequence
 
 
 @dataclass(frozen=True)

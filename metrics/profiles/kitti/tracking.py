@@ -6,7 +6,6 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, replace
 from typing import Self
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.profiles.kitti.track_passes import (
     ALL_RESULTS,
     Pass,
@@ -17,9 +16,10 @@ from fbench.metrics.profiles.kitti.track_passes import (
     run_passes,
     track_table,
 )
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 _NO_TRUTH = "no truth boxes that count (AB3DMOT prints {})"
 _Value = tuple[str, float | None, str, str]  # Metric, value, unit, and why it is undefined
@@ -159,6 +159,15 @@ class TrackStatistics:
         return TrackStatistics(self.tables + other.tables)
 
 
+_FACTS = Facts(
+    judges_tracks=True, space="3d", family="kitti-tracking",
+    headlines=Headlines(
+        ("samota", "amota", "amotp", "mota", "motp", "recall", "precision", "f1", "ids", "frag", "tp", "fp", "fn",
+         "mt", "ml", "best_threshold")
+    ),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Kitti3dMot:
     """AB3DMOT's `scripts/KITTI/evaluate.py` at commit 61f3bd7 (Weng et al., IROS 2020), which extends KITTI's devkit.
@@ -178,6 +187,11 @@ class Kitti3dMot:
     rules: TrackRules = _RULES
     name: str = "kitti-3dmot"
     summary: str = "KITTI 3D tracking as AB3DMOT evaluates it (61f3bd7): sAMOTA, AMOTA, AMOTP, CLEAR at the best MOTA"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.profiles.nuscenes.settings import BoxRules
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE
+from fbench.replay.data.sequences import Objects, Sequence
 
 
 def check_sequence(sequence: Sequence, max_boxes: int) -> None:

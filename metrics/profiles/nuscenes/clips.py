@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fbench.metrics.core.ordering import content_ranks, life_ranks
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.profiles.nuscenes.boxes import LeftOut, Side, centers_xy
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Sequence
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.profiles.nuscenes.boxes import Counted, centers_xy, counted, sorted_groups
 from fbench.metrics.profiles.nuscenes.ranking import (
     ERRORS,
@@ -22,9 +21,10 @@ from fbench.metrics.profiles.nuscenes.ranking import (
     precision_curve,
 )
 from fbench.metrics.profiles.nuscenes.settings import DetectionSettings, center_distance
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 NO_TRUTH = "no truth boxes"
 
@@ -112,6 +112,14 @@ def _counts(ranking: ClassRanking, tp: int) -> dict[str, int]:
     return {"gt": ranking.num_truth, "tp": tp, "fp": len(ranking.score) - tp, "fn": ranking.num_truth - tp}
 
 
+_FACTS = Facts(
+    judges_tracks=False, space="3d", family="nuscenes", needs_ego=True, ranks_by_file=True,
+    headlines=Headlines(
+        ("nds", "map", "mate", "mase", "maoe", "mave", "maae", "mean_dist_ap", "ate", "ase", "aoe", "ave", "aae")
+    ),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class NuscenesDetection:
     """nuScenes' detection benchmark (AP by centre distance, five errors, NDS) as nuscenes-devkit 1.2.0 counts it.
@@ -123,6 +131,11 @@ class NuscenesDetection:
     settings: DetectionSettings = field(default_factory=DetectionSettings)
     name: str = "nuscenes-detection"
     summary: str = "detection_cvpr_2019 as nuscenes-devkit 1.2.0 counts it"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.profiles.nuscenes.boxes import LeftOut, solids
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
+from fbench.replay.data.sequences import Objects
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Match
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Sequence as Sequence_of_sequence
 from fbench.metrics.profiles.nuscenes.boxes import check_tracked, counted
 from fbench.metrics.profiles.nuscenes.clips import Clip, TrackingStatistics, clips_of, track_points
 from fbench.metrics.profiles.nuscenes.settings import TrackingSettings, center_distance
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Array, Float64
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence as Sequence_of_sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +214,15 @@ def _counts(one: ClassValues) -> dict[str, int | float]:
     return counts if one.threshold is None else counts | {"score": one.threshold}
 
 
+_FACTS = Facts(
+    judges_tracks=True, space="3d", family="nuscenes-tracking", needs_ego=True, needs_time=True,
+    headlines=Headlines(
+        ("amota", "amotp", "recall", "motar", "mota", "motp", "mt", "ml", "faf", "tp", "fp", "fn", "ids", "frag",
+         "tid", "lgd")
+    ),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class NuscenesTracking:
     """nuScenes' tracking benchmark (AMOTA, AMOTP and CLEAR at the best score) as nuscenes-devkit 1.2.0 counts it.
@@ -229,6 +238,11 @@ class NuscenesTracking:
     settings: TrackingSettings = field(default_factory=TrackingSettings)
     name: str = "nuscenes-tracking"
     summary: str = "tracking_nips_2019 as nuscenes-devkit 1.2.0 with motmetrics 1.4.0 counts it"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return _FACTS
 
     @property
     def result_labels(self) -> frozenset[str]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from fbench.metrics.core.ordering import content_order
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.core.similarity import blocks, image_overlaps, pairs_of
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
+from fbench.replay.data.sequences import Objects, Sequence
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.sequence import Sequence
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.trackeval.fields import (
     LABELS,
     ClassCounts,
@@ -26,7 +24,9 @@ from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17,
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearRules, clear_counts
 from fbench.metrics.tracking.hota import hota_counts
 from fbench.metrics.tracking.identity import identity_counts
+from fbench.replay.contracts.profiles import Facts, Family, Headlines, Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 CLASS_MEAN, CLASS_SUM = "cls_comb_cls_av", "cls_comb_det_av"
 """TrackEval's names for the mean over classes and for all classes as one."""
@@ -121,6 +121,12 @@ def _mean(fields: list[Field], summed: Field) -> Field:
     return summed._replace(value=mean, printed=mean)
 
 
+_HEADLINES = Headlines(
+    ("hota", "deta", "assa", "loca", "mota", "motp", "idf1", "idp", "idr", "clr_re", "clr_pr", "clr_tp", "clr_fp",
+     "clr_fn", "idsw", "frag", "mt", "pt", "ml")
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class TrackEvalProfile:
     """HOTA at 19 thresholds, CLEAR and Identity at one, for each class of a benchmark."""
@@ -130,6 +136,12 @@ class TrackEvalProfile:
     preparation: Preparation
     match: Match = HALF
     rules: ClearRules = TRACKEVAL_RULES  # Floor and offset come from `match`
+    family: Family = "mot"
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
+        return Facts(True, "2d", self.family, _HEADLINES)
 
     @property
     def result_labels(self) -> frozenset[str]:
@@ -174,7 +186,10 @@ class TrackEvalProfile:
 
 
 TRACKEVAL_KITTI = TrackEvalProfile(
-    "trackeval-kitti", "KITTI tracking in images, cars and pedestrians, as TrackEval 1.3.0 counts", KITTI
+    "trackeval-kitti",
+    "KITTI tracking in images, cars and pedestrians, as TrackEval 1.3.0 counts",
+    KITTI,
+    family="kitti-tracking",
 )
 TRACKEVAL_MOT = TrackEvalProfile(
     "trackeval-mot", "MOTChallenge 16 and 17, pedestrians, as TrackEval 1.3.0 counts", MOT17

@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.params import CheckedParams, StageClock, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.lidar.lidar import LidarParams, Obstacles, obstacles
 from fbench.pipelines.sensors.lidar.stage import LidarStage
@@ -15,6 +14,7 @@ from fbench.pipelines.sensors.points.merged import lidar_position
 from fbench.pipelines.sensors.radar.radar import Compensated
 from fbench.pipelines.sensors.stereo.stage import ObjectParams, StereoParams, StereoStage
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.params import CheckedParams, StageClock, bounded
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Source

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fbench.pipelines.fusion.early.cloud import FusedCloud
-from fbench.pipelines.params import CheckedParams, bounded
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.geometry.kernels import kernel

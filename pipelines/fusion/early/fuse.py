@@ -19,8 +19,8 @@ from fbench.pipelines.fusion.early.groups import (
 )
 from fbench.pipelines.fusion.observations import AT_MIN_SCORE
 from fbench.pipelines.fusion.reliability import log_odds, probability_of, saturate
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.radar.radar import median_rate
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Boxes3D, Source
 

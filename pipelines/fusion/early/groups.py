@@ -8,9 +8,9 @@ import numpy as np
 from fbench.pipelines.fusion.early.cloud import FusedCloud
 from fbench.pipelines.fusion.observations import AssociationParams, CameraObservation, observe_camera
 from fbench.pipelines.fusion.sizes import SIZES
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Source
 from fbench.replay.data.rig import Rig

@@ -16,8 +16,8 @@ from fbench.pipelines.fusion.reliability import (
     saturate,
     sureness,
 )
-from fbench.pipelines.params import CheckedParams, bounded
 from fbench.pipelines.sensors.points.ground import Plane
+from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.camera import in_image, project_body

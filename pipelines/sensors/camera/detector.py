@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from fbench.pipelines.models.weights import AUTO, Weights, resolve
-from fbench.pipelines.params import require_between
 from fbench.pipelines.sensors.camera.layouts import SIDE_PX, Candidates, Size, join
 from fbench.pipelines.sensors.camera.model import Batch, Model
 from fbench.replay.contracts.errors import ConfigError, ModelError
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Float64, Text, freeze_fields
 from fbench.replay.data.boxes import VEHICLES
 from fbench.replay.data.images import Pixels

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from fbench.pipelines.models.weights import AUTO
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.contracts.settings import described_file
 from fbench.replay.data.frames import Fault, Frame

@@ -4,12 +4,12 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from fbench.pipelines.params import require_between, require_ranges
 from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.radar.radar import RadarParams
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import require_between, require_ranges
 from fbench.replay.data.arrays import Float64, Int64
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.image.objects import Points, SpotParams, of_lidar, of_radar, spots, viewpoint
 from fbench.pipelines.sensors.image.observations import Sightings, by_boxes, by_points
 from fbench.pipelines.sensors.image.params import LidarImageParams, RadarImageParams
@@ -14,6 +13,7 @@ from fbench.pipelines.sensors.points.grid import lexicographic_order
 from fbench.pipelines.sensors.radar import radar
 from fbench.pipelines.sensors.radar.radar import Compensated, RadarParams, RadarStage, RadarView
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes2D, Source, concatenate
 from fbench.replay.data.frames import Frame

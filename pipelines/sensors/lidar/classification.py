@@ -8,10 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.pipelines.params import require_between
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.vehicle import OtherSizes, VehicleSize, complete, fading
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.kernels import kernel

@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 
-from fbench.pipelines.params import require_between, require_ranges
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams, Seen, Standing, like_cars, road_users
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.ground import (
@@ -17,6 +16,7 @@ from fbench.pipelines.sensors.points.ground import (
     surroundings,
 )
 from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, OtherSizes, VehicleSize, fit_rectangles
+from fbench.replay.contracts.params import require_between, require_ranges
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.metadata import SIMULATED

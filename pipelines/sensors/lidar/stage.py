@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.lidar.lidar import OWN, LidarParams, LidarView, Obstacles, judging
 from fbench.pipelines.sensors.lidar.lidar import detect as lidar_detect
 from fbench.pipelines.sensors.lidar.lidar import obstacles as lidar_obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, lidar_position
 from fbench.pipelines.sensors.points.vehicle import NEAR_M, completed, fit_rectangles
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D

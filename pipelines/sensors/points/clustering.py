@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from fbench.pipelines.params import require_between
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.params import require_between
 from fbench.replay.data.arrays import Array, Float64, Int64
 
 _QUIET = Lock()

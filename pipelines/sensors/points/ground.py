@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import ndimage
 
-from fbench.pipelines.params import require_ranges
+from fbench.replay.contracts.params import require_ranges
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from fbench.pipelines.fusion.sizes import SIZES
-from fbench.pipelines.params import require_ranges
+from fbench.replay.contracts.params import require_ranges
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 

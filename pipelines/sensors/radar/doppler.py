@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import KDTree
 
-from fbench.pipelines.params import require_between, require_ranges
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.merged import Echoes
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.contracts.params import require_between, require_ranges
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.geometry.kernels import kernel

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock, require_between, require_ranges
 from fbench.pipelines.sensors.points.clustering import Grouping
 from fbench.pipelines.sensors.points.grid import median
 from fbench.pipelines.sensors.points.merged import Echoes, radar_scans
@@ -21,6 +20,7 @@ from fbench.pipelines.sensors.radar.doppler import (
     velocity_periods,
     with_logged_ego_motion,
 )
+from fbench.replay.contracts.params import StageClock, require_between, require_ranges
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D

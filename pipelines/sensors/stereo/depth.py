@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.pipelines.params import require_ranges
 from fbench.pipelines.sensors.stereo.rectify import Rectifier
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import require_ranges
 from fbench.replay.data.arrays import Float32, Float64, Int64
 from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.kernels import kernel

@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock, require_ranges
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
 from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView, judged, obstacles
 from fbench.pipelines.sensors.points.dbscan import dbscan
@@ -15,6 +14,7 @@ from fbench.pipelines.sensors.stereo import depth as quality
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams, points
 from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import StageClock, require_ranges
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import Pixels, decode_grey

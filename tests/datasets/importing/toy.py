@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import file_facts, log_id, read_floats, require_folder
+from fbench.datasets.importing.files import read_floats
 from fbench.replay.contracts.errors import LogError
-from fbench.replay.contracts.importing import ImportWish
+from fbench.replay.contracts.importing import ImportWish, file_facts, log_id, require_folder
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.data.rig import LogInfo, Mount, Rig
 

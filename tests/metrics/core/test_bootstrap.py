@@ -11,11 +11,11 @@ from tests.metrics.standard.made import Box, sequence
 from fbench.metrics.core.bootstrap import Bootstrap, Interval, intervals, weighted_sums, with_intervals
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.hota import HotaCounts
 from fbench.metrics.tracking.scores import TrackingCounts
 from fbench.replay.conditions.generators import generator
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score, ratio
 
 

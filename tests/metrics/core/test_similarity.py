@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.core.similarity import blocks, image_overlaps
-from fbench.metrics.profiles.profile import LIKENESSES, Likeness
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import LIKENESSES, Likeness
 from fbench.replay.data.arrays import Float64
+from fbench.replay.data.sequences import Objects
 from fbench.replay.geometry.iou import distance_bev, iou_2d
 
 Solid = tuple[float, float, float, float, float, float, float]

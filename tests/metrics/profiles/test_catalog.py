@@ -7,12 +7,12 @@ import pytest
 
 from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, Better, definition_of
 from fbench.metrics.files.sequences import open_files
-from fbench.metrics.profiles.catalog import PROFILES, described, explained, facts_of, profile_of
+from fbench.metrics.profiles.catalog import described, explained, profile_names, profile_of
 from fbench.metrics.profiles.choose import chosen, evaluate, fitted, only
 from fbench.metrics.profiles.default import DefaultProfile
-from fbench.metrics.profiles.profile import Match
-from fbench.metrics.profiles.remarks import headlines_of, lines
+from fbench.metrics.profiles.remarks import lines
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
 
 CAR = "{f} {i} Car 0 0 0.5 {l} 100 {r} 190 1.5 1.6 4.0 {x} 1.7 10.0 0.1"
 
@@ -62,16 +62,16 @@ def files_for(name, tmp_path):
     return kitti(tmp_path, "t.txt"), kitti(tmp_path, "r.txt", score=" 0.5")
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", profile_names())
 def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp_path):
     pair = open_files(*files_for(name, tmp_path))
     profile = fitted(profile_of(name), pair, has_match=False)
     rows = evaluate(profile, pair.sequences()).scores()
     assert profile.name == name
     assert [row.metric for row in rows if row.metric not in DEFINITIONS] == []
-    headlines = headlines_of(name)
+    headlines = profile.facts.headlines
     assert set(headlines.metrics) <= {row.metric for row in rows}
-    table = lines(rows, name)
+    table = lines(rows, headlines)
     assert table[0].metric == headlines.metrics[0]
     # Results that are the truth are perfect, but KITTI looks at fewer recalls where there are few boxes.
     first = next(iter(table[0].scores.values()))
@@ -80,7 +80,7 @@ def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp
         assert first.value == pytest.approx(1)
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", profile_names())
 def test_every_profile_is_data(name):
     profile = profile_of(name)
     rules = described(profile)
@@ -89,7 +89,7 @@ def test_every_profile_is_data(name):
     assert explained(profile)
     assert rules
     assert all(text and "object at 0x" not in text and "<" not in text for text in rules.values())
-    assert facts_of(profile).space in ("2d", "3d", "both")
+    assert profile.facts.space in ("2d", "3d", "both")
 
 
 def test_what_profiles_say_is_in_order():
@@ -183,7 +183,7 @@ def test_cards_are_whole():
         assert card.range
         assert card.source.url.startswith("http")
         assert 1975 < card.source.year < 2030
-        assert set(card.by_profile) <= set(PROFILES)
+        assert set(card.by_profile) <= set(profile_names())
         assert card.undefined != "" or card.is_count or card.name in ("motp_sum",)
     assert {"idsw", "mt", "clr_tp"} <= COUNTS
     wanted = (

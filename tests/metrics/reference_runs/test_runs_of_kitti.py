@@ -7,10 +7,10 @@ import pytest
 from tests.metrics.reference_runs.kitti_drive import write_results, write_truth
 from tests.replay.formats.exports import rig, run_of, solids, stamp, sweeps, write_log
 
-from fbench.metrics.profiles.catalog import PROFILES, profile_of
+from fbench.metrics.profiles.catalog import profile_names, profile_of
 from fbench.metrics.profiles.choose import run_sequence
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.messages import Truth
 from fbench.replay.runs.folder import Run
 
@@ -75,7 +75,7 @@ def test_what_a_run_in_images_cant_give(drive):
 def test_without_truth_there_is_nothing_to_score(tmp_path):
     log = write_log(tmp_path / "bare.mcap", sweeps(3))
     run = Run(run_of(log, lambda i: solids([10.0], track_id=[1])))
-    for name in PROFILES:
+    for name in profile_names():
         with pytest.raises(MetricError, match="no truth, so there is nothing to score") as told:
             run_sequence(run, profile_of(name), Match("iou3d", 0.5) if name == "default" else None)
         assert told.value.code == "GT001"

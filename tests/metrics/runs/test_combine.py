@@ -14,12 +14,12 @@ from tests.metrics.conftest import Case, boxes3d, front_camera, write_run
 from fbench.api.scores import Resampling, ScoreRequest, score
 from fbench.cli.score_show import show_together
 from fbench.metrics.core.bootstrap import Bootstrap
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.runs.combine import RunStatistics, combine_runs, describe_gaps, measure_run, score_run
 from fbench.metrics.runs.detection import Detection
 from fbench.metrics.runs.scoring import own_rows
 from fbench.metrics.runs.tracking import Tracking
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score, ScoreOptions, load_scores
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import LogEntry

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 
 @dataclass(frozen=True)

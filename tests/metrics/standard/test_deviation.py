@@ -9,7 +9,7 @@ from tests.metrics.standard.made import Box, sequence
 
 from fbench.metrics.core.slices import VEHICLE, Heading
 from fbench.metrics.detection.scores import Deviation, detection_counts, deviation_rows, range_rates
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 
 MATCH = Match("bev", 2.0)
 HEAD = Heading("vehicle", "all", "iou 0.5", None, 1)

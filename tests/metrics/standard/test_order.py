@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, objects, sequence
 
 from fbench.metrics.core.ordering import content_order
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects
 
 
 def in_order(boxes: Objects) -> Objects:

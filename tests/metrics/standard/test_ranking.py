@@ -13,7 +13,7 @@ from tests.metrics.standard.made import Box, sequence
 
 from fbench.metrics.core.slices import VEHICLE
 from fbench.metrics.detection.scores import Ranking, detection_counts
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 
 Hits = list[tuple[float, bool]]
 

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import VEHICLE, Part, by_range, by_source, by_visibility
 from fbench.metrics.detection.outcomes import BoxCounts, Candidates, compare_class, judge_detections
 from fbench.metrics.detection.scores import detection_counts
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Sequence
 
 MATCH = Match("bev", 2.0)
 C, L, R = 1, 2, 4

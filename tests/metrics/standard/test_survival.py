@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import VEHICLE, Heading
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.scores import tracking_counts
 from fbench.metrics.tracking.survival import SurvivalCounts, survival_rows
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Sequence
 
 
 def made(truth: str, tracks: str, streams: list[int] | None = None, period_s: float = 0.1) -> Sequence:

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.metrics.standard.made import Box, sequence
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.metrics.core.slices import VEHICLE, Heading
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.tracking.scores import TrackingCounts, tracking_counts, tracking_rows
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence
 
 MATCH = Match("bev", 2.0)
 HEAD = Heading("vehicle", "all", "bev 2 m", None, 1)

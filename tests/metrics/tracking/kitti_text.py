@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 MOT_LABELS = (
     "", "pedestrian", "person on vehicle", "car", "bicycle", "motorbike", "non motorized vehicle", "static person",

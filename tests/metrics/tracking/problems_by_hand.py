@@ -4,7 +4,7 @@ from collections.abc import Sequence as Rows
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 Row = tuple[int, int, float]
 """Step, id, left edge [px]; boxes are 10 by 40, so that a shift by d has IoU (10 - d) / (10 + d)."""

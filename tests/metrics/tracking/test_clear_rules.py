@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
-from fbench.metrics.core.sequence import Steps
 from fbench.metrics.profiles.motmetrics import MOTMETRICS, MOTMETRICS_RULES
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.trackeval.fields import clear_fields
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, problems
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearCounts, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.clear_events import START, SWITCH
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Steps
 
 FAR = 500.0
 

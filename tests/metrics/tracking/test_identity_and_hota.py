@@ -7,14 +7,14 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 from tests.metrics.tracking.problems_by_hand import sequence, track
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.core.similarity import Blocks
-from fbench.metrics.profiles.profile import Match
 from fbench.metrics.profiles.trackeval.fields import alpha_fields, identity_fields, mean_fields
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, overlaps, problems
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.metrics.tracking.hota import ALPHAS, hota_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 
 def problem(truth, estimates):

@@ -8,10 +8,10 @@ import pytest
 from tests.metrics.tracking.kitti_text import mot_objects, mot_sequence
 from tests.metrics.tracking.oracles.made_tracks import MOT_NAMES, NUM_FRAMES, mot_texts
 
-from fbench.metrics.core.sequence import Sequence, Steps
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.motmetrics import MOTMETRICS
 from fbench.metrics.profiles.trackeval.prepare import problems
+from fbench.replay.data.sequences import Sequence, Steps
 
 ORACLE = json.loads((Path(__file__).parent / "oracles/motmetrics.json").read_text())
 # py-motmetrics multiplies a sequence's undefined MOTP with its 0 matches, so that its overall MOTP is nan where one

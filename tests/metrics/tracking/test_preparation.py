@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.motmetrics import MOTMETRICS
 from fbench.metrics.profiles.trackeval.prepare import HALF, KITTI, MOT15, MOT17, MOT20, problems
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI
 from fbench.replay.contracts.errors import MetricError
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 BIG, SMALL = (0, 0, 40, 40), (0, 0, 40, 25)
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.motmetrics import MOTMETRICS
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING
 from fbench.metrics.profiles.trackeval.profiles import TRACKEVAL_KITTI, TRACKEVAL_MOT
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 NUM_STEPS = 8
 PROFILES = [TRACKEVAL_KITTI, TRACKEVAL_MOT, MOTMETRICS]

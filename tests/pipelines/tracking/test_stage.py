@@ -1,8 +1,8 @@
 import pytest
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.tracking.stage import DetectionInterval, predict_output
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Fault
 

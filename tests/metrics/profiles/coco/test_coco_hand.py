@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.coco.profile import CocoProfile
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 Rectangle = tuple[float, float, float, float]
 Values = np.ndarray | list[int] | list[float] | list[bool] | float

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from tests.metrics.profiles.coco.oracles.make_coco import CLASSES, SEEDS, Boxes, random_images
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.choose import evaluate
 from fbench.metrics.profiles.coco.profile import CocoProfile
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 NAMES = ("ap", "ap50", "ap75", "aps", "apm", "apl", "ar1", "ar10", "ar100", "ars", "arm", "arl")
 FROZEN = json.loads((Path(__file__).parent / "oracles" / "coco.json").read_text())

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.metrics.profiles.kitti.oracles.kitti_objects_input import Rows
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 
 def objects_of(frames: list[Rows]) -> Objects:

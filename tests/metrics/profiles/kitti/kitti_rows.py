@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 
 def tracking_objects(lines: list[str]) -> Objects:

@@ -9,11 +9,11 @@ import pytest
 from tests.metrics.profiles.kitti.kitti_rows import tracking_objects, tracking_sequence
 from tests.metrics.profiles.kitti.oracles.kitti_tracks_input import SEQUENCES, made_sequence
 
-from fbench.metrics.core.sequence import Objects, Sequence
 from fbench.metrics.profiles.kitti.rows import recall_thresholds
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Objects, Sequence
 
 PROFILE = Kitti3dMot()
 

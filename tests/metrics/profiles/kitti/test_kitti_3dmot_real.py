@@ -11,7 +11,7 @@ from tests.metrics.profiles.kitti.oracles.kitti_tracks_input import disturbed
 
 from fbench.metrics.profiles.kitti.track_passes import run_passes
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 
 REFERENCE = json.loads((Path(__file__).parent / "oracles/kitti_3dmot_real.json").read_text())
 COUNTS = {"tp": "tp", "itp": "itp", "fp": "fp", "fn": "fn", "ifn": "ifn", "ids": "id_switches", "frag": "fragments",

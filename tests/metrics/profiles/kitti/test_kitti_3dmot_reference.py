@@ -12,7 +12,7 @@ from tests.metrics.profiles.kitti.oracles.kitti_tracks_input import SEQUENCES, m
 
 from fbench.metrics.profiles.kitti.track_passes import run_passes
 from fbench.metrics.profiles.kitti.tracking import Kitti3dMot, TrackStatistics
-from fbench.metrics.profiles.profile import Match
+from fbench.replay.contracts.profiles import Match
 
 REFERENCE = json.loads((Path(__file__).parent / "oracles/kitti_3dmot.json").read_text())
 MATCHES = {name: Match("iou3d" if name[0] == "3" else "iou2d", float(name.split()[1])) for name in REFERENCE}

@@ -8,10 +8,10 @@ import pytest
 from tests.metrics.profiles.kitti.kitti_frames import object_sequence
 from tests.metrics.profiles.kitti.oracles.kitti_objects_input import made_frames
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.metrics.profiles.kitti.object import KittiObject
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.profiles import Match
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 PROFILE = KittiObject()
 IOU2D = PROFILE.with_match(Match("iou2d", 0.7))

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 from tests.metrics.profiles.nuscenes.oracles.nuscenes_scenes import Row, Scene
 
-from fbench.metrics.core.sequence import Objects, Sequence, Steps
 from fbench.replay.data.arrays import text_array
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects, Sequence, Steps
 
 
 def row(step: int, name: str, own: int, x: float, y: float = 0.0, **changes: object) -> Row:

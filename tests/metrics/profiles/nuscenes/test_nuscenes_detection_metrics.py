@@ -9,7 +9,6 @@ import pytest
 from tests.metrics.profiles.nuscenes.nuscenes_sequences import find, of_scene, row, sequence
 from tests.metrics.profiles.nuscenes.oracles.nuscenes_scenes import DETECTION_PLANS, RACK, Row, scenes_of
 
-from fbench.metrics.core.sequence import Objects
 from fbench.metrics.profiles.nuscenes.detection import NuscenesDetection
 from fbench.metrics.profiles.nuscenes.ranking import (
     DetectionStatistics,
@@ -17,9 +16,10 @@ from fbench.metrics.profiles.nuscenes.ranking import (
     cumulative_mean,
     precision_curve,
 )
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Objects
 
 PROFILE = NuscenesDetection()
 

@@ -9,12 +9,12 @@ import pytest
 from tests.metrics.profiles.nuscenes.nuscenes_sequences import find, of_scene, row, sequence
 from tests.metrics.profiles.nuscenes.oracles.nuscenes_scenes import TRACKING_PLANS, Row, scenes_of
 
-from fbench.metrics.core.sequence import Sequence, Steps
 from fbench.metrics.profiles.nuscenes.clips import TrackingStatistics
 from fbench.metrics.profiles.nuscenes.tracking import NuscenesTracking
-from fbench.metrics.profiles.profile import Match
 from fbench.replay.contracts.errors import ConfigError, MetricError
+from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence, Steps
 
 PROFILE = NuscenesTracking()
 

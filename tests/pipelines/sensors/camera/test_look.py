@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.camera.detector import CameraDetector, CameraParams
 from fbench.pipelines.sensors.camera.stage import look
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Fault
 from fbench.replay.data.images import encode_jpeg
 from fbench.replay.data.messages import Image

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.datasets.city.city_logs import Log, moved, simulated
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Frame
 
 PAIR = ("stereo_left", "stereo_right")

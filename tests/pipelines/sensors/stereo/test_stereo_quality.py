@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.pipelines.sensors.stereo.pairs import BASELINE_M, HEIGHT_M, SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.params import StageClock
 from fbench.pipelines.sensors.stereo.depth import DisparityParams, QualityParams, last_row
 from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
 from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.params import StageClock
 from fbench.replay.data.frames import Frame
 
 SENSORS = rig()

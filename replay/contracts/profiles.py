@@ -1,12 +1,12 @@
-"""Profiles: one benchmark's way to count, under its own name."""
+"""Profiles: one benchmark's way to count, under its own name; packages add theirs through `fbench.profiles`."""
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Protocol, Self, TypeVar, get_args
+from typing import Literal, Protocol, Self, TypeVar, get_args, runtime_checkable
 
-from fbench.metrics.core.sequence import Sequence
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.scores import Score
+from fbench.replay.data.sequences import Sequence, Space
 
 Likeness = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
 """How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centres in
@@ -57,6 +57,33 @@ class Match:
             raise ConfigError(f"--match {text}: expected {name}:NUMBER") from None
 
 
+Family = Literal["kitti-tracking", "mot", "nuscenes", "nuscenes-tracking"]
+"""Benchmarks with one set of classes, called as the formats of `fbench log export`."""
+
+
+@dataclass(frozen=True)
+class Headlines:
+    """Metrics of a profile that people look for."""
+
+    metrics: tuple[str, ...] = ()  # In the order in which they are printed; empty: all of them
+    all_matchings: bool = False
+    """Whether one metric has rows for several ways of matching, of which each counts; else the first is shown."""
+    has_levels: bool = False  # Whether rows are about levels of difficulty, `all, easy`, and none about all of them
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a profile judges, and what it needs for that."""
+
+    judges_tracks: bool
+    space: Space  # Where its boxes must be; `both`: wherever the results have them
+    family: Family | None = None  # By whose names classes go; `None`: by those of fbench
+    headlines: Headlines = Headlines()
+    needs_ego: bool = False  # Its ranges are about the ego, so that boxes in the world need the ego's position
+    needs_time: bool = False  # Samples need an order in time
+    ranks_by_file: bool = False  # Its tool ranks equal scores as the file has them, which changes AP
+
+
 class Statistics(Protocol):
     """Sufficient statistics: what must be known of a sequence to give its numbers, and those of any sum.
 
@@ -70,10 +97,12 @@ class Statistics(Protocol):
 S = TypeVar("S", bound=Statistics)
 
 
+@runtime_checkable
 class Profile(Protocol[S]):
     """One benchmark's way to count.
 
-    Implementations are frozen dataclasses: thresholds, classes and filters are data.
+    Implementations are frozen dataclasses, so that thresholds, classes and filters are data that can be listed. An
+    entry point names an object, or a class that is made without arguments.
     """
 
     @property
@@ -84,6 +113,11 @@ class Profile(Protocol[S]):
     @property
     def summary(self) -> str:
         """One line: what it reproduces, and which version of what."""
+        ...
+
+    @property
+    def facts(self) -> Facts:
+        """What it judges, and what it needs for that."""
         ...
 
     @property
