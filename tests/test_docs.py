@@ -5,6 +5,7 @@ comment with a file name are written there first. Commands that need recordings 
 Those of fbench run in this process, as to start 150 others takes minutes.
 """
 
+import ast
 import os
 import re
 import shlex
@@ -95,6 +96,19 @@ def test_links_between_pages_lead_somewhere():
         for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
             if not link.startswith("http"):
                 assert (page.parent / link).exists(), f"{page.name} links to {link}"
+
+
+def test_plug_ins_of_outsiders_need_contracts_and_data_only():
+    allowed = ("fbench.replay.contracts.", "fbench.replay.data.")
+    found = [
+        name
+        for block in blocks(ROOT / "docs/plugins.md", "python")
+        for node in ast.walk(ast.parse(block))
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [])
+        if name.startswith("fbench")
+    ]
+    assert len(found) > 10
+    assert [name for name in found if not name.startswith(allowed)] == []
 
 
 def test_fault_table_of_the_docs_is_the_one_in_the_code():

@@ -4,6 +4,7 @@ import json
 from typing import get_args
 
 import pytest
+from tests.program import fbench
 
 from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, Better, definition_of
 from fbench.metrics.files.sequences import open_files
@@ -204,3 +205,77 @@ def test_default_refuses_an_id_twice_among_all_vehicles(tmp_path):
     with pytest.raises(MetricError, match=r"id .* twice") as caught:
         evaluate(profile_of("default"), pair.sequences())
     assert caught.value.code == "GT003"
+
+
+OUTSIDER = '''
+from dataclasses import dataclass, replace
+from fbench.replay.contracts.profiles import Facts, Match
+from fbench.replay.data.scores import Score
+
+@dataclass(frozen=True)
+class Total:
+    num: int
+
+    def __add__(self, other):
+        return Total(self.num + other.num)
+
+@dataclass(frozen=True)
+class NumTruth:
+    """Counts truth."""
+
+    name: str = "num-truth"
+    summary: str = "number of truth boxes"
+    match: Match = Match("iou2d", 0.5)
+    result_labels: frozenset[str] = frozenset()
+    facts: Facts = Facts(judges_tracks=False, space="both")
+
+    def with_match(self, match):
+        return replace(self, match=match)
+
+    def measure(self, sequence):
+        return Total(len(sequence.truth))
+
+    def scores(self, statistics, part):
+        return [Score("num_truth", "all", part, str(self.match), statistics.num, None, "count", {})]
+
+class Broken(NumTruth):
+    def __init__(self):
+        raise KeyError("here")
+
+@dataclass(frozen=True)
+class WithoutFacts(NumTruth):
+    facts: None = None
+'''
+
+
+def test_a_profile_of_an_outsider_scores_files(tmp_path, capsys):
+    (tmp_path / "mine.py").write_text(OUTSIDER)
+    name = f"{tmp_path / 'mine.py'}:NumTruth"
+    pair = open_files(kitti(tmp_path, "t.txt"), kitti(tmp_path, "r.txt", score=" 0.5"))
+    profile = fitted(chosen(name, "iou2d:0.3"), pair, has_match=True)
+    rows = evaluate(profile, pair.sequences()).scores()
+    assert [(row.metric, row.value, row.matching) for row in rows] == [("num_truth", 8, "iou2d 0.3")]
+    assert described(profile)["match"] == "iou2d 0.3"
+    files = ("--truth", tmp_path / "t.txt", "--detections", tmp_path / "r.txt")
+    assert fbench("score", *files, "--profile", name) == 0
+    assert "num_truth" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Total", r"profile '.*mine.py:Total' can't be made: TypeError"),
+        ("Broken", r"can't be made: KeyError: 'here'"),
+        ("WithoutFacts", r"isn't one: see Profile and Facts in fbench.replay.contracts.profiles"),
+        ("Facts", r"has no class 'Facts'"),
+    ],
+)
+def test_what_is_no_profile(tmp_path, name, message):
+    (tmp_path / "mine.py").write_text(OUTSIDER)
+    with pytest.raises(ConfigError, match=message):
+        profile_of(f"{tmp_path / 'mine.py'}:{name}")
+
+
+def test_profiles_come_in_by_entry_points():
+    assert profile_names()[0] == "default"
+    assert profile_names()[1:] == sorted(profile_names()[1:])
