@@ -96,7 +96,7 @@ def joined_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
 def _subject_lines(title: str, subject: _Subject, num_logs: int) -> Iterator[str]:
     ordered = sorted(subject.forms.values(), key=lambda form: -len(form.names))
     for form in ordered[:_ALIKE]:
-        yield _shown(form, num_logs)
+        yield _format_form(form, num_logs)
     if others := ordered[_ALIKE:]:
         num = len({name for form in others for name in form.names})
         yield f"{title}: otherwise in {num} of {num_logs}, see --json"
@@ -104,7 +104,7 @@ def _subject_lines(title: str, subject: _Subject, num_logs: int) -> Iterator[str
         yield f"{title}, in all: {format_counts(subject.totals)}"
 
 
-def _shown(form: _Form, num_logs: int) -> str:
+def _format_form(form: _Form, num_logs: int) -> str:
     if len(form.names) == num_logs:
         return str(form)
     return f"{form} [{len(form.names)} of {num_logs}: {format_list(form.names, _NAMED)}]"

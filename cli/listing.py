@@ -76,7 +76,7 @@ def show_parameters(group: str, name: str) -> None:
     if params is None:
         say(f"{name} takes no parameters")
         return
-    rows = [(path, _shown(value)) for path, value in describe(params).items()]
+    rows = [(path, _format_value(value)) for path, value in describe(params).items()]
     _show_table(("parameter", "default"), rows, params)
 
 
@@ -85,7 +85,10 @@ def _show_variant(variant: Variant, params: Any, values: Mapping[str, object]) -
     sensors = ", ".join(variant.sensors)
     say(*filter(None, (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}")))
     defaults, sets = describe(params), {name for name, _ in variant.settings}
-    rows = [(path, _shown(v), _shown(defaults.get(path)) if path in sets else "") for path, v in values.items()]
+    rows = [
+        (path, _format_value(v), _format_value(defaults.get(path)) if path in sets else "")
+        for path, v in values.items()
+    ]
     if rows:
         _show_table(("parameter", "value", "instead of"), rows, params)
 
@@ -100,9 +103,9 @@ def _show_table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], param
     console().print(table)
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, list):
-        return ",".join(map(_shown, value))
+        return ",".join(map(_format_value, value))
     return "none" if value is None else str(value)
 
 

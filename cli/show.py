@@ -186,7 +186,7 @@ def show_results(results: Results) -> None:
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""
     with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
-        task = progress.add_task(_shown(title), total=total or None)
+        task = progress.add_task(_show(title), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
@@ -194,7 +194,7 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
 def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` bytes are done on stderr while the `with` block runs."""
     with _progress(BarColumn(), DownloadColumn(), TimeRemainingColumn()) as progress:
-        task = progress.add_task(_shown(title), total=total)
+        task = progress.add_task(_show(title), total=total)
         yield lambda num_bytes: progress.update(task, completed=num_bytes)
 
 
@@ -208,7 +208,7 @@ class ImportProgress:
 
     def __call__(self, name: str, done: int, total: int) -> None:
         """Tell how many items of a sequence are done."""
-        self._progress.update(self._one, description=_shown(name), completed=done, total=total or None, visible=True)
+        self._progress.update(self._one, description=_show(name), completed=done, total=total or None, visible=True)
 
     def done(self) -> None:
         """Tell that a sequence is done."""
@@ -238,7 +238,7 @@ def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
 def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     """Show a running count of frames on stderr while the `with` block runs."""
     with _progress(TextColumn("{task.completed} frames"), TimeElapsedColumn(), spins=True) as progress:
-        task = progress.add_task(_shown(title), total=None)
+        task = progress.add_task(_show(title), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
 
@@ -246,7 +246,7 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
 def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many replays are done, of how many, on stderr while the `with` block runs."""
     with _progress(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), spins=True) as progress:
-        task = progress.add_task(_shown(title), total=None)
+        task = progress.add_task(_show(title), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
@@ -257,5 +257,5 @@ def _progress(*columns: ProgressColumn, spins: bool = False) -> Progress:
     return Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _shown(title: str) -> str:
+def _show(title: str) -> str:
     return "".join(c if c.isprintable() else " " for c in without_secrets(title))

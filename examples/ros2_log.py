@@ -96,7 +96,7 @@ class Names:
         self._places = {
             name: place
             for kind, place in (("camera", "front"), ("lidar", "top"), ("radar", "front"))
-            for place, name in zip(_numbered(place), rig.sensors(kind), strict=False)  # type: ignore[arg-type]
+            for place, name in zip(_number(place), rig.sensors(kind), strict=False)  # type: ignore[arg-type]
         }
         self._kinds = {name: mount.kind for name, mount in rig.mounts.items()}
 
@@ -110,7 +110,7 @@ class Names:
         return f"{self._kinds[sensor]}_{self._places[sensor]}{optical}"
 
 
-def _numbered(place: str) -> Iterator[str]:
+def _number(place: str) -> Iterator[str]:
     yield place
     number = 2
     while True:

@@ -141,7 +141,7 @@ class TrackingFrames:
     @cached_property
     def _num_frames(self) -> int:
         labelled = 0 if self._rows is None else self._rows.num_frames
-        return max(self._num_by_files or _listed_length(self.folder, self._sequence), labelled)
+        return max(self._num_by_files or _list_length(self.folder, self._sequence), labelled)
 
     @property
     def _num_by_files(self) -> int:
@@ -252,7 +252,7 @@ class TrackingFrames:
         return [*notes, "stamps: made up at 10 Hz, the benchmark has none"]
 
 
-def _listed_length(folder: Path, sequence: str) -> int:
+def _list_length(folder: Path, sequence: str) -> int:
     """How many frames a sequence has by the benchmark's `evaluate_tracking.seqmap*`: `0000 empty 000000 000154`."""
     is_test = folder.name == "testing"
     for path in (*entries(folder), *entries(folder.parent)):

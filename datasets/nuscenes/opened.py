@@ -89,7 +89,7 @@ class Filling:
 
     def _data(self) -> Iterator[DataRow]:
         path = self._tables.folder.table("sample_data")
-        for row, (scene, sample) in self._chosen("sample_data"):
+        for row, (scene, sample) in self._choose("sample_data"):
             try:
                 data = parse_row(SampleData, row, path)
                 if not self._excerpts[scene].holds(sample, data.is_key_frame, data.timestamp):
@@ -118,7 +118,7 @@ class Filling:
 
     def _annotations(self) -> Iterator[AnnotationRow]:
         path = self._tables.folder.table("sample_annotation")
-        for row, (scene, sample) in self._chosen("sample_annotation"):
+        for row, (scene, sample) in self._choose("sample_annotation"):
             try:
                 box = parse_row(Annotation, row, path)
             except LogError as error:
@@ -129,7 +129,7 @@ class Filling:
                 *box.translation, *box.size, *box.rotation, box.num_lidar_pts, box.num_radar_pts, box.prev, box.next,
             )  # fmt: skip
 
-    def _chosen(self, table: str) -> Iterator[tuple[Mapping[str, Any], Place]]:
+    def _choose(self, table: str) -> Iterator[tuple[Mapping[str, Any], Place]]:
         """Yield the rows of chosen scenes with their places."""
         path = self._tables.folder.table(table)
         for row in json_rows(path):

@@ -79,7 +79,7 @@ class DefaultProfile:
         """Return the statistics of one sequence. Raises MetricError where boxes lack what the match compares, or an id
         is twice in one frame of a class (GT003).
         """
-        known = replace(sequence, truth=_named(sequence.truth), estimates=_named(sequence.estimates))
+        known = replace(sequence, truth=_name_classes(sequence.truth), estimates=_name_classes(sequence.estimates))
         return DefaultStatistics(tuple(self._entry(known, group) for group in _groups(known)))
 
     def scores(self, statistics: DefaultStatistics, part: str) -> list[Score]:
@@ -116,7 +116,7 @@ def _groups(sequence: Sequence) -> Iterable[Group]:
     yield from (label_group(name) for name in LABELS if name in met)
 
 
-def _named(objects: Objects) -> Objects:
+def _name_classes(objects: Objects) -> Objects:
     """In the order of their content, by the names of fbench."""
     words, which = np.unique(objects.label, return_inverse=True)
     names = np.array([label(str(word)) for word in words], np.str_)

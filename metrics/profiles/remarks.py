@@ -114,17 +114,17 @@ def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
     if profile.name == _OWN:
         strange = {name: num for name, num in labels.items() if name and not is_known(name)}
         if strange:
-            yield f"{_boxes(strange)} of classes that fbench doesn't know, which count as other: {_listed(strange)}"
+            yield f"{_boxes(strange)} of classes that fbench doesn't know, which count as other: {_format_labels(strange)}"
     elif profile.name == "coco" and not known:
         strange = {name: num for name, num in labels.items() if name not in tally.truth_labels}
         if strange:
-            yield f"{_boxes(strange)} of classes that the truth lacks, which have no AP: {_listed(strange)}"
+            yield f"{_boxes(strange)} of classes that the truth lacks, which have no AP: {_format_labels(strange)}"
     elif known:
         strange = {name: num for name, num in labels.items() if name not in known}
         if set(labels) == {""} and strange:
             yield f"the results have no classes, so none of them is of a class of {profile.name}"
         elif strange:
-            yield f"{_boxes(strange)} of classes that {profile.name} doesn't score: {_listed(strange)}"
+            yield f"{_boxes(strange)} of classes that {profile.name} doesn't score: {_format_labels(strange)}"
 
 
 def _about_ids(tally: Tally, profile: AnyProfile) -> Iterator[str]:
@@ -153,7 +153,7 @@ def _boxes(labels: Mapping[str, int]) -> str:
     return f"{num} {'result is' if num == 1 else 'results are'}"
 
 
-def _listed(labels: Mapping[str, int]) -> str:
+def _format_labels(labels: Mapping[str, int]) -> str:
     """The most frequent ones first."""
     names = sorted(labels, key=lambda name: (-labels[name], name))
     shown = ", ".join(f"{name or 'without a class'} ({labels[name]})" for name in names[:_NAMED])

@@ -86,7 +86,7 @@ class Dialogue:
             raise RefusedError(f"a frame of {num} bytes is too large for a request, which can have 2 GiB")
         deadline = Deadline(timeout_s)
         self.process.send([_LENGTH.pack(num), *request], deadline)
-        response = parse_response(self._received(deadline), self._sequence)
+        response = parse_response(self._receive(deadline), self._sequence)
         kind = response.WhichOneof("kind")
         if kind == "error":
             raise RefusedError(f"says: {response.error[:_MAX_ERROR_CHARS]}")
@@ -94,7 +94,7 @@ class Dialogue:
             raise ProtocolError(f"answered with {kind}, expected {expected}")
         return response
 
-    def _received(self, deadline: Deadline) -> bytes:
+    def _receive(self, deadline: Deadline) -> bytes:
         head = self.process.receive(_LENGTH.size, deadline)
         (num,) = _LENGTH.unpack(head)
         if num > self._max_response_bytes:
@@ -187,9 +187,9 @@ class Exec:
         with self._watched():
             dialogue = self._dialogue or self._begin_again()
             output = dialogue.step(frame, self._params.frame_timeout_s)
-        return self._checked(to_output(output))
+        return self._check(to_output(output))
 
-    def _checked(self, output: Output) -> Output:
+    def _check(self, output: Output) -> Output:
         """Each name of a stage becomes a column of the run: they may not be new in every frame."""
         names = dict.fromkeys([*self._stages, *output.stage_ns])
         if len(names) > _MAX_STAGES:

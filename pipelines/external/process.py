@@ -48,10 +48,10 @@ def parse_command(text: str) -> Command:
         raise ConfigError(f"exec: command {text!r} can't be split into words: {error}") from error
     if not words or not words[0] or "\0" in text:
         raise ConfigError("exec: needs a command, such as -p 'exec:./my_stack --option'")
-    return Command(_found(words[0]), words)
+    return Command(_find_program(words[0]), words)
 
 
-def _found(word: str) -> str:
+def _find_program(word: str) -> str:
     in_path = None if "/" in word else shutil.which(word)
     path = Path(in_path or word).absolute()
     if path.is_dir() or not path.exists():
@@ -180,7 +180,7 @@ class Process:
         self._poll.register(self._stdin, select.POLLOUT)
         try:
             while left:
-                num = self._written(pieces[first : first + _MAX_PIECES])
+                num = self._write(pieces[first : first + _MAX_PIECES])
                 left -= num
                 while num:  # drop what is written
                     size = len(pieces[first])
@@ -193,7 +193,7 @@ class Process:
         finally:
             self._poll.unregister(self._stdin)
 
-    def _written(self, pieces: list[bytes | memoryview]) -> int:
+    def _write(self, pieces: list[bytes | memoryview]) -> int:
         try:
             return os.writev(self._stdin, pieces)
         except BlockingIOError:

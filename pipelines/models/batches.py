@@ -57,7 +57,7 @@ def _view(
     sample: Sample, pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int], draw: np.random.Generator
 ) -> View:
     """Show the window at `corner` [px of the image]."""
-    shown = _scaled(pixels, corner, scale, size_wh)
+    shown = _scale(pixels, corner, scale, size_wh)
     xyxy = (sample.xyxy - np.tile(corner, 2)) * scale
     if draw.random() < 0.5:
         shown = shown[:, ::-1]
@@ -69,7 +69,7 @@ def _view(
     return View(_in_other_light(shown[..., ::-1], draw), inside[there], ids[there])
 
 
-def _scaled(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int]) -> Pixels:
+def _scale(pixels: Pixels, corner: Float64, scale: float, size_wh: tuple[int, int]) -> Pixels:
     """Shrink first by areas, as the finished detector does, then cut; grey beyond the image."""
     height, width = pixels.shape[:2]
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR

@@ -171,36 +171,36 @@ class Training:
         value.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 10.0)
         self._optimizer.step()
-        _average(self.averaged, self.network, self._kept())
+        _average(self.averaged, self.network, self._keep())
         return float(value.detach())
 
-    def _kept(self) -> float:
+    def _keep(self) -> float:
         """Average less at the beginning, when weights are far from where they will be."""
         return self.settings.average * (1 - math.exp(-(self.step + 1) / 300))
 
     def _save(self, checkpoint: Path) -> None:
         part = checkpoint.with_suffix(".part")
         state = {
-            "made_from": self._made_from(), "step": self.step, "network": self.network.state_dict(),
+            "made_from": self._make_from(), "step": self.step, "network": self.network.state_dict(),
             "averaged": self.averaged.state_dict(), "optimizer": self._optimizer.state_dict(),
         }  # fmt: skip
         torch.save(state, part)
         part.replace(checkpoint)
 
     def _resume(self, checkpoint: Path) -> None:
-        state = _loaded(checkpoint, self.device)
-        if state["made_from"] != self._made_from():
+        state = _load(checkpoint, self.device)
+        if state["made_from"] != self._make_from():
             raise ConfigError(f"{checkpoint}: a checkpoint of other settings or logs; delete it, or name another")
         self.network.load_state_dict(state["network"])
         self.averaged.load_state_dict(state["averaged"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.step = int(state["step"])
 
-    def _made_from(self) -> dict[str, str]:
+    def _make_from(self) -> dict[str, str]:
         return {"settings": repr(asdict(self.settings)), "samples": " ".join(s.name for s in self.samples)}
 
 
-def _loaded(checkpoint: Path, device: str) -> dict[str, Any]:
+def _load(checkpoint: Path, device: str) -> dict[str, Any]:
     try:
         state: dict[str, Any] = torch.load(checkpoint, weights_only=True, map_location=device)
     except (RuntimeError, UnpicklingError, EOFError) as error:
@@ -231,13 +231,13 @@ def _tensors(views: Sequence[View], device: str) -> tuple[Tensor, Truths]:
     pixels = torch.from_numpy(np.stack([view.pixels for view in views])).to(device)
     images = (pixels.permute(0, 3, 1, 2).float() / 255).contiguous(memory_format=torch.channels_last)
     wanted, ignored = [view.class_id >= 0 for view in views], [view.class_id < 0 for view in views]
-    xyxy = _padded([view.xyxy[rows] for view, rows in zip(views, wanted, strict=True)], 0.0)
-    ids = _padded([view.class_id[rows, None] for view, rows in zip(views, wanted, strict=True)], -1.0)
-    others = _padded([view.xyxy[rows] for view, rows in zip(views, ignored, strict=True)], 0.0)
+    xyxy = _pad([view.xyxy[rows] for view, rows in zip(views, wanted, strict=True)], 0.0)
+    ids = _pad([view.class_id[rows, None] for view, rows in zip(views, wanted, strict=True)], -1.0)
+    others = _pad([view.xyxy[rows] for view, rows in zip(views, ignored, strict=True)], 0.0)
     return images, Truths(xyxy.to(device), ids[:, :, 0].long().to(device), others.to(device))
 
 
-def _padded(rows: Sequence[Array], value: float) -> Tensor:
+def _pad(rows: Sequence[Array], value: float) -> Tensor:
     """Stack arrays (N, M) of different lengths, at least one row each."""
     most = max(1, *(len(part) for part in rows))
     filled = [np.pad(part, ((0, most - len(part)), (0, 0)), constant_values=value) for part in rows]

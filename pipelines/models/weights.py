@@ -203,10 +203,10 @@ def resolve(weights: Weights, catalogue: Sequence[Entry] = CATALOGUE) -> Weights
 
 def resolve_settings(settings: Sequence[str], catalogue: Sequence[Entry] = CATALOGUE) -> tuple[str, ...]:
     """Return settings `SENSOR.NAME=VALUE` with files in place of names, where they set weights; see `resolve`."""
-    return tuple(_resolved(setting, catalogue) for setting in settings)
+    return tuple(_resolve(setting, catalogue) for setting in settings)
 
 
-def _resolved(setting: str, catalogue: Sequence[Entry]) -> str:
+def _resolve(setting: str, catalogue: Sequence[Entry]) -> str:
     path, _, text = setting.partition("=")
     if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
         return setting

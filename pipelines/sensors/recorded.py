@@ -72,7 +72,7 @@ class Alongside:
         fitting = [h for h in self._held if not h.is_done and self._fits(h, frame, before, reach_before_ns)]
         best = min(fitting, key=lambda held: _distance(held, frame), default=None)
         result = None if best is None else self._whole(best, fitting)
-        return result, 0 if before is None else self._passed(before, frame)
+        return result, 0 if before is None else self._count_passed(before, frame)
 
     def _note(self, frame: Frame) -> None:
         """Take a frame's stamp, and say how far behind it results count as its own."""
@@ -105,7 +105,7 @@ class Alongside:
                 held.is_done, whole = True, both
         return whole
 
-    def _passed(self, before: Frame, frame: Frame) -> int:
+    def _count_passed(self, before: Frame, frame: Frame) -> int:
         passed = [h for h in self._held if not h.is_done and _is_between(h, before, frame)]
         for held in passed:
             held.is_done = True
@@ -271,7 +271,7 @@ class RecordedBoxes:
         if result is None:
             why = f"no output within {self._params.tolerance_ms:g} ms"
             return Found(None, world_T_body, {self._name: why}, faults)
-        boxes, missing = self._placed(result, world_T_body)
+        boxes, missing = self._place(result, world_T_body)
         latency_ns = result.log_ns - frame.stamp_ns
         # What has the stamp itself for its time of recording wasn't recorded by a stack at work.
         if boxes is None or result.log_ns <= 0 or result.log_ns == result.stamp_ns:
@@ -299,7 +299,7 @@ class RecordedBoxes:
             raise LogError(f"log '{log_info.name}': '{self._name}' holds no result that can be used", "CFG001")
         return empty
 
-    def _placed(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
+    def _place(self, result: Truth, world_T_body: Float64 | None) -> tuple[Boxes | None, dict[str, str]]:
         """Boxes in body coordinates or in images of the rig's cameras, and what is missing."""
         if self.kind is Boxes2D:
             return self._seen(result.boxes2d)

@@ -192,10 +192,10 @@ def rain_echoes(
         beam, drop_m, drop_power = _strongest(_drops(rain_mm_h, extinction_per_m, floor, len(power), rng))
         wins = (drop_m < result[beam]) & (drop_power > power[beam])
         result[beam[wins]], power[beam[wins]], scattered[beam[wins]] = drop_m[wins], drop_power[wins], True
-    return _received(result, power, scattered, floor, rng)
+    return _receive(result, power, scattered, floor, rng)
 
 
-def _received(range_m: Float64, power: Float64, scattered: Array, floor: float, rng: np.random.Generator) -> RainEchoes:
+def _receive(range_m: Float64, power: Float64, scattered: Array, floor: float, rng: np.random.Generator) -> RainEchoes:
     lost = power < floor
     noise = rng.standard_normal(len(power)) * (NOISE_M / np.sqrt(2 * np.maximum(power, floor) / floor))
     label = np.where(lost, LOST, np.where(scattered, SCATTERED, KEPT)).astype(np.uint8)

@@ -211,12 +211,12 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
     Raises:
         ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
     """
-    cls, own = _chosen(name)
-    pipeline, params = _made("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
+    cls, own = _choose_class(name)
+    pipeline, params = _make_plugin("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
     return pipeline, describe(params)
 
 
-def _chosen(name: str) -> tuple[type, list[str]]:
+def _choose_class(name: str) -> tuple[type, list[str]]:
     """Return the class that a pipeline's name means, and what the name itself sets."""
     variant = variant_of(name)
     if variant is None:
@@ -259,7 +259,7 @@ def pipeline_class(name: str) -> type:
     Raises:
         ConfigError: for an unknown name, or a class that can't be imported.
     """
-    return _chosen(name)[0]
+    return _choose_class(name)[0]
 
 
 def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
@@ -268,7 +268,7 @@ def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
     Raises:
         ConfigError: for an unknown name or setting.
     """
-    cls, own = _chosen(name)
+    cls, own = _choose_class(name)
     params = default_params(cls)
     return {} if params is None else describe(apply_settings(params, [*own, *settings]))
 
@@ -279,11 +279,11 @@ def make_importer(name: str, settings: list[str]) -> Importer:
     Raises:
         ConfigError: for an unknown name or setting, or a class that isn't an importer.
     """
-    importer, _ = _made("dataset", name, load("datasets", name), ("names", "recordings"), settings)
+    importer, _ = _make_plugin("dataset", name, load("datasets", name), ("names", "recordings"), settings)
     return importer  # type: ignore[no-any-return]
 
 
-def _made(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
+def _make_plugin(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
     """Build a plug-in, and return it with its parameters."""
     absent = [method for method in methods if not callable(getattr(cls, method, None))]
     if absent:

@@ -49,7 +49,7 @@ class SensorSettings:
         own = dict.fromkeys(self._rig.sensors(kind), params)
         for sensor, setting in self._settings:
             if sensor in own:
-                own[sensor] = _changed(own[sensor], kind, sensor, setting, differing)
+                own[sensor] = _change(own[sensor], kind, sensor, setting, differing)
         return own
 
     def _sensor(self, setting: str) -> str:
@@ -76,7 +76,7 @@ class SensorSettings:
         return hint if "did you mean" in hint else f"; sensors are: {', '.join(sensors)}"
 
 
-def _changed(params: P, kind: Kind, sensor: str, setting: str, differing: Sequence[str] | None) -> P:
+def _change(params: P, kind: Kind, sensor: str, setting: str, differing: Sequence[str] | None) -> P:
     path, _, text = setting.partition("=")
     name = path[len(sensor) + 1 :]
     is_common = differing is not None and not any(name == d or name.startswith(f"{d}.") for d in differing)

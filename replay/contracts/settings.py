@@ -76,10 +76,10 @@ def _with(params: Any, path: str, names: list[str], text: str) -> Any:
         return replace(params, **{name: _with(value, path, rest, text)})
     if rest or is_dataclass(value):
         raise ConfigError(f"'{path}' isn't a single parameter{did_you_mean(path, parameter_paths(params))}")
-    return replace(params, **{name: _parsed(path, known[name], text)})
+    return replace(params, **{name: _parse(path, known[name], text)})
 
 
-def _parsed(path: str, hint: Any, text: str) -> object:
+def _parse(path: str, hint: Any, text: str) -> object:
     """Convert text to the type of a field."""
     options = (
         typing.get_args(hint)
@@ -142,8 +142,8 @@ def _walk(params: object) -> list[tuple[str, object]]:
 def describe(params: object) -> dict[str, object]:
     """Return all parameters by dotted name, JSON-ready; a file becomes its name and sha256."""
     rows = _walk(params)
-    described = {path: _described(value) for path, value in rows}
-    return described | (_described_by_sensor(params) if has_sensor_settings(params) else {})
+    described = {path: _describe(value) for path, value in rows}
+    return described | (_describe_by_sensor(params) if has_sensor_settings(params) else {})
 
 
 def described_file(path: Path) -> dict[str, object]:
@@ -164,14 +164,14 @@ def names_file(params: object, path: str, text: str) -> bool:
 
 def _is_file(hint: Any, text: str) -> bool:
     # Other types take some texts as words of their own, such as `none`.
-    return Path in (hint, *typing.get_args(hint)) and isinstance(_parsed("", hint, text), Path)
+    return Path in (hint, *typing.get_args(hint)) and isinstance(_parse("", hint, text), Path)
 
 
-def _described_by_sensor(params: Any) -> dict[str, object]:
+def _describe_by_sensor(params: Any) -> dict[str, object]:
     described: dict[str, object] = {}
     for setting in getattr(params, BY_SENSOR):
         path, _, text = setting.partition("=")
-        described[path] = _described(expanded(text)) if names_file(params, path, text) else text
+        described[path] = _describe(expanded(text)) if names_file(params, path, text) else text
     return described
 
 
@@ -183,12 +183,12 @@ def _hints(cls: type) -> list[tuple[str, Any]]:
     return rows
 
 
-def _described(value: object) -> object:
+def _describe(value: object) -> object:
     if isinstance(value, Path) and not is_file(value):
         raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
         return described_file(value)
     if isinstance(value, tuple):
-        return [_described(item) for item in value]
+        return [_describe(item) for item in value]
     plain = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
     return value if plain else str(value)

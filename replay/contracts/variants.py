@@ -182,7 +182,7 @@ def variant_settings(variant: Variant, params: Any) -> list[str]:
     """
     if params is None and variant.settings:
         raise ConfigError(f"{variant.where}: pipeline '{variant.base}' takes no parameters")
-    settings = [f"{name}={_placed(variant, params, name, value)}" for name, value in variant.settings]
+    settings = [f"{name}={_place(variant, params, name, value)}" for name, value in variant.settings]
     try:
         apply_settings(params, settings)
     except ConfigError as error:
@@ -190,7 +190,7 @@ def variant_settings(variant: Variant, params: Any) -> list[str]:
     return settings
 
 
-def _placed(variant: Variant, params: Any, name: str, value: str) -> str:
+def _place(variant: Variant, params: Any, name: str, value: str) -> str:
     """A value; that of a relative path as seen from here. What has neither folder nor suffix may be a name."""
     if variant.folder is None or not names_file(params, name, value):
         return value

@@ -105,10 +105,10 @@ def raw_to_bgr(data: bytes, encoding: str, size_wh: tuple[int, int]) -> RawPixel
     if not fits or len(data) != rows * width * layout.pixel_bytes:
         return None
     samples = np.frombuffer(data, np.uint8).reshape(rows, width, layout.channels, layout.sample_bytes)
-    return _converted(samples[..., -1], layout)
+    return _convert(samples[..., -1], layout)
 
 
-def _converted(samples: RawPixels, layout: Layout) -> RawPixels | None:
+def _convert(samples: RawPixels, layout: Layout) -> RawPixels | None:
     if not layout.conversion:
         return np.ascontiguousarray(samples)
     import cv2

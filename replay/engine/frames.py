@@ -71,7 +71,7 @@ class FrameStream:
 
     def frames(self, reader: Reader) -> Iterator[Frame]:
         """Read the log and yield the chosen frames. Raises LogError where the clocks of sensors differ."""
-        for frame in self._released(reader):
+        for frame in self._release(reader):
             self._num_released = frame.index + 1
             if self._instants[frame.index].is_chosen:
                 yield frame
@@ -80,7 +80,7 @@ class FrameStream:
         """Read the truth and yield that of chosen frames, with their indices, in body coordinates at their instants.
         Raises LogError where it is in the world, and the log has no pose then.
         """
-        first_ns, last_ns = self._chosen_ns()
+        first_ns, last_ns = self._choose_ns()
         times = TruthTimes(self._instants, self.poses.values, self._max_between_ns)
         for index, truth in times.matched(self._truths(reader)):
             if index is None:
@@ -120,15 +120,15 @@ class FrameStream:
         stamps = [instant.stamp_ns for instant in self._instants]
         return (max(stamps) - min(stamps)) / 1e9
 
-    def _released(self, reader: Reader) -> Iterator[Frame]:
+    def _release(self, reader: Reader) -> Iterator[Frame]:
         for recorded in reader.ticked() if self.reference == BOXES else reader.messages():
             self._digest.add(recorded)
             if isinstance(recorded, RigChange):
-                yield from self._changed(recorded)
+                yield from self._change_rig(recorded)
             elif isinstance(recorded, Tick):
                 yield from self._ticked(recorded)
             else:
-                yield from self._taken(recorded, self._stamps.restamped(recorded))
+                yield from self._take(recorded, self._stamps.restamped(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
                 self.poses.finish()
@@ -136,7 +136,7 @@ class FrameStream:
         yield from self._buffer.flush()
         self.poses.finish()
 
-    def _taken(self, recorded: Message, message: Message) -> Iterator[Frame]:
+    def _take(self, recorded: Message, message: Message) -> Iterator[Frame]:
         if message.sensor in self._known:
             self._clocks.check(message)
             self._start_ns = message.stamp_ns if self._start_ns is None else self._start_ns
@@ -144,7 +144,7 @@ class FrameStream:
         if isinstance(message, Pose):
             self.poses.add(message)
         if message.sensor == self.reference:
-            yield from self._opened(recorded, message)
+            yield from self._open(recorded, message)
         if self._waits:
             self._clock.wait_until(message.log_ns)
         if message.sensor in self._left_out:
@@ -158,18 +158,18 @@ class FrameStream:
     def _ticked(self, tick: Tick) -> Iterator[Frame]:
         self._start_ns = tick.stamp_ns if self._start_ns is None else self._start_ns
         yield from self._buffer.advance(tick.log_ns)
-        yield from self._opened(tick, tick)
+        yield from self._open(tick, tick)
         if self._waits:
             self._clock.wait_until(tick.log_ns)
 
-    def _changed(self, change: RigChange) -> Iterator[Frame]:
+    def _change_rig(self, change: RigChange) -> Iterator[Frame]:
         """End the segment: what comes next was measured by other sensors."""
         yield from self._buffer.break_off(change.reason)
         self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
         self.rigs[self._buffer.segment] = change.rig
         self.rig = change.rig.without(self._left_out)
 
-    def _opened(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
+    def _open(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
         num_breaks, num_frames = len(self._buffer.breaks), self._buffer.num_frames
         yield from self._buffer.open_frame(message)
         for why in self._buffer.breaks[num_breaks:]:
@@ -196,7 +196,7 @@ class FrameStream:
             self._digest.add(truth)
             yield truth
 
-    def _chosen_ns(self) -> tuple[int, int]:
+    def _choose_ns(self) -> tuple[int, int]:
         """Stamps of the first and the last chosen frame."""
         stamps = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
         return min(stamps, default=0), max(stamps, default=-1)

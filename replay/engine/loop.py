@@ -140,12 +140,12 @@ class _Loop:
     def step(self, frame: Frame) -> None:
         """Run the pipeline on one frame and record what it gives."""
         start = time.perf_counter_ns()
-        output, failed = self._guarded(frame)
+        output, failed = self._guard(frame)
         total_ns = time.perf_counter_ns() - start
         self._record(frame, output, failed, total_ns)
         self._media.offer(frame)
 
-    def _guarded(self, frame: Frame) -> tuple[Output | None, str | None]:
+    def _guard(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
         try:
             if self._rig is not self.stream.rig:
@@ -210,7 +210,7 @@ class _Loop:
         counts = self.stream.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
-        self._writer.explain_missing(lambda record: self._explained(record, counts))
+        self._writer.explain_missing(lambda record: self._explain(record, counts))
         rows = self._faults.rows()
         if self._plan.redact:
             self._writer.explain_missing(redacted_record)
@@ -224,7 +224,7 @@ class _Loop:
         }
         self._writer.write_json("faults.json", faults)
 
-    def _explained(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
+    def _explain(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
         """Say of each sensor that wasn't there in time whether it was skipped, came too late or never.
 
         What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.

@@ -119,22 +119,22 @@ class AheadReader:
     @property
     def info(self) -> LogInfo:
         """Name, id and metadata."""
-        return self._told(self._reader.info)
+        return self._describe(self._reader.info)
 
     @property
     def rig(self) -> Rig:
         """Sensors and their calibration, as the log begins."""
-        return self._told(self._reader.rig)
+        return self._describe(self._reader.rig)
 
     @property
     def num_messages(self) -> Mapping[str, int]:
         """Messages of each sensor and stream of poses, by name."""
-        return self._told(self._reader.num_messages)
+        return self._describe(self._reader.num_messages)
 
     @property
     def poses(self) -> tuple[str, ...]:
         """Names of the streams of poses."""
-        return self._told(self._reader.poses)
+        return self._describe(self._reader.poses)
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All messages of the log, read by a thread that ends with the iteration."""
@@ -151,7 +151,7 @@ class AheadReader:
         self._running = (thread, queue)
         thread.start()
         try:
-            yield from self._delivered(queue)
+            yield from self._deliver(queue)
         finally:
             self.stop()
 
@@ -173,12 +173,12 @@ class AheadReader:
         thread.join()
         self._staged.clear()
 
-    def _told(self, value: T) -> T:
+    def _describe(self, value: T) -> T:
         if self._running is None:
             self._staged.tell(self._faults)
         return value
 
-    def _delivered(self, queue: _Queue[R]) -> Iterator[R]:
+    def _deliver(self, queue: _Queue[R]) -> Iterator[R]:
         while True:
             item = queue.get()
             item.faults.tell(self._faults)

@@ -38,7 +38,7 @@ def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
     edges: dict[str, Edge] = {}
     topics: dict[str, str] = {}
     before: Float64 | None = None
-    for num, (name, camera) in enumerate(_numbered(path, tree)):
+    for num, (name, camera) in enumerate(_sort_by_number(path, tree)):
         where = f"{path}: {name}"
         cameras[name] = _intrinsics(where, camera)
         if "rostopic" in camera:
@@ -56,7 +56,7 @@ def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
     return RigPatch(edges, cameras, topics)
 
 
-def _numbered(path: Path, tree: Mapping[str, object]) -> list[tuple[str, Mapping[str, object]]]:
+def _sort_by_number(path: Path, tree: Mapping[str, object]) -> list[tuple[str, Mapping[str, object]]]:
     """The cameras, in order."""
     names = [name for name in tree if name.startswith("cam") and name[3:].isdecimal()]
     found: list[tuple[str, Mapping[str, object]]] = []

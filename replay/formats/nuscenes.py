@@ -308,10 +308,10 @@ class _Writer:
         nothing = np.full(len(boxes), "")
         columns = (nothing if column is None else column for column in (boxes.source_label, boxes.label))
         names = np.array(self._names(*columns), dtype=object)
-        rows = self._chosen(boxes, names)
+        rows = self._choose(boxes, names)
         return _results(token, boxes[rows], names[rows].tolist(), frame.world_T_body, self._request.is_tracking)
 
-    def _chosen(self, boxes: Boxes3D, names: "np.ndarray[Any, np.dtype[np.object_]]") -> Int64:
+    def _choose(self, boxes: Boxes3D, names: "np.ndarray[Any, np.dtype[np.object_]]") -> Int64:
         """Rows that have a class, an id where that is needed, and not too many."""
         kept = names != ""
         self._left.add("of classes that nuScenes doesn't score", int(np.count_nonzero(~kept)))

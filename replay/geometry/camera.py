@@ -173,7 +173,7 @@ def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:
     require_projection(rig, name)
     camera, points = rig.cameras[name], _camera_corners(rig, name, boxes)
     lens = lens_of(camera)
-    rectangles = _outlines(camera, points) if lens is None else _curved_outlines(camera, lens, points)
+    rectangles = _outlines(camera, points) if lens is None else _curve_outlines(camera, lens, points)
     seen: Bool = np.all(np.isfinite(rectangles), axis=1)
     return rectangles, seen
 
@@ -193,7 +193,7 @@ def _camera_corners(rig: Rig, name: str, boxes: Boxes3D) -> Float64:
     return transform(camera_T_body, corners(boxes).reshape(-1, 3)).reshape(-1, 8, 3)
 
 
-def _curved_outlines(camera: CameraModel, lens: Lens, points: Float64) -> Float64:
+def _curve_outlines(camera: CameraModel, lens: Lens, points: Float64) -> Float64:
     """Rectangles (N, 4) around boxes with corners (N, 8, 3), or NaN.
 
     What a lens sees of a box ends at the box's edges and at the border of what it sees at all.

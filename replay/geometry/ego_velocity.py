@@ -53,7 +53,7 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     opposite = int(counts[candidates * best < 0].max(initial=0))
     velocity = np.array([best, 0.0])
     for band in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):  # from wide to narrow, as a radar in a bend moves sideways too
-        velocity = _refined(d, v, velocity, period_mps, band * INLIER_MPS)
+        velocity = _refine(d, v, velocity, period_mps, band * INLIER_MPS)
     agreeing = _agree(d, v, velocity, period_mps)
     return EgoFit(velocity, float(agreeing.mean()), opposite / len(v))
 
@@ -81,7 +81,7 @@ def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, 
     return agreeing
 
 
-def _refined(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float) -> Float64:
+def _refine(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float) -> Float64:
     """Least squares over the agreeing points; sideways only where the directions tell it."""
     agreeing = _agree(d, v, velocity, period_mps, band_mps)
     if np.count_nonzero(agreeing) < _MIN_POINTS:

@@ -88,14 +88,14 @@ class Polynomial:
         """See `Lens`."""
         limit = min(np.sqrt(self.max_r2), _FARTHEST)
         far = np.hypot(xy[:, 0], xy[:, 1])
-        r = _inverted(self._radius, self._slope, far, limit)
+        r = _invert(self._radius, self._slope, far, limit)
         if self.tangential == (0.0, 0.0):
             guess = xy * _share(r, far)
         else:  # just beyond the radial limit the tangential part may still reach
             reach = self._radius(np.array([limit * _INSIDE]))
             r = np.where(np.isnan(r) & (far < 2 * reach), limit * 0.999, r)
             with np.errstate(all="ignore"):  # steps may lead anywhere
-                guess = self._refined(xy * _share(r, far), xy)
+                guess = self._refine(xy * _share(r, far), xy)
         rays = np.column_stack([guess, np.ones(len(guess))])
         return np.asarray(rays / np.sqrt((rays * rays).sum(axis=1))[:, None], np.float64)
 
@@ -118,7 +118,7 @@ class Polynomial:
     def _slope(self, r: Float64) -> Float64:
         return self._scale(r * r) + 2 * r * r * self._scale_slope(r * r)
 
-    def _refined(self, guess: Float64, wanted: Float64) -> Float64:
+    def _refine(self, guess: Float64, wanted: Float64) -> Float64:
         """Newton's method in two dimensions; NaN where it doesn't arrive."""
         p1, p2 = self.tangential
         for _ in range(30):
@@ -168,7 +168,7 @@ class Fisheye:
     def straightened(self, xy: Float64) -> Float64:
         """See `Lens`."""
         far = np.hypot(xy[:, 0], xy[:, 1])
-        angle = _inverted(self._radius, self._slope, far, self.max_rad)
+        angle = _invert(self._radius, self._slope, far, self.max_rad)
         return np.column_stack([xy * _share(np.sin(angle), far), np.cos(angle)])
 
     def _radius(self, angle: Float64) -> Float64:
@@ -200,7 +200,7 @@ def _share(part: Float64, whole: Float64) -> Float64:
     return np.divide(part, whole, out=np.zeros_like(whole), where=whole != 0)[:, None]
 
 
-def _inverted(
+def _invert(
     value: Callable[[Float64], Float64], slope: Callable[[Float64], Float64], wanted: Float64, limit: float
 ) -> Float64:
     """Where a function that grows from 0 at 0 up to `limit` reaches the wanted values (N,); NaN where it doesn't.
@@ -253,19 +253,19 @@ def _lens(model: str, coefficients: tuple[float, ...]) -> Lens | None:
 
 
 def _plumb_bob(model: str, coefficients: tuple[float, ...]) -> Lens:
-    k1, k2, p1, p2, k3 = _required(model, coefficients, (4, 5))
+    k1, k2, p1, p2, k3 = _require_count(model, coefficients, (4, 5))
     return Polynomial((k1, k2, k3), (p1, p2))
 
 
 def _rational(model: str, coefficients: tuple[float, ...]) -> Lens:
     if len(coefficients) in (12, 14) and any(coefficients[8:]):
         raise LogError(f"distortion model '{model}' with thin prism or tilt isn't supported, only 8 values", "CAL001")
-    k1, k2, p1, p2, k3, k4, k5, k6 = _required(model, coefficients, (8,))
+    k1, k2, p1, p2, k3, k4, k5, k6 = _require_count(model, coefficients, (8,))
     return Polynomial((k1, k2, k3), (p1, p2), (k4, k5, k6))
 
 
 def _fisheye(model: str, coefficients: tuple[float, ...]) -> Lens:
-    k1, k2, k3, k4 = _required(model, coefficients, (4,))
+    k1, k2, k3, k4 = _require_count(model, coefficients, (4,))
     return Fisheye((k1, k2, k3, k4))
 
 
@@ -274,7 +274,7 @@ _LENSES: Mapping[str, Callable[[str, tuple[float, ...]], Lens]] = {
 }  # fmt: skip
 
 
-def _required(model: str, coefficients: tuple[float, ...], nums: tuple[int, ...]) -> tuple[float, ...]:
+def _require_count(model: str, coefficients: tuple[float, ...], nums: tuple[int, ...]) -> tuple[float, ...]:
     """As many coefficients as the largest of `nums`; recorders append zeros at will."""
     num = max(nums)
     if len(coefficients) not in nums and (len(coefficients) < num or any(coefficients[num:])):

@@ -173,10 +173,10 @@ def facts(setup: Setup) -> dict[str, str]:
 
 def with_names(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, str]:
     """Return metadata that speak of sensors by their new names; `names` are these by the old ones."""
-    return {_renamed(key, names): value for key, value in metadata.items()}
+    return {_rename(key, names): value for key, value in metadata.items()}
 
 
-def _renamed(key: str, names: Mapping[str, str]) -> str:
+def _rename(key: str, names: Mapping[str, str]) -> str:
     kind, _, rest = key.partition(".")
     sensor, _, fact = rest.rpartition(".")
     return f"{kind}.{names[sensor]}.{fact}" if kind == "radar" and sensor in names else key

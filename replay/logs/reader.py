@@ -165,7 +165,7 @@ class LogReader:
         log where the setup names one.
         """
         if self.setup.truth is not None:
-            return self._filed(self.setup.truth)
+            return self._read_boxes(self.setup.truth)
         return joined(self._truth_parts(self._channels("truth")))
 
     def body_poses(self) -> Iterator[Pose]:
@@ -181,7 +181,7 @@ class LogReader:
         no such topic.
         """
         if not topic and self.setup.results is not None:
-            return self._filed(self.setup.results)
+            return self._read_boxes(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
         return paired(self._truth_parts(wanted))
 
@@ -189,7 +189,7 @@ class LogReader:
         parts = (self._decoder.truth_part(entry) for entry in self.container.entries(channels))
         return (part for part in parts if part is not None)
 
-    def _filed(self, source: BoxSource) -> Iterator[Truth]:
+    def _read_boxes(self, source: BoxSource) -> Iterator[Truth]:
         """Boxes of a file, with the labels that the setup gives them."""
         from fbench.replay.formats.open import open_boxes  # most logs have no such file, and tables need pyarrow
 

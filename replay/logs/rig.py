@@ -255,16 +255,16 @@ class RigChanges:
         while self._stored and self._stored[0][0] <= log_ns:
             _, rig = self._stored.pop(0)
         if rig is not None:
-            yield from self._changed(log_ns, rig)
+            yield from self._change_rig(log_ns, rig)
         if self._is_new and self._state is not None:
             self._is_new = False
             try:
                 rig = self._state.rig()
             except LogError:  # what was broken in the middle of a log doesn't end it: the old rig stays
                 return
-            yield from self._changed(log_ns, rig)
+            yield from self._change_rig(log_ns, rig)
 
-    def _changed(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
+    def _change_rig(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
         sensors = () if self._rig is None else rig.changed_since(self._rig)
         if sensors:
             self._rig = rig

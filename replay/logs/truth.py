@@ -56,11 +56,11 @@ def in_body(
     if truth.boxes2d is not None:
         if part.frame_id not in cameras:
             raise DecodeError(f"boxes in '{part.frame_id}', which no camera has")
-        truth = replace(truth, boxes2d=_named(truth.boxes2d, cameras[part.frame_id]))
+        truth = replace(truth, boxes2d=_name_camera(truth.boxes2d, cameras[part.frame_id]))
     return replace(part, truth=truth, frame_id="", frame_ids=())
 
 
-def _named(boxes: Boxes2D, camera: str) -> Boxes2D:
+def _name_camera(boxes: Boxes2D, camera: str) -> Boxes2D:
     return replace(boxes, camera=np.full(len(boxes), camera))
 
 

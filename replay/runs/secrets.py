@@ -63,16 +63,16 @@ def clean_mapping(values: Mapping[str, Any]) -> dict[str, Any]:
     cleaned: dict[str, Any] = {}
     for key, value in values.items():
         hidden = isinstance(value, str) and value != "" and is_secret_name(key)
-        cleaned.setdefault(without_secrets(key), HIDDEN if hidden else _cleaned(value))
+        cleaned.setdefault(without_secrets(key), HIDDEN if hidden else _clean(value))
     return cleaned
 
 
-def _cleaned(value: Any) -> Any:
+def _clean(value: Any) -> Any:
     if isinstance(value, str):
         return without_secrets(value)
     if isinstance(value, Mapping):
         return clean_mapping(value)
-    return [_cleaned(item) for item in value] if isinstance(value, list | tuple) else value
+    return [_clean(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def is_secret_name(name: str) -> bool:

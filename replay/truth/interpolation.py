@@ -34,7 +34,7 @@ def interpolated(own: B, other: B, share: float) -> tuple[B, Bool]:
     is_moved = np.zeros(len(own), bool)
     is_moved[mine] = True
     changes = {
-        name: _changed(name, value, mine, other.arrays()[name][its], share)
+        name: _change(name, value, mine, other.arrays()[name][its], share)
         for name, value in own.arrays().items()
         if name in _LINEAR + _ANGLES and name in other.arrays()
     }
@@ -85,7 +85,7 @@ def _once(ids: Int64) -> Int64:
     return ids[_rows(ids)]
 
 
-def _changed(name: str, own: Array, rows: Int64, other: Array, share: float) -> Array:
+def _change(name: str, own: Array, rows: Int64, other: Array, share: float) -> Array:
     """Values of a field, those at `rows` moved towards `other`; what isn't known on both sides stays as it is."""
     result, here = own.copy(), own[rows]
     if name in _ANGLES:

@@ -60,7 +60,7 @@ def relabel(
     coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
     file = open_boxes(source, coordinates, faults)
     map_ = ClassMap(classes or {})
-    truths = (_classed(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
+    truths = (_classify(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
     with _Tables(run) as tables:
         times = TruthTimes(_instants(run), run.poses, max_between_ns)
         _match(run, times.matched(truths), tables, faults)
@@ -167,7 +167,7 @@ def _instants(run: Run) -> list[Instant]:
     return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
 
 
-def _classed(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
+def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
     def unknown(name: str) -> None:
         faults.once("GT007", (where, name), f"{where}: '{name}'")
 

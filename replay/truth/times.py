@@ -53,27 +53,27 @@ class TruthTimes:
         between. What belongs to no frame, but is what such truth is made of, is left out. Truths of a second or two
         are held in memory.
         """
-        return self._labelling.matched(self._timed(truths))
+        return self._labelling.matched(self._time_truth(truths))
 
     def is_between(self, index: int) -> bool:
         """Whether a frame that was yielded has no truth of its own."""
         return index in self._between
 
-    def _timed(self, truths: Iterator[Truth]) -> Iterator[Truth]:
+    def _time_truth(self, truths: Iterator[Truth]) -> Iterator[Truth]:
         for index, truth in map(self._labelling.found, truths):
             if self._window.goes_back(truth):
                 for given in self._window.rest():
-                    yield from self._placed(*given)
+                    yield from self._place_truth(*given)
             is_near = index is None or self._labelling.distance_ns(index, truth) <= self._reach_ns
             self._window.add(Placed(truth, index, is_near))
             if index is not None:
                 self._labelled.add(index)
             for given in self._window.settled():
-                yield from self._placed(*given)
+                yield from self._place_truth(*given)
         for given in self._window.rest():
-            yield from self._placed(*given)
+            yield from self._place_truth(*given)
 
-    def _placed(self, placed: Placed, following: Placed | None) -> Iterator[Truth]:
+    def _place_truth(self, placed: Placed, following: Placed | None) -> Iterator[Truth]:
         """Yield a truth, and those of the frames between it and the next one."""
         between = [] if following is None or not self._max_between_ns else list(self._behind(placed, following))
         if placed.index is not None:
@@ -120,13 +120,13 @@ class TruthTimes:
         """Truth of the frames between two truths that have none of their own."""
         for index in self._labelling.between(placed.stamp_ns + 1, following.stamp_ns - 1):
             if index in self._chosen and index not in self._labelled:
-                truth = self._made(self._target(index))
+                truth = self._make_truth(self._target(index))
                 if truth is not None:
                     self._labelled.add(index)
                     self._between.add(index)
                     yield truth
 
-    def _made(self, target: Target) -> Truth | None:
+    def _make_truth(self, target: Target) -> Truth | None:
         """What the truths on both sides of a frame's instant have in common."""
         solid = self._around(target, None)
         boxes3d = None if solid is None else self._solid_made(solid, target)

@@ -48,11 +48,11 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
-        finalize=_shown,
+        finalize=_show,
     )
 
 
-def _shown(value: object) -> object:
+def _show(value: object) -> object:
     """Make text visible before it is escaped."""
     return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 

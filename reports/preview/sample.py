@@ -109,18 +109,18 @@ class Sample:
     def cameras(self) -> Sequence[str]:
         """Cameras whose image can be decoded, sorted."""
         images = [n for n, m in sorted(self.frame.messages.items()) if isinstance(m, Image)]
-        return [name for name in images if self._decoded(name) is not None]
+        return [name for name in images if self._decode(name) is not None]
 
     def image(self, camera: str) -> Pixels:
         """Image (H, W, 3) BGR of one of the `cameras`; decoded anew, since all would take much memory. Raises
         DecodeError where it isn't there.
         """
-        pixels = self._decoded(camera)
+        pixels = self._decode(camera)
         if pixels is None:
             raise DecodeError(f"frame {self.frame.index} has no image of '{camera}'")
         return pixels
 
-    def _decoded(self, camera: str) -> Pixels | None:
+    def _decode(self, camera: str) -> Pixels | None:
         message = self.frame.messages.get(camera)
         return decode(message) if isinstance(message, Image) else None
 
@@ -136,10 +136,10 @@ class Sample:
         found = [np.zeros((0, 3))]
         for points in self.placed("lidar"):
             seen = points.xyz - self.rig.body_T_sensor(points.sensor)[:3, 3]
-            found.append(points.xyz[depth_edges(transform(self._turned(points.sensor), seen))])
+            found.append(points.xyz[depth_edges(transform(self._turn(points.sensor), seen))])
         return np.concatenate(found)
 
-    def _turned(self, sensor: str) -> Float64:
+    def _turn(self, sensor: str) -> Float64:
         """Matrix (4, 4) that turns body axes into those of a sensor: jumps are sought along its rings."""
         turn = np.eye(4)
         turn[:3, :3] = self.rig.body_T_sensor(sensor)[:3, :3].T

@@ -51,14 +51,14 @@ class Axes:
 
     def line(self, picture: Pixels, xy: Float64, color: Color, thickness: int = 1) -> None:
         """Join numbers (N, 2) by a line; it is broken where one isn't finite."""
-        draw.path(picture, self.to_picture(self._bounded(xy)), color, thickness)
+        draw.path(picture, self.to_picture(self._bound(xy)), color, thickness)
 
     def dots(self, picture: Pixels, xy: Float64, colors: Colors, radius: int = 2) -> None:
         """Mark numbers (N, 2); those outside are marked at the border."""
-        xy = self._bounded(xy[np.isfinite(xy).all(axis=1)])
+        xy = self._bound(xy[np.isfinite(xy).all(axis=1)])
         draw.disks(picture, self.to_picture(xy), np.full(len(xy), radius), colors)
 
-    def _bounded(self, xy: Float64) -> Float64:
+    def _bound(self, xy: Float64) -> Float64:
         return np.clip(xy, [self.x[0], self.y[0]], [self.x[1], self.y[1]])
 
     @property

@@ -112,10 +112,10 @@ def _double(small: Float32, width: int, height: int) -> Float32:
         i, b = _between(v, small.shape[0])
         for u in range(width):
             j, a = _between(u, small.shape[1])
-            weight = _mixed(small, i, j, a, b, 3)
+            weight = _mix(small, i, j, a, b, 3)
             if weight > _LEAST:
                 for c in range(3):
-                    result[v * width + u, c] = _mixed(small, i, j, a, b, c) / weight
+                    result[v * width + u, c] = _mix(small, i, j, a, b, c) / weight
                 result[v * width + u, 3] = 1
     return result
 
@@ -129,7 +129,7 @@ def _between(pixel: int, num: int) -> tuple[int, float]:
 
 
 @kernel
-def _mixed(image: Float32, i: int, j: int, a: float, b: float, c: int) -> float:
+def _mix(image: Float32, i: int, j: int, a: float, b: float, c: int) -> float:
     upper = image[i, j, c] * (1 - a) + image[i, j + 1, c] * a
     lower = image[i + 1, j, c] * (1 - a) + image[i + 1, j + 1, c] * a
     return float(upper * (1 - b) + lower * b)

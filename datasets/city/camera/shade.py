@@ -225,7 +225,7 @@ def _radiances(
                      albedo[i, 2] * (light_on[i, 2] * level + own))  # fmt: skip
             gloss = max(table[m, 0], _WET_GLOSS * wet)
             if gloss > 0 and shine[i] == 0:
-                share, back = _glossed(light, gloss, wet, (x, y, z), n, lit[i])
+                share, back = _gloss(light, gloss, wet, (x, y, z), n, lit[i])
                 if wet > 0 and len(mirror) and mirror[i, 3] > 0:
                     scale = 1 / light.exposure
                     back = (mirror[i, 0] * scale, mirror[i, 1] * scale, mirror[i, 2] * scale)
@@ -246,12 +246,12 @@ def _blend(a: Rgb, b: Rgb, share: float) -> Rgb:
 
 
 @kernel
-def _glossed(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> tuple[float, Rgb]:
+def _gloss(light: Light, gloss: float, wet: float, ray: Rgb, n: Rgb, lit: bool) -> tuple[float, Rgb]:
     """Return which share a smooth surface mirrors (Schlick), and what; wet ground is rough."""
     facing = max(0.02, -(ray[0] * n[0] + ray[1] * n[1] + ray[2] * n[2]))
     share = gloss + (1 - gloss) * (1 - facing) ** 5 * (0.8 if wet == 0 else 0.6 * wet)
     x, y, z = ray[0] + 2 * facing * n[0], ray[1] + 2 * facing * n[1], ray[2] + 2 * facing * n[2]
-    return share, _mirrored(light, x, y, z, lit)
+    return share, _mirror(light, x, y, z, lit)
 
 
 @kernel
@@ -263,7 +263,7 @@ def _returned(ahead_m: float, aside_m: float) -> float:
 
 
 @kernel
-def _mirrored(light: Light, x: float, y: float, z: float, lit: bool) -> Rgb:
+def _mirror(light: Light, x: float, y: float, z: float, lit: bool) -> Rgb:
     """What a smooth surface mirrors from a direction: sky, houses near the horizon, the road below it; and the sun."""
     open_sky = min(1.0, max(0.0, (z + 0.02) / 0.3))
     ground = (light.ambient[1] + light.direct[1] * max(0.0, light.sun[2])) * GROUND * 0.8

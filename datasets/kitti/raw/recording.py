@@ -73,7 +73,7 @@ class Findings:
 def summary_lines(drive: Drive, findings: Findings) -> Sequence[str]:
     """Return the lines of the summary."""
     return [
-        *_found_lines(drive, findings),
+        *_find_lines(drive, findings),
         *_missing_lines(drive, findings),
         *_pose_lines(drive, findings),
         *_box_lines(drive, findings),
@@ -82,13 +82,13 @@ def summary_lines(drive: Drive, findings: Findings) -> Sequence[str]:
     ]
 
 
-def _found_lines(drive: Drive, findings: Findings) -> Iterator[str]:
+def _find_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     duration_s = (findings.last_ns - (findings.first_ns or 0)) / 1e9
     counts = ", ".join(f"{name} {len(numbers)}" for name, numbers in sorted(findings.numbers.items()))
     yield f"measurements: {counts or 'none'} in {duration_s:.1f} s, {drive.reference} gives the frames"
     for name, numbers in sorted(findings.numbers.items()):
         if turns := [b for a, b in pairwise(numbers) if b < a]:
-            yield f"{name}: stamps run backwards, files {_listed(find_runs(sorted(turns)))} are earlier than others"
+            yield f"{name}: stamps run backwards, files {_format_ranges(find_runs(sorted(turns)))} are earlier than others"
 
 
 def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
@@ -99,14 +99,14 @@ def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     for name, series in sorted(drive.series.items()):
         missing = find_runs(sorted(n for n in known - set(series.paths) if n in findings.frames))
         if missing:
-            yield f"{name}: no file of frames {_listed(missing)}"
+            yield f"{name}: no file of frames {_format_ranges(missing)}"
         gaps = [] if drive.is_rectified else _gaps(list(series.paths))
         if gaps:
-            yield f"{name}: no file of number {_listed(gaps)}"
+            yield f"{name}: no file of number {_format_ranges(gaps)}"
         if series.others:
             yield f"{name}: {len(series.others)} other files left out, such as {series.others[0]}"
     if gaps := _gaps(sorted(n for n in known if n in findings.frames)):
-        yield f"no file at all of frames {_listed(gaps)}"
+        yield f"no file at all of frames {_format_ranges(gaps)}"
 
 
 def _pose_lines(drive: Drive, findings: Findings) -> Iterator[str]:
@@ -132,7 +132,7 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     sensor = drive.reference
     lost = [frame for frame in tracklets.frame.tolist() if frame in findings.frames and frame not in there]
     if lost:
-        yield f"boxes left out: {len(lost)} in frames {_listed(find_runs(sorted(set(lost))))}, which {sensor} hasn't"
+        yield f"boxes left out: {len(lost)} in frames {_format_ranges(find_runs(sorted(set(lost))))}, which {sensor} hasn't"
 
 
 def _gaps(numbers: Sequence[int]) -> list[range]:
@@ -140,7 +140,7 @@ def _gaps(numbers: Sequence[int]) -> list[range]:
     return [range(a + 1, b) for a, b in pairwise(numbers) if b > a + 1]
 
 
-def _listed(found: Iterable[range]) -> str:
+def _format_ranges(found: Iterable[range]) -> str:
     return format_runs(found, _LISTED)
 
 

@@ -209,7 +209,7 @@ def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], N
             tracks[index] = _track(element)
         except LogError as error:
             met(error)
-    boxes, frame = _joined(tracks)
+    boxes, frame = _join_tracks(tracks)
     order = np.argsort(frame, kind="stable")
     return Tracklets(moved(boxes[order], body_T_velo), frame[order], len(tracks))
 
@@ -232,7 +232,7 @@ def _pose(element: Element) -> tuple[float, ...]:
     return tuple(element.real(name) for name in names)
 
 
-def _joined(tracks: Mapping[int, _Track]) -> tuple[Boxes3D, Int64]:
+def _join_tracks(tracks: Mapping[int, _Track]) -> tuple[Boxes3D, Int64]:
     """Return the boxes in the LiDAR's coordinates, and their frames."""
     if not tracks:
         return Boxes3D.empty(), np.zeros(0, np.int64)

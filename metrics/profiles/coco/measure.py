@@ -27,7 +27,7 @@ def measure(sequence: Sequence, rules: CocoRules, classes: tuple[str, ...]) -> C
         MetricError: where boxes have no rectangles.
     """
     valid_truth, valid = (is_valid(objects, "iou2d") for objects in (sequence.truth, sequence.estimates))
-    truth, estimates = sequence.truth[valid_truth], _blanked(sequence.estimates, valid)
+    truth, estimates = sequence.truth[valid_truth], _blank(sequence.estimates, valid)
     labels = classes or tuple(np.unique(np.concatenate([truth.label, estimates.label])).tolist())
     return CocoStatistics(
         {
@@ -108,7 +108,7 @@ def _places(steps: Steps, step: Int64, place: Int64) -> Int64:
     return np.column_stack([steps.frame[step], camera.astype(np.int64)[step], place])
 
 
-def _blanked(objects: Objects, valid: Bool) -> Objects:
+def _blank(objects: Objects, valid: Bool) -> Objects:
     """The same with rectangles that nothing is like where they, or the score, aren't valid."""
     return replace(objects, xyxy_px=np.where(valid[:, None], _rectangle(objects), np.nan))
 

@@ -195,16 +195,16 @@ class Passes:
 def run_passes(tables: Many[TrackTable], num_recalls: int) -> Passes:
     """Find the thresholds from the scores of all tables, and count at each."""
     walks = [_Walk(table) for table in tables]
-    everything = _added(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
+    everything = _add_walks(walks, (ALL_RESULTS,), (1.0,), is_first=True)[0]
     scores = np.concatenate([np.zeros(0), *(walk.matched_scores() for walk in walks)])
     thresholds, recalls = recall_thresholds(scores, everything.tp + everything.fn, num_recalls)
     thresholds, recalls = thresholds[1:], recalls[1:]  # the first is recall 0
-    passes = _added(walks, thresholds, recalls, is_first=False)
+    passes = _add_walks(walks, thresholds, recalls, is_first=False)
     best_mota, best = 0.0, ALL_RESULTS
     for one in passes:
         if one.mota is not None and one.mota > best_mota:
             best_mota, best = one.mota, one.threshold
-    return Passes(tuple(passes), _added(walks, (best,), (1.0,), is_first=False)[0])
+    return Passes(tuple(passes), _add_walks(walks, (best,), (1.0,), is_first=False)[0])
 
 
 class _Walk:
@@ -236,7 +236,9 @@ class _Walk:
         return self._score[self.table.estimate_track[matched]]
 
 
-def _added(walks: list[_Walk], thresholds: tuple[float, ...], recalls: tuple[float, ...], is_first: bool) -> list[Pass]:
+def _add_walks(
+    walks: list[_Walk], thresholds: tuple[float, ...], recalls: tuple[float, ...], is_first: bool
+) -> list[Pass]:
     """Add up the passes of all tables; the sums of reals are exact before they are rounded, so order is nothing."""
     own = [walk.count(thresholds, is_first) for walk in walks]
     passes = []

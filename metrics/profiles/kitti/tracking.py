@@ -51,7 +51,7 @@ def track_scores(tables: Many[TrackTable], label: str, rules: TrackRules, part: 
     """Return the rows of one class, averages over recall first."""
     passes, totals = run_passes(tables, rules.num_recalls), Totals.of(tables)
     counts = _counts(passes.best, totals)
-    values = [*_averages(passes, rules.num_recalls), *_best(passes.best, totals), *_printed_counts(passes.best, totals)]
+    values = [*_averages(passes, rules.num_recalls), *_best(passes.best, totals), *_print_counts(passes.best, totals)]
     return [
         Score(metric, label, part, str(rules.match), value, None if value is not None else why, unit, own)
         for (metric, value, unit, why), own in zip(values, _own(passes, rules, counts, len(values)), strict=True)
@@ -112,7 +112,7 @@ def _threshold(best: Pass, totals: Totals) -> _Value:
     return "best_threshold", best.threshold if is_score else None, "score", why
 
 
-def _printed_counts(best: Pass, totals: Totals) -> list[_Value]:
+def _print_counts(best: Pass, totals: Totals) -> list[_Value]:
     """Counts that AB3DMOT prints at the best threshold."""
     ignored_truth = best.itp + best.ifn
     named = {

@@ -47,7 +47,7 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
     bounds = np.flatnonzero(np.diff(points.track, prepend=-1, append=-1))
     means = [np.mean(points.score[start:end]) for start, end in pairwise(bounds)]
     points = replace(points, score=np.repeat(means, np.diff(bounds)))
-    return _sorted(_filled(points, _time(sequence)))
+    return _sort(_fill(points, _time(sequence)))
 
 
 def _points(sequence: Sequence, side: Side) -> TrackPoints:
@@ -59,7 +59,7 @@ def _points(sequence: Sequence, side: Side) -> TrackPoints:
     return TrackPoints(step, life_ranks(box, track), side.kind, xy, score, side.invalid)
 
 
-def _filled(points: TrackPoints, time: Int64) -> TrackPoints:
+def _fill(points: TrackPoints, time: Int64) -> TrackPoints:
     """Add points, on a straight line in time, at the steps between two points of a track."""
     left = np.flatnonzero((np.diff(points.track) == 0) & (np.diff(points.step) > 1))
     missing = points.step[left + 1] - points.step[left] - 1
@@ -74,7 +74,7 @@ def _filled(points: TrackPoints, time: Int64) -> TrackPoints:
     return TrackPoints(*map(np.concatenate, zip(points.columns, added.columns, strict=True)))
 
 
-def _sorted(points: TrackPoints) -> TrackPoints:
+def _sort(points: TrackPoints) -> TrackPoints:
     return points[np.lexsort((points.track, points.xy[:, 1], points.xy[:, 0], points.step))]
 
 

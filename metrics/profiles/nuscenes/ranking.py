@@ -66,7 +66,7 @@ def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[Cl
     ends = np.searchsorted(kind[order], np.arange(num_classes + 1))
     rows = [order[ends[c] : ends[c + 1]] for c in range(num_classes)]
     return [
-        ClassRanking(int(num_truth[c]), _filled(score[own]), hit[own], error[own]) for c, own in enumerate(rows)
+        ClassRanking(int(num_truth[c]), _fill(score[own]), hit[own], error[own]) for c, own in enumerate(rows)
     ]  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def _spread(part: Ranking) -> Float64:
     return error
 
 
-def _filled(score: Float64) -> Float64:
+def _fill(score: Float64) -> Float64:
     unknown = np.isnan(score)
     return np.where(unknown, score[~unknown][0] if not unknown.all() else 0.0, score)
 

@@ -103,8 +103,8 @@ def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iter
     are of another benchmark.
     """
     _check_labels(sequence, preparation)
-    truth, estimates = _tracked(sequence, preparation)
-    regions = sequence.truth[_labelled(sequence.truth, {preparation.region_label})]
+    truth, estimates = _select_tracked(sequence, preparation)
+    regions = sequence.truth[_select_labels(sequence.truth, {preparation.region_label})]
     for rule in preparation.classes:
         rows = _of_class(truth, estimates, sequence, rule, preparation)
         yield _Prepared(sequence, rule, preparation, match, *rows).problem(regions)
@@ -129,12 +129,12 @@ class _Prepared:
     def problem(self, regions: Objects) -> Problem:
         """Leave out what is excused."""
         counts = self._counts()
-        return self._kept(counts, ~self._excused(counts, regions))
+        return self._keep(counts, ~self._excuse(counts, regions))
 
     def _counts(self) -> Bool:
         """Which truth (N,) is to be found."""
         truth, p = self._truth, self._preparation
-        counts = _labelled(truth, self._rule.labels) if self._rule.labels else np.ones(len(truth), bool)
+        counts = _select_labels(truth, self._rule.labels) if self._rule.labels else np.ones(len(truth), bool)
         for level, limit in ((truth.truncation, p.max_truncation), (truth.occlusion, p.max_occlusion)):
             if level is not None and limit is not None:
                 counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
@@ -142,7 +142,7 @@ class _Prepared:
             counts &= ~truth.ignore
         return counts
 
-    def _excused(self, counts: Bool, regions: Objects) -> Bool:
+    def _excuse(self, counts: Bool, regions: Objects) -> Bool:
         """Which estimates (M,) neither count as hits nor as false alarms."""
         from fbench.metrics.core.assignment_kernel import partners  # numba takes a while to import
 
@@ -154,9 +154,9 @@ class _Prepared:
             *self._starts, np.array(self._block_start), np.array(self._similarity), floor - _EPS, offset
         )
         excuses = np.append(self._excuses(counts), False)
-        return np.where(truth_of < 0, self._excused_alone(regions), excuses[truth_of])
+        return np.where(truth_of < 0, self._excuse_alone(regions), excuses[truth_of])
 
-    def _excused_alone(self, regions: Objects) -> Bool:
+    def _excuse_alone(self, regions: Objects) -> Bool:
         """Which estimates (M,) are left out where they match nothing; what isn't finite never is (fault PRD001)."""
         p, estimates = self._preparation, self._estimates
         excused = np.zeros(len(estimates), bool)
@@ -170,10 +170,10 @@ class _Prepared:
 
     def _excuses(self, counts: Bool) -> Bool:
         """Which truth (N,) excuses results that match it; of all that doesn't count, `ignore`d truth doesn't."""
-        is_distractor = _labelled(self._truth, self._rule.distractors)
+        is_distractor = _select_labels(self._truth, self._rule.distractors)
         return is_distractor if self._preparation.matches_all_truth else is_distractor | ~counts
 
-    def _kept(self, truth: Bool, estimates: Bool) -> Problem:
+    def _keep(self, truth: Bool, estimates: Bool) -> Problem:
         row, column = pairs_of(*self._starts)
         kept = truth[row] & estimates[column]
         sides = self._side(0, self._truth, truth), self._side(1, self._estimates, estimates)
@@ -212,14 +212,14 @@ def _floor_of(match: Match) -> tuple[float, float]:
     return match.floor, 2 * match.threshold if match.is_distance else 0.0
 
 
-def _labelled(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
+def _select_labels(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
     found = np.zeros(len(objects), bool)
     for label in sorted(labels):
         found |= objects.label == label
     return found
 
 
-def _tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
+def _select_tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
     """Which truth (N,) and estimates (M,) have ids."""
     has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
     if not preparation.drops_missing_ids:
@@ -236,9 +236,9 @@ def _of_class(
 ) -> tuple[Int64, Int64]:
     """Rows that have to do with a class, in the order in which ties are broken."""
     if rule.labels and not preparation.matches_all_truth:
-        truth = truth & _labelled(sequence.truth, rule.labels | rule.distractors)
+        truth = truth & _select_labels(sequence.truth, rule.labels | rule.distractors)
     if rule.labels and not preparation.only_labels:
-        estimates = estimates & _labelled(sequence.estimates, rule.labels)
+        estimates = estimates & _select_labels(sequence.estimates, rule.labels)
     rows = np.flatnonzero(truth), np.flatnonzero(estimates)
     if preparation.order == "as given":
         return rows
@@ -291,7 +291,7 @@ def _check_labels(sequence: Sequence, preparation: Preparation) -> None:
     )
     for objects, allowed, what in sides:
         if allowed and len(objects):
-            strange: Array = ~_labelled(objects, allowed)
+            strange: Array = ~_select_labels(objects, allowed)
             if strange.any():
                 row = int(np.argmax(strange))
                 where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"

@@ -42,14 +42,14 @@ def tracking_scores(statistics: TrackingCounts, part: str, match: Match) -> list
     by_alpha = {name: [alpha_fields(c.hota, a) for a in range(len(LABELS))] for name, c in classes.items()}
     groups = {name: _groups(c, by_alpha[name], match) for name, c in classes.items()}
     if combined:
-        groups[CLASS_MEAN] = _averaged(statistics, groups)
+        groups[CLASS_MEAN] = _average(statistics, groups)
     rows = [
         field.score(name, part, how, raw) for name, of in groups.items() for fields, raw, how in of for field in fields
     ]
     for name, own in classes.items():
         rows += _alpha_rows(name, own, by_alpha[name], part, match)
     if combined:
-        rows += _averaged_alpha_rows(statistics, by_alpha, part, match)
+        rows += _average_alpha_rows(statistics, by_alpha, part, match)
     return rows
 
 
@@ -82,7 +82,7 @@ def _alpha_slice(part: str, a: int) -> str:
     return f"alpha {LABELS[a]}" if part == "all" else f"{part}, alpha {LABELS[a]}"
 
 
-def _averaged(statistics: TrackingCounts, groups: Mapping[str, list[Group]]) -> list[Group]:
+def _average(statistics: TrackingCounts, groups: Mapping[str, list[Group]]) -> list[Group]:
     """Means over the classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed."""
     used = _used(statistics)
     result: list[Group] = []
@@ -96,7 +96,7 @@ def _used(statistics: TrackingCounts) -> list[str]:
     return [name for name, c in statistics.classes.items() if c.num_boxes]
 
 
-def _averaged_alpha_rows(
+def _average_alpha_rows(
     statistics: TrackingCounts, by_alpha: Mapping[str, list[list[Field]]], part: str, match: Match
 ) -> Iterator[Score]:
     used = _used(statistics)

@@ -132,7 +132,7 @@ def _probabilities(
     shown = np.array([bool(group.cameras) for group in groups])
     unplaced = np.array([bool(group.cameras) and group.lidar < 0 for group in groups])
     believed = params.standing_weight * saturate(evidence.standing, params.full_points)
-    standing = np.where(evidence.standing > 0, np.maximum(_added_odds(believed, params), 0.0), 0.0)
+    standing = np.where(evidence.standing > 0, np.maximum(_add_odds(believed, params), 0.0), 0.0)
     odds = log_odds(params.prior, 1e-6) + np.where(unplaced, standing, 0.0)
     seen_by, added_by = list[Bool](), list[Float64]()
     for w in witnesses:
@@ -183,7 +183,7 @@ def _camera_witness(evidence: Evidence, name: str, obstacles: Float64, params: F
     if len(rows):
         fits[rows] = outline_overlaps(rig, name, targets[rows], np.array([observations[own[i]].xyxy_px for i in rows]))
         fits[rows] -= 0.5
-    odds = _added_odds(score, params) + params.overlap * fits
+    odds = _add_odds(score, params) + params.overlap * fits
     return Witness(name, "camera", seen, odds, odds, np.where(seen, open_share, could))
 
 
@@ -200,7 +200,7 @@ def _lidar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     dense = 1 / (1 + (evidence.distance_m / params.lidar_half_m) ** 4)
     could = _in_view(evidence, eye, lidar.all_xyz, params) * dense
     could = could * (1 - _hidden_shares(evidence.targets, eye, obstacles, []))
-    odds, confirmed_odds = _added_odds(score, params), _added_odds(np.maximum(score, confirmed), params)
+    odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("lidar", "lidar", seen, odds, confirmed_odds, np.where(seen, 1.0, could))
 
 
@@ -216,7 +216,7 @@ def _radar_witness(evidence: Evidence, obstacles: Float64, params: FusionParams)
     score[seen] = (weight * radar.score)[at[seen]]
     confirmed[seen] = (sure * saturate(radar.num_points, params.full_points))[at[seen]]
     could = _in_view(evidence, eye, radar.all_xyz, params) * (1 - _hidden_shares(evidence.targets, eye, obstacles, []))
-    odds, confirmed_odds = _added_odds(score, params), _added_odds(np.maximum(score, confirmed), params)
+    odds, confirmed_odds = _add_odds(score, params), _add_odds(np.maximum(score, confirmed), params)
     return Witness("radar", "radar", seen, odds, confirmed_odds, could)
 
 
@@ -258,6 +258,6 @@ def _bin(angle_rad: Float64) -> Float64:
     return np.asarray((angle_rad + np.pi) / (2 * np.pi) * _BINS, np.float64)
 
 
-def _added_odds(probability: Float64, params: FusionParams) -> Float64:
+def _add_odds(probability: Float64, params: FusionParams) -> Float64:
     """Log-odds that a sensor adds that by itself would make it this probable."""
     return np.asarray(log_odds(probability) - log_odds(params.prior, 1e-6), np.float64)

@@ -119,7 +119,7 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
     found = list[CameraObservation]()
     for _, group in groupby(ordered, key=lambda s: s.camera):
         own, scores = list(group), list[float]()
-        share = _covered_in_image(np.array([s.xyxy_px for s in own]))
+        share = _measure_coverage(np.array([s.xyxy_px for s in own]))
         for at, s in enumerate(own):
             surer = [k for k, other in enumerate(scores) if other >= s.score]
             factor = min(max((1.0 - float(share[at, surer].max(initial=0.0))) / (1.0 - _PART), _LEAST), 1.0)
@@ -130,7 +130,7 @@ def lower_nested(seen: Sequence[CameraObservation]) -> list[CameraObservation]:
     return found
 
 
-def _covered_in_image(xyxy: Float64) -> Float64:
+def _measure_coverage(xyxy: Float64) -> Float64:
     """Share (N, N) of each box (N, 4) that another one, which it isn't in front of, covers."""
     low = np.maximum(xyxy[:, None, :2], xyxy[None, :, :2])
     high = np.minimum(xyxy[:, None, 2:], xyxy[None, :, 2:])

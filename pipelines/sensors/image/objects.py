@@ -277,7 +277,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
 
     What moves is clustered apart from what stands still. The order of points doesn't matter.
     """
-    points = _projected(rig, camera, cloud, params)
+    points = _project(rig, camera, cloud, params)
     member = points.cluster >= 0
     if not member.any() or cloud.plane is None:
         return points, no_spots()
@@ -297,7 +297,7 @@ def spots(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> tuple[Poin
     return points, found
 
 
-def _projected(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
+def _project(rig: Rig, camera: str, cloud: Cloud, params: SpotParams) -> Points:
     """Points in the image and beside it with their clusters."""
     model = rig.cameras[camera]
     uv, depth = project_body(rig, camera, cloud.xyz)

@@ -112,7 +112,7 @@ def by_points(spots: Spots, source: Source) -> Sightings:
     spots = spots.rows(rows)
     label = np.where(spots.size_lwh_m[:, 0] > LONG_M, "truck", "car")
     sources = np.full(len(spots), int(source), np.uint8)
-    std = _measured_std(spots.depth_m)
+    std = _compute_std(spots.depth_m)
     return Sightings(
         sources, spots.xyxy_px, spots.score, label, spots.depth_m, std, spots.distance_m, spots.rate_mps, rows,
         np.ones(len(rows), np.bool_),
@@ -131,7 +131,7 @@ def by_boxes(rig: Rig, camera: str, boxes: Boxes3D, rate_mps: Float64, source: S
     label = np.where(boxes.size_lwh_m[:, 0] > LONG_M, "truck", "car") if boxes.label is None else boxes.label
     sources = np.full(num, int(source), np.uint8)
     return Sightings(
-        sources, outline[rows], score[rows], label, depth, _measured_std(depth), distance, rate_mps[rows],
+        sources, outline[rows], score[rows], label, depth, _compute_std(depth), distance, rate_mps[rows],
         _no_spot(num), np.full(num, source != Source.R),
     )  # fmt: skip
 
@@ -140,5 +140,5 @@ def _no_spot(num: int) -> Int64:
     return np.full(num, -1)
 
 
-def _measured_std(depth_m: Float64) -> Float64:
+def _compute_std(depth_m: Float64) -> Float64:
     return np.asarray(_MEASURED_STD + _MEASURED_STD_M / np.maximum(depth_m, 1.0), np.float64)

@@ -249,7 +249,7 @@ def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
     height = seen.standing.xy_height[first[0] :, 2]
     bottom, top = (part.reduceat(height, first[:-1] - first[0]) for part in (np.minimum, np.maximum))
     score = plausibility(seen.rectangles, np.diff(first), bottom, top, seen.standing.tall, shape)
-    return _completed(seen, np.zeros(len(top), np.int64), (size,), top, score)
+    return _complete(seen, np.zeros(len(top), np.int64), (size,), top, score)
 
 
 def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
@@ -261,7 +261,7 @@ def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
     by_label = {"car": car, "van": others.van, "truck": others.truck, "motorcycle": others.motorcycle,
                 "bicycle": others.bicycle, "pedestrian": others.pedestrian}  # fmt: skip
     sizes = tuple(by_label[label] for label in model.labels.tolist())
-    boxes = _completed(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
+    boxes = _complete(seen, kind, sizes, np.minimum(found[:, _TOP], _HIGHEST_M), probability.sum(axis=1))
     score = _one_at_a_place(boxes)
     return Boxes3D(boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad, label=model.labels[kind], score=score)
 
@@ -282,7 +282,7 @@ def _one_at_a_place(boxes: Boxes3D) -> Float64:
     return np.asarray(score * np.prod(np.where(inside & likelier, 1.0 - score, 1.0), axis=1), np.float64)
 
 
-def _completed(
+def _complete(
     seen: Seen, kind: Int64, sizes: tuple[VehicleSize, ...],
     top_m: Float64, score: Float64,
 ) -> Boxes3D:  # fmt: skip

@@ -61,13 +61,13 @@ def with_whole_trucks(view: LidarView, viewpoint: Float64) -> LidarView:
     for at in rows[np.lexsort((rows, -score[rows]))].tolist():
         box = _Box(center[at, :2], size[at, :2], float(yaw[at]))
         for _ in range(_ROUNDS if owner[at] == at else 0):
-            taken = _taken(view, owner, at, _strip(view, high, view.cluster == at, box, viewpoint))
+            taken = _take_points(view, owner, at, _strip(view, high, view.cluster == at, box, viewpoint))
             if not taken.any():
                 break
             owner[taken[owner]] = at
             box = _around(view, owner, at, box, viewpoint)
         center[at, :2], size[at, :2], yaw[at] = box.center_m, box.size_lw_m, box.yaw_rad
-    return _merged(replace(view, boxes=replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)), owner)
+    return _merge(replace(view, boxes=replace(boxes, center_m=center, size_lwh_m=size, yaw_rad=yaw)), owner)
 
 
 def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64) -> Bool:
@@ -130,7 +130,7 @@ def _around(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float6
     return _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
 
 
-def _taken(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
+def _take_points(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
     """Tell which clusters (K,) belong to a vehicle."""
     boxes, num = view.boxes, len(view.boxes)
     clustered = view.cluster >= 0
@@ -143,7 +143,7 @@ def _taken(view: LidarView, owner: Int64, at: int, inside: Bool) -> Bool:
     return np.asarray((share >= _MOST) & free & ~itself, np.bool_)
 
 
-def _merged(view: LidarView, owner: Int64) -> LidarView:
+def _merge(view: LidarView, owner: Int64) -> LidarView:
     """Number clusters anew without those that were taken; points stay sorted by cluster."""
     kept = np.flatnonzero(owner == np.arange(len(owner)))
     number = np.searchsorted(kept, owner)

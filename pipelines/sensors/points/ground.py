@@ -172,7 +172,7 @@ def fit_plane(lowest: Float64, params: GroundParams) -> Plane | None:
     tilts = sorted(((a, b) for a in steps for b in steps), key=lambda t: (t[0] ** 2 + t[1] ** 2, t))
     plane = _fullest(lowest, np.array(tilts))
     for band_m in (0.6, 0.4, 0.3, 0.2, 0.2):
-        plane = _refined(plane, lowest, band_m)
+        plane = _refine(plane, lowest, band_m)
     return plane
 
 
@@ -184,7 +184,7 @@ def _fullest(lowest: Float64, slopes: Float64, band_m: float = 0.8) -> Plane:
     return Plane(float(slopes[best, 0]), float(slopes[best, 1]), float(z[best, begin[best]] + band_m / 2))
 
 
-def _refined(plane: Plane, lowest: Float64, band_m: float) -> Plane:
+def _refine(plane: Plane, lowest: Float64, band_m: float) -> Plane:
     residual = lowest[:, 2] - plane.z_m(lowest)
     inside = np.abs(residual) < band_m
     near = lowest[inside]

@@ -135,11 +135,11 @@ def compensate(scans: Sequence[Echoes], own: Mapping[str, RadarParams]) -> Compe
     """Merge the echoes of one or several radars, whose parameters `own` holds by name, within range, and take the ego
     motion out of their velocities: each radar moves in its own way where the vehicle turns.
     """
-    parts = [_compensated(scan, own[scan.sensor]) for scan in scans]
+    parts = [_compensate(scan, own[scan.sensor]) for scan in scans]
     return Compensated(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _compensated(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool, Float64]:
+def _compensate(scan: Echoes, params: RadarParams) -> tuple[Float64, Float64, Float64, Float64, Bool, Float64]:
     near = _is_near(scan, params)
     period = np.full(len(scan.xyz), scan.period_mps)
     velocity = own_velocity(scan, params.doppler)

@@ -182,7 +182,9 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     """
     how = params.as_lidar
     found = obstacles(xyz, how)
-    cluster = dbscan(_evened(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points)
+    cluster = dbscan(
+        _even_out(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points
+    )
     view = judged(found, cluster, eye_m, how)
     score = view.boxes.score
     if view.plane is None or score is None or not len(score):
@@ -193,7 +195,7 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     return replace(view, boxes=replace(view.boxes, score=score * fading(top_m, *params.least_top_m)))
 
 
-def _evened(xy: Float64, focal_baseline: float, params: StereoClusterParams) -> Float64:
+def _even_out(xy: Float64, focal_baseline: float, params: StereoClusterParams) -> Float64:
     """Move points (N, 2) [m] seen from the camera to where a radius of 1 is that of the parameters everywhere.
 
     Across the line of sight that is the azimuth over eps_rad; along it the integral of dr / (e + k r^2), which is

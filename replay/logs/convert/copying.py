@@ -95,7 +95,7 @@ def exactly_decoded(role: Role, channel: Channel, entry: Entry, encoder: Encoder
     today.
     """
     try:
-        content = _decoded(role, entry)
+        content = _decode(role, entry)
         encoded = encoder.message(channel.topic, content)
     except (DecodeError, DataError, ValueError) as error:
         raise InexactError(entry.channel) from error
@@ -110,7 +110,7 @@ def is_same(encoded: Encoded, channel: Channel, entry: Entry) -> bool:
     return head and isinstance(entry.data, memoryview) and bytes(entry.data) == encoded.data
 
 
-def _decoded(role: Role, entry: Entry) -> Message | TruthPart:
+def _decode(role: Role, entry: Entry) -> Message | TruthPart:
     if role.codec is None or not isinstance(entry.data, memoryview):
         raise DecodeError("not a message of bytes")
     number = entry.sequence if role.numbered else None
@@ -145,14 +145,14 @@ def told_rigs(container: Container, roles: Mapping[int, Role], encoder: Encoder)
     state = RigState(container, roles)
     found: list[RigAt] = []
     for _, group in groupby(container.entries(channels), key=lambda entry: entry.log_ns):
-        rig = _told_rig(container, state, list(group), encoder)
+        rig = _describe_rig(container, state, list(group), encoder)
         if rig is None or len(found) == _MAX_RIGS:
             return None
         found.append(rig)
     return found
 
 
-def _told_rig(container: Container, state: RigState, entries: Sequence[Entry], encoder: Encoder) -> RigAt | None:
+def _describe_rig(container: Container, state: RigState, entries: Sequence[Entry], encoder: Encoder) -> RigAt | None:
     for entry in entries:
         state.take(entry)
     log_ns, stamp_ns = entries[0].log_ns, entries[0].publish_ns
@@ -186,9 +186,9 @@ class Copying:
     def items(self) -> Iterator[Item]:
         """Read the log once. Raises InexactError where a channel can't become columns."""
         entries = self._source.container.entries(self._channels)
-        yield from _with_rigs(self.rigs, self._converted(cut(entries, self._source.window, self._source.reader.roles)))
+        yield from _with_rigs(self.rigs, self._convert(cut(entries, self._source.window, self._source.reader.roles)))
 
-    def _converted(self, entries: Iterable[Entry]) -> Iterator[Copied | Decoded]:
+    def _convert(self, entries: Iterable[Entry]) -> Iterator[Copied | Decoded]:
         channels, roles = self._source.container.channels, self._source.reader.roles
         for entry in entries:
             channel = channels[entry.channel]
@@ -198,10 +198,10 @@ class Copying:
             elif isinstance(entry.data, memoryview):
                 yield Copied(channel, entry)
             else:
-                yield from _stored(self._source.container, entry)
+                yield from _store(self._source.container, entry)
 
 
-def _stored(container: Container, entry: Entry) -> Iterator[Decoded]:
+def _store(container: Container, entry: Entry) -> Iterator[Decoded]:
     """What a container holds in columns; what doesn't fit together is counted."""
     if isinstance(entry.data, memoryview):
         return

@@ -77,7 +77,7 @@ def convert(
     can't be read.
     """
     target.check(container.path)
-    return (_decoded if wish.decode else _copied)(container, target, wish, progress)
+    return (_decode if wish.decode else _copied)(container, target, wish, progress)
 
 
 def _copied(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
@@ -92,7 +92,7 @@ def _copied(container: Container, target: Target, wish: Wish, progress: Progress
             as_columns -= {error.channel}
 
 
-def _decoded(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
+def _decode(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
     reader = LogReader(container, wish.topics, wish.setup)
     decoding = Decoding(reader, Source(container, (), wish.excerpt).window)
     sink = open_sink(target, decoding.about)

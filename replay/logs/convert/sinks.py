@@ -70,21 +70,21 @@ class Encoder:
         """
         if isinstance(content, TruthPart):
             truth = content.truth
-            return self._encoded(part_record(content), truth.stamp_ns, truth.frame_number)
+            return self._encode(part_record(content), truth.stamp_ns, truth.frame_number)
         record = next(message_records(content))
-        return self._encoded(record._replace(topic=topic), content.stamp_ns, content.frame_number)
+        return self._encode(record._replace(topic=topic), content.stamp_ns, content.frame_number)
 
     def result(self, part: TruthPart) -> Encoded:
         """Encode the boxes that another system found. Raises ValueError where Protobuf can't hold a value."""
-        return self._encoded(part_record(part, "detections"), part.truth.stamp_ns, part.truth.frame_number)
+        return self._encode(part_record(part, "detections"), part.truth.stamp_ns, part.truth.frame_number)
 
     def rig(self, stamp_ns: int, rig: Rig) -> list[Encoded]:
         """Encode a rig: a transform a sensor and a calibration a camera. Raises ValueError where Protobuf can't hold a
         value.
         """
-        return [self._encoded(record, stamp_ns, None) for record in rig_records(stamp_ns, rig)]
+        return [self._encode(record, stamp_ns, None) for record in rig_records(stamp_ns, rig)]
 
-    def _encoded(self, record: Record, stamp_ns: int, frame_number: int | None) -> Encoded:
+    def _encode(self, record: Record, stamp_ns: int, frame_number: int | None) -> Encoded:
         channel = Channel(record.topic, "protobuf", self._schema(record.proto), record.metadata)
         return Encoded(channel, stamp_ns, frame_number or 0, record.proto.SerializeToString(deterministic=True))
 

@@ -32,7 +32,7 @@ def decoder(name: str, types: Types, encoding: str) -> Decode:
     store = Typestore()
     _register(store, name, types)
     read = store.deserialize_cdr if encoding == CDR else store.deserialize_ros1
-    return lambda data: _decoded(read, name, data)
+    return lambda data: _decode(read, name, data)
 
 
 def _register(store: Any, name: str, types: Types) -> None:
@@ -47,7 +47,7 @@ def _register(store: Any, name: str, types: Types) -> None:
         raise DecodeError(f"definition of {name} can't be used ({error})") from error
 
 
-def _decoded(read: Callable[[memoryview, str], object], name: str, data: memoryview) -> Any:
+def _decode(read: Callable[[memoryview, str], object], name: str, data: memoryview) -> Any:
     from rosbags.serde import SerdeError
 
     if len(data) > MAX_BYTES:

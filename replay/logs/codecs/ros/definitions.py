@@ -83,14 +83,14 @@ def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
     """All types that `name` consists of; those that the log defines win. Raises DecodeError where a definition is
     damaged, incomplete, or not one of a sensible message.
     """
-    sources = (_embedded(name, schema), _parsed(DEFINITIONS), _store(encoding))
+    sources = (_embed(name, schema), _parse(DEFINITIONS), _store(encoding))
     types: Types = {}
     _collect(name, sources, types)
     _measure(name, types, {})
     return types
 
 
-def _embedded(name: str, schema: Schema | None) -> Types:
+def _embed(name: str, schema: Schema | None) -> Types:
     if schema is None or not has_text(schema):
         return {}
     if len(schema.data) > MAX_BYTES:
@@ -99,10 +99,10 @@ def _embedded(name: str, schema: Schema | None) -> Types:
         text = schema.data.decode()
     except UnicodeDecodeError as error:
         raise DecodeError(f"definition of {name} isn't UTF-8 ({error})") from error
-    return _parsed({name: text.replace("\r\n", "\n").rstrip() + "\n"})
+    return _parse({name: text.replace("\r\n", "\n").rstrip() + "\n"})
 
 
-def _parsed(texts: Mapping[str, str]) -> Types:
+def _parse(texts: Mapping[str, str]) -> Types:
     from rosbags.typesys import TypesysError, get_types_from_msg
 
     types: Types = {}

@@ -71,7 +71,7 @@ def read_log_times(file: int, size: int, index: Index) -> Mapping[int, Int64] | 
     if not index.is_stored or sum(lengths) > max(MAX_SHARE * size, SMALL):
         return None
     try:
-        return _checked(_read(file, index.blocks), index)
+        return _check(_read(file, index.blocks), index)
     except (_MismatchError, RecordError, LimitError):
         return None
 
@@ -103,7 +103,7 @@ def _add(streams: dict[int, _Stream], block: int, opcode: int, content: memoryvi
     return int(channel)
 
 
-def _checked(streams: Mapping[int, _Stream], index: Index) -> dict[int, Int64]:
+def _check(streams: Mapping[int, _Stream], index: Index) -> dict[int, Int64]:
     if {id_: sum(s.nums) for id_, s in streams.items()} != {id_: n for id_, n in index.counts.items() if n}:
         raise _MismatchError
     bounds = np.array([(b.start_ns, b.end_ns, b.size or 0) for b in index.blocks], np.uint64).reshape(-1, 3)
@@ -230,9 +230,9 @@ class McapFile:
             schema = self.index.schemas.get(channel.schema_id)
             if schema is None and channel.schema_id:
                 self.once("LOG008", (channel.topic,), f"topic '{channel.topic}' names schema {channel.schema_id}")
-            plain = None if schema is None else Schema(_escaped(schema.name), _escaped(schema.encoding), schema.data)
-            topic, encoding = _escaped(channel.topic), _escaped(channel.message_encoding)
-            metadata = {_escaped(key): _escaped(value) for key, value in channel.metadata.items()}
+            plain = None if schema is None else Schema(_escape(schema.name), _escape(schema.encoding), schema.data)
+            topic, encoding = _escape(channel.topic), _escape(channel.message_encoding)
+            metadata = {_escape(key): _escape(value) for key, value in channel.metadata.items()}
             found[id_] = Channel(topic, encoding, plain, metadata)
             if topic != channel.topic or (schema is not None and plain is not None and plain.name != schema.name):
                 self.once("LOG010", (id_,), f"channel {id_}, topic '{topic}'")
@@ -267,7 +267,7 @@ class McapFile:
             data = self._read(file, held, where, block) if kept is None else kept
             if is_first and kept is None and len(data) <= _MAX_KEPT:
                 self._kept = (*self._kept[1 - _NUM_KEPT :], (block.offset, data))
-            found = self._sorted(where, self._parse(where, block, data, channels))
+            found = self._sort(where, self._parse(where, block, data, channels))
             return held.hold(found, len(found), len(data), block.length)
         except RecordError as error:
             self.once("LOG004", (block.offset,), f"byte {block.offset}: {error}")
@@ -279,16 +279,16 @@ class McapFile:
         content = memoryview(file.read(block.length))
         if len(content) != block.length:  # the file has become shorter
             raise RecordError(f"{len(content)} bytes instead of {block.length}")
-        return self._unpacked(held, where, block, content) if block.is_chunk else content
+        return self._unpack(held, where, block, content) if block.is_chunk else content
 
-    def _sorted(self, where: str, entries: Iterator[Entry]) -> list[Entry]:
+    def _sort(self, where: str, entries: Iterator[Entry]) -> list[Entry]:
         found = list(islice(entries, MAX_ENTRIES + 1))
         if len(found) > MAX_ENTRIES:
             raise LimitError(f"{where}: holds more than {MAX_ENTRIES} messages", "LIM001")
         found.sort()
         return found
 
-    def _unpacked(self, held: Held, where: str, block: Block, content: memoryview) -> memoryview:
+    def _unpack(self, held: Held, where: str, block: Block, content: memoryview) -> memoryview:
         if HEAD.unpack_from(content) != (Opcode.CHUNK, block.length - HEAD.size):
             raise RecordError("no chunk of the indexed length")
         chunk = parse_chunk(content[HEAD.size :])
@@ -317,7 +317,7 @@ class McapFile:
                 self.once("LOG008", (channel,), f"messages on unknown channel {channel}")
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Show the bytes of a text that aren't UTF-8 as `\\xff`."""
     if text.isascii():  # not copied, as there can be millions
         return text

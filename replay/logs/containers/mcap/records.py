@@ -138,7 +138,7 @@ def _unzstd(chunk: Chunk, where: str) -> bytes | bytearray:
     size = zstandard.frame_content_size(chunk.data)
     if size == _UNKNOWN_SIZE:
         with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
-            return _bounded(chunk, reader.read, where)
+            return _bound(chunk, reader.read, where)
     if size > chunk.size + _SLACK:
         raise _bomb(chunk, where)
     if size != chunk.size:
@@ -154,10 +154,10 @@ def _unlz4(chunk: Chunk, where: str) -> bytearray:
         piece: bytes = unpacker.decompress(next(rest, b""), max_length=most)
         return piece
 
-    return _bounded(chunk, read, where)
+    return _bound(chunk, read, where)
 
 
-def _bounded(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
+def _bound(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
     """Read one byte beyond the declared size: enough to see that there is more, and then how much more. Pieces keep
     the libraries from holding all of it a second time.
     """

@@ -101,7 +101,7 @@ class Stream:
         try:
             for table in self.groups.tables(group):
                 rows = self._rows(table)
-                yield from self._sorted(rows, group, first_row, counter)
+                yield from self._sort(rows, group, first_row, counter)
                 first_row += rows.num
         except DamageError as error:
             self._damaged(group, counter, error)
@@ -120,14 +120,14 @@ class Stream:
         except (ValueError, pa.ArrowException) as error:
             raise DamageError(reason_of(error)) from error
 
-    def _sorted(self, rows: Rows, group: int, first_row: int, counter: Counter) -> Iterator[Entry]:
+    def _sort(self, rows: Rows, group: int, first_row: int, counter: Counter) -> Iterator[Entry]:
         log_ns = rows.numbers["log_ns"].values
         numbers = np.arange(first_row, first_row + rows.num) + self.base
         position = rows.numbers.get("position")
         positions = numbers if position is None else np.where(position.valid, position.values, numbers)
         order = np.lexsort((positions, log_ns))
         good = self._usable(rows, group, first_row, counter)
-        make = self._raw if self.entry.kind == "raw" else self._typed
+        make = self._raw if self.entry.kind == "raw" else self._type
         for row, at, ns in zip(order.tolist(), positions[order].tolist(), log_ns[order].tolist(), strict=True):
             if good[row]:
                 # The number of the row keeps entries apart where a log gives one position twice.
@@ -145,7 +145,7 @@ class Stream:
             counter.once("DEC001", (self.number, group, first_row + row), where)
         return np.asarray(good)
 
-    def _typed(self, rows: Rows, row: int, log_ns: int, at: tuple[int, int]) -> Entry:
+    def _type(self, rows: Rows, row: int, log_ns: int, at: tuple[int, int]) -> Entry:
         stored = Row(rows, row, self.entry.kind, self.entry.sensor)
         stamp_ns = int(rows.numbers["stamp_ns"].values[row])
         return Entry(log_ns, self.channel.topic, 0, *at, self.number, 0, stamp_ns, stored)

@@ -122,7 +122,7 @@ class GroupFile:
             chunks = self.footer.chunks(group)
             stored = sum(chunk.length for chunk in chunks)
             if self.sums is not None:
-                source: Any = self._verified(file, self.sums, group)
+                source: Any = self._verify(file, self.sums, group)
             elif stored <= MAX_DECODED:
                 source = self._pieces([_read(file, chunk.offset, chunk.length) for chunk in chunks])
             else:
@@ -151,7 +151,7 @@ class GroupFile:
         # What doesn't fit an int64 is refused where the message is read.
         return np.asarray(np.minimum(log_ns, _MAX_STAMP_NS) if log_ns.dtype == np.uint64 else log_ns, np.int64)
 
-    def _verified(self, file: BinaryIO, sums: GroupEntries, group: int) -> Pieces:
+    def _verify(self, file: BinaryIO, sums: GroupEntries, group: int) -> Pieces:
         """Read a row group at once and check its checksum."""
         offset, length = sums.offset[group], sums.length[group]
         if length > MAX_DECODED:
@@ -176,7 +176,7 @@ class GroupFile:
 
     def _table(self, source: Any, group: int, names: list[str]) -> pa.Table:
         try:
-            table = self._opened(source, 0).read_row_group(group, columns=names, use_threads=False)
+            table = self._open(source, 0).read_row_group(group, columns=names, use_threads=False)
         except (OSError, ValueError, pa.ArrowException) as error:
             raise DamageError(reason_of(error)) from error
         if table.num_rows != self.footer.groups[group].num_rows:
@@ -187,7 +187,7 @@ class GroupFile:
         num_rows = self.footer.groups[group].num_rows
         length = max(1, num_rows * _PART // size)
         try:
-            reader = self._opened(source, 1024 * 1024)
+            reader = self._open(source, 1024 * 1024)
             for batch in reader.iter_batches(length, [group], names, use_threads=False):
                 num_rows -= batch.num_rows
                 yield pa.Table.from_batches([batch])
@@ -196,7 +196,7 @@ class GroupFile:
         if num_rows:
             raise DamageError(f"{num_rows} rows are missing")
 
-    def _opened(self, source: Any, buffer_size: int) -> pq.ParquetFile:
+    def _open(self, source: Any, buffer_size: int) -> pq.ParquetFile:
         # Row groups with a checksum of their own needn't be checked page by page.
         return pq.ParquetFile(
             pa.PythonFile(source, mode="r"), metadata=self.footer.metadata, pre_buffer=False, buffer_size=buffer_size,

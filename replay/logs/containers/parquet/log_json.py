@@ -219,7 +219,7 @@ def parse(where: str, data: bytes) -> tuple[LogJson, bool]:
     `dump` makes, or what the documentation allows.
     """
     try:
-        content = json.loads(data.decode(), object_pairs_hook=_unique, parse_constant=_refused)
+        content = json.loads(data.decode(), object_pairs_hook=_unique, parse_constant=_refuse)
         json.dumps(content, ensure_ascii=False).encode()  # half a surrogate pair is no text
     except RecursionError:
         raise LogError(f"{where}: nested too deeply", "PQ001") from None
@@ -252,7 +252,7 @@ def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     return result
 
 
-def _refused(text: str) -> float:
+def _refuse(text: str) -> float:
     raise ValueError(f"{text} isn't a number")
 
 

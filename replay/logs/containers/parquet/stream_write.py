@@ -48,7 +48,7 @@ def message_kind(message: Message) -> StreamKind:
 def message_row(message: Message, position: int) -> Encoded:
     """Encode a message. Raises ValueError where a text isn't Unicode."""
     head = (message.log_ns, message.stamp_ns, message.frame_number, position)
-    return _encoded((*head, *_payload(message)))
+    return _encode((*head, *_payload(message)))
 
 
 def _payload(message: Message) -> tuple[Any, ...]:
@@ -56,14 +56,14 @@ def _payload(message: Message) -> tuple[Any, ...]:
         case Image():
             return (_text(message.encoding), *_size_wh(message), bytes(message.data))
         case PointCloud(xyz=xyz):
-            arrays = (_packed(message.intensity, "<f4"), _packed(message.ring, "<u2"))
-            return (len(xyz), _packed(xyz, "<f4"), *arrays, _packed(message.offset_ns, "<i4"))
+            arrays = (_pack(message.intensity, "<f4"), _pack(message.ring, "<u2"))
+            return (len(xyz), _pack(xyz, "<f4"), *arrays, _pack(message.offset_ns, "<i4"))
         case RadarScan(xyz=xyz):
             more = (
                 message.radial_velocity_mps, message.rcs_dbsm, message.range_m, message.azimuth_rad,
                 message.altitude_rad,
             )  # fmt: skip
-            return (len(xyz), *(_packed(array, "<f4") for array in (xyz, *more)))
+            return (len(xyz), *(_pack(array, "<f4") for array in (xyz, *more)))
         case Pose():
             return (message.translation_m.tolist(), message.rotation_xyzw.tolist())
 
@@ -85,7 +85,7 @@ def part_row(part: TruthPart, position: int) -> Encoded:
     head = (truth.log_ns, truth.stamp_ns, truth.frame_number, position, part.expects_2d, _text(part.frame_id) or None)
     boxes = truth.boxes2d if part.is_2d else truth.boxes3d
     names = list(COLUMNS[part_kind(part)])[len(head) :]
-    return _encoded((*head, *_boxes(boxes, names)))
+    return _encode((*head, *_boxes(boxes, names)))
 
 
 def _boxes(boxes: Boxes2D | Boxes3D | None, names: Iterable[str]) -> Iterable[Any]:
@@ -102,10 +102,10 @@ def raw_row(entry: Entry, position: int) -> Encoded:
     """Encode a message of another program, as it is. Raises DataError where the entry holds a decoded message."""
     if not isinstance(entry.data, memoryview):
         raise DataError("holds no bytes of another program")
-    return _encoded((entry.log_ns, entry.publish_ns, entry.sequence, position, bytes(entry.data)))
+    return _encode((entry.log_ns, entry.publish_ns, entry.sequence, position, bytes(entry.data)))
 
 
-def _packed(array: Array | None, dtype: str) -> bytes | None:
+def _pack(array: Array | None, dtype: str) -> bytes | None:
     return None if array is None else np.ascontiguousarray(array, dtype).tobytes()
 
 
@@ -114,7 +114,7 @@ def _text(text: str) -> str:
     return text
 
 
-def _encoded(values: tuple[Any, ...]) -> Encoded:
+def _encode(values: tuple[Any, ...]) -> Encoded:
     return Encoded(values, _OVERHEAD + sum(_size(value) for value in values))
 
 

@@ -119,14 +119,14 @@ class ParquetWriter:
             self._write_truth(message)
             return
         kind, sensor = message_kind(message), message.sensor
-        where = self._checked(message)
+        where = self._check(message)
         topic = default_topic(kind, sensor) if topic is None else topic
         self._add(_Place(kind, sensor, topic), where, lambda n: message_row(message, n))
 
     def write_part(self, part: TruthPart, topic: str | None = None) -> None:
         """Append 3D or 2D truth as one message, as the log had it. Raises LogError as for messages."""
         kind = part_kind(part)
-        where = self._checked(part.truth)
+        where = self._check(part.truth)
         topic = default_topic(kind, "") if topic is None else topic
         self._add(_Place(kind, "", topic), where, lambda n: part_row(part, n))
 
@@ -173,7 +173,7 @@ class ParquetWriter:
         if has_2d:
             self.write_part(TruthPart(part2d, is_2d=True))
 
-    def _checked(self, message: Message | Truth) -> str:
+    def _check(self, message: Message | Truth) -> str:
         where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
         limits = {"stamp_ns": _MAX_STAMP_NS, "log_ns": _MAX_STAMP_NS, "frame_number": _MAX_FRAME_NUMBER}
         for name, limit in limits.items():
@@ -225,7 +225,7 @@ class ParquetWriter:
         return self._writers[place]
 
     def _description(self) -> bytes:
-        streams = [self._finished(self._entries[key], writer) for key, writer in self._writers.items()]
+        streams = [self._finish(self._entries[key], writer) for key, writer in self._writers.items()]
         rigs = [RigEntry.of(*item) for item in sorted(self._rigs, key=lambda item: item[0])]
         content = LogJson(
             log_id=self._info.log_id, metadata=dict(self._info.metadata), rigs=rigs, sensors=self._kinds,
@@ -233,7 +233,7 @@ class ParquetWriter:
         )  # fmt: skip
         return log_json.dump(content)
 
-    def _finished(self, entry: StreamEntry, writer: StreamWriter) -> StreamEntry:
+    def _finish(self, entry: StreamEntry, writer: StreamWriter) -> StreamEntry:
         sums, num_rows = writer.close()
         synced(self._partial)
         ends = {"first_log_ns": min(sums.row_groups.min_log_ns), "last_log_ns": max(sums.row_groups.max_log_ns)}

@@ -178,14 +178,14 @@ class Ros1Bag:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these connections in canonical order; damaged chunks are skipped and counted."""
-        return self._merged(self._index.blocks, channels)
+        return self._merge(self._index.blocks, channels)
 
     def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
         """All messages of these connections from a log time on; no chunk that ends before is read."""
         blocks = [block for block in self._index.blocks if block.end_ns >= start_ns]
-        return (entry for entry in self._merged(blocks, channels) if entry.log_ns >= start_ns)
+        return (entry for entry in self._merge(blocks, channels) if entry.log_ns >= start_ns)
 
-    def _merged(self, blocks: Sequence[Block], channels: frozenset[int]) -> Iterator[Entry]:
+    def _merge(self, blocks: Sequence[Block], channels: frozenset[int]) -> Iterator[Entry]:
         wanted = [block for block in blocks if not channels.isdisjoint(block.counts)]
         with self._open() as file:
             held = Held()

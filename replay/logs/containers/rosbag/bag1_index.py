@@ -76,12 +76,12 @@ def parse_block(where: str, stored: memoryview, is_indexed: bool, held: Held) ->
     chunk = next(rows, None)
     if chunk is None or chunk.op != Op.CHUNK:
         raise RecordError("no chunk where the index says")
-    content = _parse(where, _unpacked(where, chunk, stored[chunk.data : chunk.stop], held))
+    content = _parse(where, _unpack(where, chunk, stored[chunk.data : chunk.stop], held))
     _compare(content, list(rows), stored, is_indexed)
     return content
 
 
-def _unpacked(where: str, chunk: Record, data: memoryview, held: Held) -> memoryview:
+def _unpack(where: str, chunk: Record, data: memoryview, held: Held) -> memoryview:
     compression = chunk.fields.get(b"compression", b"").decode("utf-8", "backslashreplace")
     if compression not in _COMPRESSIONS:
         raise LogError(f"{where}: unknown compression '{compression}'; fbench reads bz2, lz4 and none", "LOG007")

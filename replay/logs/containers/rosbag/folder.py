@@ -85,7 +85,7 @@ def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
     told = _inside(folder, NAME)
     metadata = None if told is None else read_metadata(told)
     _check_packed(folder)
-    listed = [] if metadata is None else _listed(folder, metadata, faults)
+    listed = [] if metadata is None else _list(folder, metadata, faults)
     compression = "" if metadata is None else _compression(folder, metadata)
     paths: dict[Path, Path] = {}
     for path in [*listed, *(_inside(folder, path.name) for path in _present(folder))]:
@@ -99,7 +99,7 @@ def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
     return [Part(path, _storage(path, metadata), compression) for path in paths.values()]
 
 
-def _listed(folder: Path, metadata: Metadata, faults: FaultLog) -> list[Path]:
+def _list(folder: Path, metadata: Metadata, faults: FaultLog) -> list[Path]:
     found: list[Path] = []
     for name in metadata.files:
         path = _find(folder, name.removesuffix(_PACKED))

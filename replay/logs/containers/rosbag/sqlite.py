@@ -132,10 +132,10 @@ def read_channels(database: sqlite3.Connection, path: Path, skipped: Count) -> M
         if name is None or kind is None or encoding is None:
             skipped(number, f"name, type or format of topic {number} is no text of up to {_MAX_TEXT} bytes")
             continue
-        metadata = {key: _decoded(text) for key, text in zip(optional, more, strict=True) if text}
+        metadata = {key: _decode(text) for key, text in zip(optional, more, strict=True) if text}
         digest = metadata.get("type_description_hash", "").encode()
-        schema = definitions.get((kind, digest)) or definitions.get((kind, b"")) or Schema(_decoded(kind), "", b"")
-        channels[number] = Channel(_decoded(name), _decoded(encoding), schema, metadata)
+        schema = definitions.get((kind, digest)) or definitions.get((kind, b"")) or Schema(_decode(kind), "", b"")
+        channels[number] = Channel(_decode(name), _decode(encoding), schema, metadata)
     return channels
 
 
@@ -152,7 +152,7 @@ def _definitions(database: sqlite3.Connection, path: Path) -> _Definitions:
         budget.take(row)
         kind, encoding, text, hashed = row
         if kind and encoding and text:
-            schema = Schema(_decoded(kind), _decoded(encoding), text)
+            schema = Schema(_decode(kind), _decode(encoding), text)
             definitions.setdefault((kind, hashed or b""), schema)
             definitions.setdefault((kind, b""), schema)
     return definitions
@@ -179,7 +179,7 @@ def _text(column: str) -> str:
     return f"CASE WHEN typeof({column}) = 'text' AND {size} <= {_MAX_TEXT} THEN {column} END"
 
 
-def _decoded(text: bytes) -> str:
+def _decode(text: bytes) -> str:
     return text.decode("utf-8", "backslashreplace")
 
 
