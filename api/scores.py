@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from fbench.replay.contracts.errors import ConfigError, RunError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
-from fbench.replay.contracts.plugins import found, load
+from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores
 from fbench.replay.logs.setup import BoxSource
@@ -156,15 +156,15 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
         FbenchError: where they can't be scored.
     """
     from fbench.metrics.files.sequences import open_files
-    from fbench.metrics.profiles.choose import chosen, compared, evaluate, fitted, only
+    from fbench.metrics.profiles.choose import choose_profile, compared_space, evaluate, fit_profile, only
     from fbench.metrics.profiles.remarks import Remarks
 
-    profile = chosen(request.profile, request.match)
+    profile = choose_profile(request.profile, request.match)
     formats = request.truth_format, request.detections_format
     pair = open_files(request.truth, request.detections, _choose_sequences(request), *formats)
-    profile = fitted(profile, pair, request.match is not None)
+    profile = fit_profile(profile, pair, request.match is not None)
     remarks = Remarks(profile, str(request.detections), str(request.truth))
-    result = evaluate(profile, remarks.watched(pair.sequences(compared(profile))))
+    result = evaluate(profile, remarks.watch(pair.sequences(compared_space(profile))))
     remarks.require_tracks()
     rows = only(result.scores(request.resampling.bootstrap()), tuple(request.classes))
     odd = [f"{request.detections}: {line}" for line in pair.warnings.lines()]
@@ -203,7 +203,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
     from fbench.metrics.runs.combine import score_run
 
     run = Run(folder)
-    metrics = [load("metrics", name)() for name in found("metrics")]
+    metrics = [load("metrics", name)() for name in entry_points_of("metrics")]
     scores = score_run(run, options, metrics)
     if how is not None:
         from fbench.metrics.runs.scoring import intervals_of_run
@@ -253,14 +253,14 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
 
 
 def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
-    from fbench.metrics.profiles.choose import chosen, only
+    from fbench.metrics.profiles.choose import choose_profile, only
     from fbench.metrics.profiles.default import DefaultProfile
     from fbench.replay.contracts.profiles import Match
 
     match = None if request.match is None else Match.parse(request.match)
     warnings: tuple[str, ...]
     sequences: tuple[str, ...]
-    profile = chosen(request.profile or OWN_PROFILE, request.match)
+    profile = choose_profile(request.profile or OWN_PROFILE, request.match)
     if isinstance(profile, DefaultProfile):
         from fbench.metrics.runs.scoring import own_rows
 
@@ -284,7 +284,7 @@ def _count_by(
     from fbench.metrics.profiles.remarks import Remarks
 
     remarks = Remarks(profile, _names(runs))
-    result = evaluate(profile, remarks.watched(run_sequence(run, profile, match) for run in runs))
+    result = evaluate(profile, remarks.watch(run_sequence(run, profile, match) for run in runs))
     remarks.require_tracks()
     return result.scores(request.resampling.bootstrap()), tuple(remarks.lines()), tuple(result.statistics)
 

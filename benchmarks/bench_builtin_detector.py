@@ -155,7 +155,7 @@ def best_f1(found: Sequence[Drive]) -> tuple[float, float]:
     profile = CocoProfile(classes=("object",)).with_match(Match("iou2d", 0.5))
     total = evaluate(profile, [_as_one_class(one, usual, VEHICLES) for one in found]).total.classes["object"]
     scores = np.sort(np.concatenate([part.score for part in total.parts]))[::-1]
-    outcome = total.ranked()[1][0, 0]
+    outcome = total.rank()[1][0, 0]
     f1 = 2 * np.cumsum(outcome == 1) / (np.cumsum(outcome < 2) + total.num_truth[0])
     best = int(np.argmax(f1))
     return float(f1[best]), float(scores[best])

@@ -17,8 +17,8 @@ from sklearn.linear_model import LogisticRegression
 from fbench.datasets.city.recording import CityRecording
 from fbench.datasets.city.rig import LidarSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec, WorldName, condition
-from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen, features, interpolated
-from fbench.pipelines.sensors.lidar.lidar import LidarParams, arranged, obstacles
+from fbench.pipelines.sensors.lidar.classification import FEATURES, FITTED, Seen, features, interpolation_weights
+from fbench.pipelines.sensors.lidar.lidar import LidarParams, obstacles, sort_by_cluster
 from fbench.pipelines.sensors.lidar.lidar import clusters as clustered
 from fbench.pipelines.sensors.points.merged import Outline
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
@@ -87,7 +87,7 @@ def clusters(rig: Rig, cloud: PointCloud, params: LidarParams) -> tuple[Float64,
     points = transform(body_T_sensor, cloud.xyz[np.linalg.norm(cloud.xyz, axis=1) >= params.min_range_m])
     points = points[Outline(params.ego_front_m, params.ego_rear_m, params.ego_side_m).without(points)]
     found = obstacles(points[np.lexsort(points.T[::-1])], params)
-    return arranged(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
+    return sort_by_cluster(found, clustered(found.xyz, params.cluster), body_T_sensor[:2, 3])
 
 
 def inside(boxes: Boxes3D, row: int, xyz: Float64) -> Bool:
@@ -148,7 +148,7 @@ def examples() -> tuple[Float64, Int64]:
 
 def fitted(x: Float64, y: Int64) -> dict[str, object]:
     """Fit the model to features (M, F) and classes (M,), and return what the file holds."""
-    columns = [interpolated(column, np.array(KNOTS[name])) for name, column in zip(FEATURES, x.T, strict=True)]
+    columns = [interpolation_weights(column, np.array(KNOTS[name])) for name, column in zip(FEATURES, x.T, strict=True)]
     regression = LogisticRegression(C=INVERSE_PENALTY, max_iter=1000).fit(np.column_stack(columns), y)
     assert regression.classes_.tolist() == list(range(len(LABELS) + 1))
     weights: Array = regression.coef_[1:] - regression.coef_[0]

@@ -10,9 +10,9 @@ from fbench.api.cells import CellResult, is_sealed_log, seal_log, was_sealed
 from fbench.api.runs import short_name
 from fbench.datasets.importing.run import holds_log, write_recording
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import found, pipeline_class
+from fbench.replay.contracts.plugins import entry_points_of, pipeline_class
 from fbench.replay.contracts.protocols import TakesArgument
-from fbench.replay.contracts.variants import built_in_variants
+from fbench.replay.contracts.variants import find_variants
 from fbench.replay.data.scores import Results
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.runs.folder import Run
@@ -80,14 +80,18 @@ class Experiment:
 
 def own_pipelines() -> tuple[str, ...]:
     """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
-    bases = {variant.base for variant, _ in built_in_variants()}
-    own = [name for name, point in found("pipelines").items() if point.value.startswith(_OWN) and name not in bases]
+    bases = {variant.base for variant, _ in find_variants()}
+    own = [
+        name
+        for name, point in entry_points_of("pipelines").items()
+        if point.value.startswith(_OWN) and name not in bases
+    ]
     return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
 
 
 def own_variants() -> tuple[str, ...]:
     """Return the variants that come with fbench: the thesis's configurations as written."""
-    return tuple(variant.name for variant, point in built_in_variants() if point.value.startswith(_OWN))
+    return tuple(variant.name for variant, point in find_variants() if point.value.startswith(_OWN))
 
 
 def simulate(drives: Sequence[Drive], progress: Callable[[str, int, int], None]) -> Iterator[bool]:

@@ -77,7 +77,7 @@ def counts_line(logs: Sequence[ImportedLog]) -> str:
     return f"{num['written']} written ({size / 1e6:.3g} MB), {num['there']} there already, {num['failed']} failed"
 
 
-def joined_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
+def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
     """Yield what was found in many sequences.
 
     Lines alike become one, with the range of each number; counts by name alone are summed up. A line that not all

@@ -12,9 +12,16 @@ from rich.table import Table
 
 from fbench.cli.show import console, make_table, say
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.plugins import Group, default_params, found, load, pipeline_class, pipeline_parameters
+from fbench.replay.contracts.plugins import (
+    Group,
+    default_params,
+    entry_points_of,
+    load,
+    pipeline_class,
+    pipeline_parameters,
+)
 from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
-from fbench.replay.contracts.variants import Variant, built_in_variants, variant_of
+from fbench.replay.contracts.variants import Variant, find_variants, variant_of
 
 
 def parameter_docs(params: object) -> dict[str, str]:
@@ -57,9 +64,9 @@ def show_group(name: str | None) -> None:
     """List the plug-ins of one group, or of all."""
     table = make_table("group", "name", "where")
     for group in _GROUPS if name is None else (_group(name),):
-        for point in found(group).values():
+        for point in entry_points_of(group).values():
             table.add_row(group, point.name, point.value)
-        for variant, point in built_in_variants() if group == "pipelines" else ():
+        for variant, point in find_variants() if group == "pipelines" else ():
             table.add_row(group, variant.name, f"{point.value}, a variant of {variant.base}")
     console().print(table)
 
@@ -164,16 +171,16 @@ def show_profiles() -> None:
 
 def show_profile(name: str) -> None:
     """Print the rules of one profile. Raises ConfigError for an unknown name."""
-    from fbench.metrics.profiles.catalog import described, explained, profile_of
+    from fbench.metrics.profiles.catalog import describe_rules, explain, profile_of
 
     profile = profile_of(name)
     out = console()
     out.print(f"{profile.name}: {profile.summary}")
     out.print()
-    out.print(explained(profile))
+    out.print(explain(profile))
     out.print()
     table = _table("rule", "value")
-    for path, text in described(profile).items():
+    for path, text in describe_rules(profile).items():
         table.add_row(path, text)
     out.print(table)
 

@@ -49,7 +49,7 @@ def import_(
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
-    from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
+    from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
     from fbench.replay.contracts.plugins import make_importer
     from fbench.replay.engine.excerpt import make_excerpt
 
@@ -60,7 +60,7 @@ def import_(
     known = importer.names(source)
     if not known:
         raise LogError(f"{source}: no sequence of {dataset} in it")
-    names = chosen_names(known, scenes or [])
+    names = choose_names(known, scenes or [])
     bad = BadInput(skip_bad)
     targets = _choose_targets(out, form, overwrite, known, names)
     logs: list[ImportedLog] = []
@@ -125,9 +125,9 @@ def _choose_targets(
 
 
 def _print_end(out: Path, logs: "Sequence[ImportedLog]", bad: "BadInput") -> None:
-    from fbench.cli.import_lines import counts_line, joined_lines, log_line
+    from fbench.cli.import_lines import counts_line, join_lines, log_line
 
-    say(*(logs[0].lines if len(logs) == 1 else joined_lines(logs)), *(f"skipped: {text}" for text in bad.texts))
+    say(*(logs[0].lines if len(logs) == 1 else join_lines(logs)), *(f"skipped: {text}" for text in bad.texts))
     if bad.num > len(bad.texts):
         say(f"skipped: and {bad.num - len(bad.texts)} more")
     say(f"log: {log_line(logs[0])}" if len(logs) == 1 else f"logs: {counts_line(logs)}, in {out}")

@@ -21,7 +21,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from fbench.replay.data.scores import Results, Score, shown
+from fbench.replay.data.scores import Results, Score, format_number
 from fbench.replay.runs.secrets import without_secrets
 
 _COUNTS = ("idsw",)
@@ -172,7 +172,7 @@ def show_results(results: Results) -> None:
         names = ["", ""] if table.has_spaces else [""]
         grid = make_table(*names, *(column.name for column in table.columns), right=[c.name for c in table.columns])
         for line in table.lines:
-            cells = (shown(f.value, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
+            cells = (format_number(f.value, c.kind) for f, c in zip(line.figures, table.columns, strict=True))
             grid.add_row(*((line.name, line.space) if table.has_spaces else (line.name,)), *cells)
         out.print(grid)
         if table.name != "latency":  # a stage that a pipeline hasn't needs no reason

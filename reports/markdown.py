@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, shown
+from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, format_number
 
 
 def markdown(results: Results) -> str:
@@ -35,8 +35,8 @@ def _table(table: ResultTable) -> Iterator[str]:
 
 
 def _cell(figure: Figure, kind: Kind) -> str:
-    beside = "" if figure.published is None else f" ({shown(figure.published, kind)})"
-    return shown(figure.value, kind) + beside
+    beside = "" if figure.published is None else f" ({format_number(figure.published, kind)})"
+    return format_number(figure.value, kind) + beside
 
 
 def _has_published(table: ResultTable) -> bool:

@@ -133,7 +133,7 @@ def _messages(files: Files, rig: Rig, findings: _Findings, bad: BadInput) -> Ite
         try:
             lidar = read_lidar(files[LIDAR][number]) if number in files[LIDAR] else None
         except LogError as error:
-            bad.met(error)
+            bad.report(error)
             continue
         if lidar is None or not len(lidar.time_us):
             findings.timeless.append(number)
@@ -145,7 +145,7 @@ def _messages(files: Files, rig: Rig, findings: _Findings, bad: BadInput) -> Ite
                 try:
                     message = _message(folder, files[folder][number], rig, number, stamp_ns, lidar)
                 except LogError as error:
-                    bad.met(error)
+                    bad.report(error)
                     continue
                 yield message
                 findings.add(message)

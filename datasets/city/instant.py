@@ -9,7 +9,7 @@ from fbench.datasets.city.mesh import Actor, Mesh
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.weather import Weather
 from fbench.replay.data.arrays import Array, Bool, Float32, Float64, Int64, freeze_fields
-from fbench.replay.geometry.transforms import chained
+from fbench.replay.geometry.transforms import chain
 
 EGO = 0  # Index of the vehicle that carries the sensors; all others are track ids too
 BRAKE, HEAD, TAIL = 0, 1, 2  # Lamps of bodies (`Mesh.lamp`): brake lights shine while braking, the others by night
@@ -139,7 +139,7 @@ class Instant:
     @property
     def world_T_sensor(self) -> Float64:
         """Pose (4, 4) of the sensor in the world."""
-        return chained(self.states.world_T_body(EGO), self.body_T_sensor)
+        return chain(self.states.world_T_body(EGO), self.body_T_sensor)
 
     def generator(self, what: str, *scope: str) -> np.random.Generator:
         """Return the random numbers for `what` in the sensor's one message."""

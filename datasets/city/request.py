@@ -11,7 +11,7 @@ from fbench.datasets.city.rig import WEATHER, CameraSpec, LidarSpec, RadarSpec, 
 from fbench.datasets.city.spec import CitySpec, Condition, WorldName, condition, world_name
 from fbench.replay.conditions.weather import Weather
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.sensor_settings import chosen_sensors, make_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors, make_sensors
 from fbench.replay.formats.documents import TomlError, parse_toml
 
 MAX_BYTES = 1024 * 1024
@@ -140,7 +140,7 @@ def _with_weather(under: Condition, setting: str) -> Condition:
 
 
 def _choose_sensors(rig: RigSpec, patterns: Sequence[str]) -> RigSpec:
-    names = chosen_sensors(rig.names, make_sensors(patterns))
+    names = choose_sensors(rig.names, make_sensors(patterns))
     return RigSpec(
         cameras={name: spec for name, spec in rig.cameras.items() if name in names},
         lidars={name: spec for name, spec in rig.lidars.items() if name in names},

@@ -9,7 +9,7 @@ from fbench.replay.contracts.errors import RunError
 from fbench.replay.contracts.importing import Imported, ImportWish
 from fbench.replay.contracts.plugins import guarded
 from fbench.replay.contracts.protocols import Importer, Recording
-from fbench.replay.data.files import file_name, told_apart
+from fbench.replay.data.files import file_name, with_digest
 from fbench.replay.data.rig import LogInfo, Rig
 
 T = TypeVar("T")
@@ -101,4 +101,4 @@ def log_names(names: Sequence[str]) -> Mapping[str, str]:
     """
     plain = {name: file_name(name) for name in names}
     counts = Counter(text.casefold() for text in plain.values())
-    return {name: text if counts[text.casefold()] == 1 else told_apart(text, name) for name, text in plain.items()}
+    return {name: text if counts[text.casefold()] == 1 else with_digest(text, name) for name, text in plain.items()}

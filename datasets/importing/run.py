@@ -15,7 +15,7 @@ from typing import Literal, TypeVar
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, Imported, ImportWish, OtherResult, checked_items
+from fbench.replay.contracts.importing import BadInput, Imported, ImportWish, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import LogInfo, RigChange
@@ -209,7 +209,7 @@ def _open_recordings(importer: Importer, source: Path, wish: ImportWish) -> Gene
     try:
         yield from importer.recordings(source, wish)
     except LogError as error:
-        wish.bad.met(error)
+        wish.bad.report(error)
 
 
 def _try(recording: Recording, target: Target, progress: Progress, bad: BadInput) -> ImportedLog:
@@ -217,7 +217,7 @@ def _try(recording: Recording, target: Target, progress: Progress, bad: BadInput
         with claim(target.path, lambda: progress(f"{recording.name} (waiting for another import)", 0, 0)):
             return _write(recording, target, progress, bad.skip)
     except LogError as error:
-        bad.met(error)
+        bad.report(error)
         return ImportedLog(recording.name, target.path, "failed")
 
 
@@ -271,7 +271,7 @@ def _items(recording: Recording) -> Generator[Item]:
     yield RigAt(0, rig)
     items = LogItems()
     with closing(read_ahead(iter(recording.items()))) as ahead:
-        for imported in checked_items(recording.name, rig, ahead):
+        for imported in check_items(recording.name, rig, ahead):
             try:
                 yield from items.of(imported)
             except ValueError as error:

@@ -130,7 +130,7 @@ class BenchmarkRecording:
             try:
                 now = self._frames.rig_at(number, sizes_wh)
             except LogError as error:  # nothing of a frame can be used that can't be placed
-                self._wish.bad.met(error)
+                self._wish.bad.report(error)
                 continue
             if changed := now.changed_since(rig):
                 yield RigChange(stamp_ns, now, changed)
@@ -144,7 +144,7 @@ class BenchmarkRecording:
                 try:
                     yield self._message(sensor, paths[number], number, stamp_ns)
                 except LogError as error:
-                    self._wish.bad.met(error)
+                    self._wish.bad.report(error)
         if (pose := self._frames.pose(number, stamp_ns)) is not None:
             yield pose
 
@@ -159,7 +159,7 @@ class BenchmarkRecording:
         try:
             objects = self._frames.labels(number)
         except LogError as error:
-            self._wish.bad.met(error)
+            self._wish.bad.report(error)
             objects = None
         self._findings.add_labels(objects)
         if objects is not None:
@@ -170,7 +170,7 @@ class BenchmarkRecording:
         try:
             boxes = None if self._frames.results is None else self._frames.results.boxes(number)
         except LogError as error:
-            self._wish.bad.met(error)
+            self._wish.bad.report(error)
             return
         if boxes is not None:
             self._findings.add_results(*boxes)

@@ -66,7 +66,7 @@ def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, c
             if frame in frames:
                 found.setdefault(frame, []).append(_check(parse(line), line, frame, ids))
         except LogError as error:
-            bad.met(error)
+            bad.report(error)
     return SequenceRows(found, num_frames)
 
 
@@ -77,7 +77,7 @@ def frame_rows(path: Path, parse: Parse, bad: BadInput) -> list[LabeledObject]:
         try:
             objects.append(_check(parse(line), line, 0, set()))
         except LogError as error:
-            bad.met(error)
+            bad.report(error)
     return objects
 
 

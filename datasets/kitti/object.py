@@ -78,7 +78,7 @@ class ObjectFrames:
         files = find_numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
         found = frame_results(files, self._wish.bad)
         for number in sorted(set(files).difference(self.numbers)):
-            self._wish.bad.met(
+            self._wish.bad.report(
                 LogError(f"{self._detections / f'{number:06d}.txt'}: no such frame in {self.folder}; "
                          "are the results of another set?")
             )  # fmt: skip

@@ -58,7 +58,7 @@ class SequencePoses:
             try:
                 yield line.number - 1, fix_of(" ".join(line.fields), line.where)
             except LogError as error:
-                self._bad.met(error)
+                self._bad.report(error)
 
     @cached_property
     def _world(self) -> World | None:
@@ -163,7 +163,7 @@ class TrackingFrames:
             return None
         found = sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
         if found is not None and found.num_frames > self._num_frames:
-            self._wish.bad.met(
+            self._wish.bad.report(
                 LogError(
                     f"{found.files[0]}: has frame {found.num_frames - 1}, but sequence {self._sequence} has "
                     f"{self._num_frames} frames; are the results of another one?"

@@ -121,7 +121,7 @@ def items(content: Content, found: Findings, bad: BadInput) -> Iterator[Message 
         try:
             item = _item(content, event, found)
         except LogError as error:
-            bad.met(error)
+            bad.report(error)
             continue
         yield item
 
@@ -134,7 +134,7 @@ def _keyframes(content: Content, found: Findings, bad: BadInput) -> Keyframes:
             continue
         if (row.sample, row.channel) in keys:
             token = content.chain[row.sample].token
-            bad.met(LogError(f"{path}: row with token '{row.token}': a second {row.channel} of sample '{token}'"))
+            bad.report(LogError(f"{path}: row with token '{row.token}': a second {row.channel} of sample '{token}'"))
         else:
             keys[row.sample, row.channel] = row, pose
     for sample in content.samples:
@@ -142,7 +142,7 @@ def _keyframes(content: Content, found: Findings, bad: BadInput) -> Keyframes:
             if (sample, name) not in keys:
                 found.gaps.setdefault(name, []).append(sample)
         if (sample, REFERENCE) not in keys:
-            bad.met(LogError(f"{path}: sample '{content.chain[sample].token}' has no keyframe of {REFERENCE}"))
+            bad.report(LogError(f"{path}: sample '{content.chain[sample].token}' has no keyframe of {REFERENCE}"))
     return keys
 
 
@@ -153,7 +153,7 @@ def _poses(content: Content, bad: BadInput) -> Iterator[_Event]:
     for row, pose in content.rows:
         if pose is None:
             what = f"no row with token '{row.pose}', which sample_data '{row.token}' names"
-            bad.met(LogError(f"{path}: {what}"))
+            bad.report(LogError(f"{path}: {what}"))
             continue
         is_reference = row.channel == REFERENCE
         if pose.stamp_us not in at or (is_reference and not at[pose.stamp_us][0]):

@@ -96,7 +96,7 @@ class Filling:
                     continue
                 sensor = self._tables.sensor(self._tables.calibration(data.calibrated_sensor_token))
             except LogError as error:
-                self._bad.met(error)
+                self._bad.report(error)
                 continue
             self._wanted[_slot(data.ego_pose_token)] = 1
             yield DataRow(
@@ -112,7 +112,7 @@ class Filling:
             try:
                 pose = parse_row(EgoPose, row, path)
             except LogError as error:
-                self._bad.met(error)
+                self._bad.report(error)
                 continue
             yield PoseRow(pose.token, pose.timestamp, *pose.translation, *pose.rotation)
 
@@ -122,7 +122,7 @@ class Filling:
             try:
                 box = parse_row(Annotation, row, path)
             except LogError as error:
-                self._bad.met(error)
+                self._bad.report(error)
                 continue
             yield AnnotationRow(
                 scene, sample, box.token, box.instance_token, " ".join(box.attribute_tokens), box.visibility_token,
@@ -137,7 +137,9 @@ class Filling:
             token = str(row.get("sample_token"))
             if token not in self._places:
                 found = f"'{token[:64]}', which isn't in sample.json"
-                self._bad.met(LogError(f"{path}: row with token '{str(row.get('token'))[:64]}': sample_token {found}"))
+                self._bad.report(
+                    LogError(f"{path}: row with token '{str(row.get('token'))[:64]}': sample_token {found}")
+                )
             elif (place := self._places[token]) is not None:
                 yield row, place
 

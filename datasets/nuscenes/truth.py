@@ -17,7 +17,7 @@ from fbench.replay.contracts.importing import BadInput
 from fbench.replay.data.arrays import Float64, text_array
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label as fbench_label
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
 LABELS = {
@@ -75,7 +75,7 @@ class SceneTruth:
         self._tracks: dict[str, int] = {}
         for row in rows:
             if row.token in self._by_token:
-                bad.met(LogError(f"{self._path}: two rows have the token '{row.token}'"))
+                bad.report(LogError(f"{self._path}: two rows have the token '{row.token}'"))
                 continue
             self._by_token[row.token] = row
             self._by_sample.setdefault(row.sample, []).append(row)
@@ -96,8 +96,8 @@ class SceneTruth:
                 facts.append(_Facts(self._velocity(row), category, attributes, self._visibility(row)))
                 rows.append(row)
             except LogError as error:
-                self._bad.met(error)
-        return moved(self._in_world(rows, facts), inverse(world_T_body))
+                self._bad.report(error)
+        return move_boxes(self._in_world(rows, facts), inverse(world_T_body))
 
     @property
     def _path(self) -> Path:

@@ -37,7 +37,7 @@ def read_stamps(path: Path, bad: BadInput) -> dict[int, int]:
             if stamps.setdefault(number, stamp_ns) != stamp_ns:
                 raise LogError(f"{where}: frame {number} has another time already")
         except LogError as error:
-            bad.met(error)
+            bad.report(error)
     return stamps
 
 

@@ -224,7 +224,7 @@ class RadiateRecording:
         try:
             return read_annotations(path, self._wish.bad) if os.path.lexists(path) else None
         except LogError as error:
-            self._wish.bad.met(error)
+            self._wish.bad.report(error)
             return None
 
     @cached_property
@@ -286,7 +286,7 @@ class RadiateRecording:
                 return poses.pose(read_fix(path), due.stamp_ns)
             return read_image(path, due.sensor, due.stamp_ns, self.rig.cameras[due.sensor].size_wh)
         except LogError as error:
-            self._wish.bad.met(error)
+            self._wish.bad.report(error)
             return None
 
     def _truth(self, due: Due, scan: RadarScan | None) -> Iterator[Truth]:

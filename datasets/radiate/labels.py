@@ -87,7 +87,7 @@ def read_annotations(path: Path, bad: BadInput) -> Annotations:
     by_id: dict[int, Object] = {}
     for i, o in enumerate(read_json(path, list[Object])):
         if o.id in by_id:
-            bad.met(LogError(f"{path}: {i}: another object has the id {o.id} already"))
+            bad.report(LogError(f"{path}: {i}: another object has the id {o.id} already"))
         else:
             by_id[o.id] = o
     return Annotations(list(by_id.values()))

@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any, cast
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import found, load
+from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.contracts.profiles import Facts, Match, Profile
 
 AnyProfile = Profile[Any]
@@ -14,7 +14,7 @@ AnyProfile = Profile[Any]
 
 def profile_names() -> list[str]:
     """Return the name of every profile that is installed, `default` first; none of them is imported."""
-    return sorted(found("profiles"), key=lambda name: (name != "default", name))
+    return sorted(entry_points_of("profiles"), key=lambda name: (name != "default", name))
 
 
 def profile_of(name: str) -> AnyProfile:
@@ -37,12 +37,12 @@ def profile_of(name: str) -> AnyProfile:
 _APART = ("name", "summary")
 
 
-def described(profile: AnyProfile) -> dict[str, str]:
+def describe_rules(profile: AnyProfile) -> dict[str, str]:
     """Return all that a profile fixes, by dotted names."""
     return {path: text for path, text in _items("", profile) if path not in _APART}
 
 
-def explained(profile: AnyProfile) -> str:
+def explain(profile: AnyProfile) -> str:
     """Return what its class says of how it counts."""
     return inspect.getdoc(type(profile)) or ""
 

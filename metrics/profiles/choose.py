@@ -29,7 +29,7 @@ from fbench.replay.runs.folder import Run
 from fbench.replay.runs.tables import BoxTable
 
 
-def chosen(name: str, match: str | None) -> AnyProfile:
+def choose_profile(name: str, match: str | None) -> AnyProfile:
     """Return a profile by its name.
 
     Args:
@@ -43,7 +43,7 @@ def chosen(name: str, match: str | None) -> AnyProfile:
     return profile if match is None else profile.with_match(Match.parse(match))
 
 
-def fitted(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
+def fit_profile(profile: AnyProfile, pair: FilePair, has_match: bool) -> AnyProfile:
     """Return the profile as it fits files: `default` matches in space where both sides have 3D boxes, else in images.
 
     Args:
@@ -78,7 +78,7 @@ def only(rows: Iterable[Score], classes: tuple[str, ...]) -> list[Score]:
     return [row for row in found if not classes or row.class_ in classes]
 
 
-def compared(profile: AnyProfile) -> Space:
+def compared_space(profile: AnyProfile) -> Space:
     """Return where a profile compares boxes: what is wrong with them elsewhere is no matter to it."""
     if isinstance(profile, Kitti3dMot):
         return _space_of(profile.rules.match)

@@ -58,7 +58,7 @@ class Remarks:
     truth: str = "truth"
     tally: Tally = field(default_factory=Tally)
 
-    def watched(self, sequences: Iterable[Sequence]) -> Iterator[Sequence]:
+    def watch(self, sequences: Iterable[Sequence]) -> Iterator[Sequence]:
         """Yield the sequences as they are."""
         for sequence in sequences:
             self.tally += tally_of(sequence, self.profile)
@@ -114,7 +114,8 @@ def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
     if profile.name == _OWN:
         strange = {name: num for name, num in labels.items() if name and not is_known(name)}
         if strange:
-            yield f"{_boxes(strange)} of classes that fbench doesn't know, which count as other: {_format_labels(strange)}"
+            names = _format_labels(strange)
+            yield f"{_boxes(strange)} of classes that fbench doesn't know, which count as other: {names}"
     elif profile.name == "coco" and not known:
         strange = {name: num for name, num in labels.items() if name not in tally.truth_labels}
         if strange:

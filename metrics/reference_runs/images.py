@@ -10,7 +10,7 @@ from fbench.metrics.reference_runs.rows import Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Family
-from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
@@ -77,7 +77,7 @@ def _cameras(run: Run, boxes: Boxes, is_recorded: bool) -> tuple[str, ...]:
         return (_KITTI_CAMERA,)
     if isinstance(boxes, Boxes2D):
         names = rig.sensors("camera", "lidar", "radar")
-        owners -= set(names) - set(chosen_sensors(names, run.manifest.frames.sensors))
+        owners -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
     return tuple(sorted(owners))
 
 

@@ -12,7 +12,7 @@ from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Match, Statistics
-from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.rig import Rig
@@ -130,7 +130,7 @@ class _Images:
             ranged = recorded.distance_m is not None and bool(np.isfinite(recorded.distance_m).any())
         if isinstance(table.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
             names = rig.sensors("camera", "lidar", "radar")
-            cameras -= set(names) - set(chosen_sensors(names, run.manifest.frames.sensors))
+            cameras -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
         labelled = Labelled.of(run, "3d" if derived else "2d")
         projects = derived or isinstance(table.boxes, Boxes3D)
         return cls(labelled, options, tuple(sorted(cameras)), derived, ranged, projects)

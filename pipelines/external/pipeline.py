@@ -19,7 +19,7 @@ from fbench.pipelines.external.messages import (
 from fbench.pipelines.external.process import Command, Deadline, KeptText, Process, ProgramError, parse_command
 from fbench.replay.contracts.errors import DataError, FbenchError, LogError, RunError
 from fbench.replay.contracts.params import require_between
-from fbench.replay.contracts.settings import described_file
+from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.rig import LogInfo, Rig
 
@@ -248,5 +248,5 @@ class Exec:
 
 
 def _identity(command: Command, ready: schema.Ready) -> dict[str, object]:
-    files = [described_file(path) for path in command.files]
+    files = [describe_file(path) for path in command.files]
     return {"program.name": ready.name[:_MAX_NAME_CHARS], "program.files": files}

@@ -9,7 +9,7 @@ from fbench.pipelines.fusion.reliability import CameraReliability, combine_facto
 from fbench.pipelines.sensors.camera.detector import CameraDetections
 from fbench.pipelines.sensors.image.objects import Points
 from fbench.pipelines.sensors.image.observations import SURE, Sightings, by_camera
-from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, seen_through
+from fbench.pipelines.sensors.image.stage import InImages, Rays, nearest_dense, share_beyond
 from fbench.pipelines.sensors.radar.radar import median_rate
 from fbench.replay.contracts.params import CheckedParams, bounded
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -133,7 +133,7 @@ class ImageFusion:
         return ImageView(
             rig=self._rig,
             camera=camera,
-            seen=Sightings.joined(parts),
+            seen=Sightings.join(parts),
             works=found is not None,
             points={kind: view.points[camera] for kind, view in others.items() if camera in view.points},
             rays={kind: view.rays[camera] for kind, view in others.items() if camera in view.rays},
@@ -358,7 +358,7 @@ def _goes_through(view: ImageView, kind: Source, box: Float64, depth_m: float, s
     if kind not in view.rays or np.isnan(depth_m):
         return False
     depths = view.rays[kind].depths(box)
-    return len(depths) >= _LEAST_RAYS and seen_through(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
+    return len(depths) >= _LEAST_RAYS and share_beyond(depths, depth_m - _BEFORE_M, depth_m + _BEHIND_M) > share
 
 
 def _distance_m(view: ImageView, box: Float64, depth_m: float) -> float:

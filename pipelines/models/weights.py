@@ -24,7 +24,7 @@ from typing import IO, Any, BinaryIO, Literal, TypeAlias
 from urllib.parse import urljoin, urlsplit
 
 from fbench.replay.contracts.errors import ConfigError, ModelError, did_you_mean
-from fbench.replay.data.files import expanded, fbench_cache, is_file
+from fbench.replay.data.files import expand_user, fbench_cache, is_file
 
 _YOLOX_PAGE = "https://github.com/Megvii-BaseDetection/YOLOX/blob/main/demo/ONNXRuntime/README.md"
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
@@ -210,7 +210,7 @@ def _resolve(setting: str, catalogue: Sequence[Entry]) -> str:
     path, _, text = setting.partition("=")
     if not path.endswith(_PARAMETER) or text in (AUTO, "none"):
         return setting
-    return f"{path}={resolve(expanded(text), catalogue)}"
+    return f"{path}={resolve(expand_user(text), catalogue)}"
 
 
 TIMEOUT_S = 30.0

@@ -15,9 +15,9 @@ from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.messages import Pose, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.engine.poses import FramePoses
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
-from fbench.replay.truth.labelling import joined
+from fbench.replay.truth.labelling import join_truths
 
 HELD = 256  # So many results are held; also so far a log is read on after a clock jumped back
 _LOOK_AHEAD_NS = 500_000_000
@@ -100,7 +100,7 @@ class Alongside:
         best.is_done, whole = True, best.truth
         for held in fitting:
             same = (held.stamp_ns, held.truth.frame_index) == (best.stamp_ns, best.truth.frame_index)
-            both = joined(whole, held.truth) if same and held is not best else None
+            both = join_truths(whole, held.truth) if same and held is not best else None
             if both is not None:
                 held.is_done, whole = True, both
         return whole
@@ -309,7 +309,7 @@ class RecordedBoxes:
             return result.boxes3d, {}
         if world_T_body is None:
             return None, {self._name: "no pose that moves it from the world to the body"}
-        return moved(result.boxes3d, inverse(world_T_body)), {}
+        return move_boxes(result.boxes3d, inverse(world_T_body)), {}
 
     def _seen(self, boxes: Boxes2D | None) -> tuple[Boxes | None, dict[str, str]]:
         if boxes is None:

@@ -11,7 +11,7 @@ from fbench.pipelines.tracking.tracks import Columns, Tracker, Tracks, mean_of, 
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.geometry.iou import distance_bev
-from fbench.replay.geometry.transforms import extrapolated, inverse, transform, wrap_angle
+from fbench.replay.geometry.transforms import extrapolate, inverse, transform, wrap_angle
 
 __all__ = ["Tracker3D", "Tracker3DParams"]
 
@@ -35,7 +35,7 @@ class EgoPoses:
         if len(self._poses) < 2:
             return self._poses[0][1] if self._poses else None
         (before_ns, before), (last_ns, last) = self._poses
-        return extrapolated(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
+        return extrapolate(before, last, (stamp_ns - last_ns) / (last_ns - before_ns))
 
 
 class Tracker3D(Tracker[Boxes3D]):

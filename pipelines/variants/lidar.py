@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import LidarImageParams, whole_vehicles
-from fbench.pipelines.sensors.image.stage import LidarInImages, projectable, unlabelled
+from fbench.pipelines.sensors.image.stage import LidarInImages, drop_labels, projectable
 from fbench.pipelines.sensors.lidar.lidar import LidarParams
 from fbench.pipelines.sensors.lidar.stage import LidarStage
-from fbench.pipelines.sensors.points.merged import reported, require
+from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams, steady_tracking
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
 from fbench.pipelines.tracking.tracker2d import Tracker2D
@@ -79,7 +79,7 @@ class Lidar2D(TrackingPipeline[Boxes2D]):
         self._points.reset()
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-        return Detected(unlabelled(self._lidar.view(frame, clock).seen, self._params.min_score))
+        return Detected(drop_labels(self._lidar.view(frame, clock).seen, self._params.min_score))
 
 
 class Lidar3D(TrackingPipeline[Boxes3D]):
@@ -103,4 +103,4 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes
-        return Detected(reported(boxes, self._params.min_score, Source.L, self._lidar.labelled))
+        return Detected(report_boxes(boxes, self._params.min_score, Source.L, self._lidar.labelled))

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from fbench.pipelines.sensors.image.params import RadarImageParams, far_radar
-from fbench.pipelines.sensors.image.stage import RadarInImages, projectable, unlabelled
-from fbench.pipelines.sensors.points.merged import reported, require
+from fbench.pipelines.sensors.image.stage import RadarInImages, drop_labels, projectable
+from fbench.pipelines.sensors.points.merged import report_boxes, require
 from fbench.pipelines.sensors.radar.radar import RadarParams, RadarStage
 from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
@@ -75,7 +75,7 @@ class Radar2D(TrackingPipeline[Boxes2D]):
         self.reset("start")
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes2D]:
-        return Detected(unlabelled(self._radar.view(frame, clock).seen, self._params.min_score))
+        return Detected(drop_labels(self._radar.view(frame, clock).seen, self._params.min_score))
 
 
 class Radar3D(TrackingPipeline[Boxes3D]):
@@ -93,4 +93,4 @@ class Radar3D(TrackingPipeline[Boxes3D]):
         self.reset("start")
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
-        return Detected(reported(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))
+        return Detected(report_boxes(self._radar.view(frame, clock).boxes, self._params.min_score, Source.R))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from fbench.pipelines.sensors.points.merged import reported
+from fbench.pipelines.sensors.points.merged import report_boxes
 from fbench.pipelines.sensors.stereo.stage import NOISE, ObjectParams, StereoParams, StereoStage, detect
 from fbench.pipelines.tracking.params import Tracker3DParams
 from fbench.pipelines.tracking.stage import Detected, TrackingPipeline
@@ -50,5 +50,5 @@ class Stereo3D(TrackingPipeline[Boxes3D]):
         view = self._stereo.view(frame, clock, faults)
         with clock.stage("detect.stereo"):
             found = detect(view.xyz, self._stereo.eye_m, self._stereo.focal_baseline, self._params.objects)
-            boxes = reported(found.boxes, self._params.min_score, Source.S)
+            boxes = report_boxes(found.boxes, self._params.min_score, Source.S)
         return Detected(boxes, tuple(faults), dict.fromkeys((pair.left, pair.right), NOISE) if view.is_off else {})

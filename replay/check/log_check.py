@@ -14,7 +14,7 @@ from fbench.replay.check.truth import TruthCheck, TruthClock
 from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
-from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, encoded_size
 from fbench.replay.data.messages import BOXES, Image, Message, Pose
 from fbench.replay.data.metadata import GAPS, MEANT
@@ -119,12 +119,12 @@ class _Check:
     """The state of one check."""
 
     def __init__(self, reader: LogReader, faults: FaultLog, options: CheckOptions) -> None:
-        options = replace(options, sync=options.sync.told_by(reader.info))
+        options = replace(options, sync=options.sync.complete_from(reader.info))
         self._reader, self._faults, self._options = reader, faults, options
         self._known: PartialRig = partial_rig(reader)
         self._rig = self._known.rig
         self._reference = reference_of(reader, self._known, options.sync)
-        chosen = chosen_sensors(self._known.kinds, options.sensors)
+        chosen = choose_sensors(self._known.kinds, options.sensors)
         options.stamps.require_known((*self._known.kinds, *reader.poses))
         self._kinds: dict[str, str] = {**dict.fromkeys(reader.poses, "pose"), **self._known.kinds}
         self._trial = None if options.pipeline is None else Trial(*options.pipeline)
@@ -161,7 +161,7 @@ class _Check:
             self._take_message(entry, item)
 
     def _take_message(self, entry: Entry, recorded: Message) -> None:
-        message = self._options.stamps.restamped(recorded)
+        message = self._options.stamps.restamp(recorded)
         self._times.setdefault(message.sensor, Times()).add(entry, message)
         if isinstance(message, Pose):
             finite = np.isfinite(message.translation_m).all() and np.isfinite(message.rotation_xyzw).all()

@@ -74,7 +74,7 @@ def out_of_order(line: Timeline) -> tuple[Int64, Int64]:
     return rows, amount[rows]
 
 
-def repeated(line: Timeline) -> tuple[Int64, Int64]:
+def find_repeated(line: Timeline) -> tuple[Int64, Int64]:
     """Which messages have the stamp of one before, with the same content and with another."""
     order = np.lexsort((line.digest, line.stamp_ns))  # stable
     stamp, code = line.stamp_ns[order], line.digest[order]
@@ -128,7 +128,7 @@ def stream_stats(sensor: str, kind: str, line: Timeline, max_gap_ns: int) -> Str
         off = np.abs(short - np.maximum(1, multiples) * period) > _OFF_BEAT * period
         num_irregular = int(np.count_nonzero(off))
     _, behind = out_of_order(line)
-    same, other = repeated(line)
+    same, other = find_repeated(line)
     skew = line.log_ns - stamps
     return StreamStats(
         sensor, kind, len(stamps) + line.num_zero,
@@ -173,7 +173,7 @@ def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | N
     if stats.num_unordered:
         text = f"{stats.num_unordered} of {num} messages were recorded in another order than that of their log times"
         yield finding("CHK004", name, text, stats.num_unordered)
-    same, other = repeated(line)
+    same, other = find_repeated(line)
     if len(same):
         text = f"{len(same)} of {num} messages are exact duplicates of others"
         yield finding("TIM004", name, text, len(same), _at(stamps, same))

@@ -53,9 +53,9 @@ class WatchedReader:
             self.chain = link(self.chain, digest(message))
             yield message
 
-    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+    def events(self) -> Iterator[Message | RigChange | Tick]:
         """All messages, and the instants of boxes."""
-        for message in self._reader.ticked():
+        for message in self._reader.events():
             self.chain = link(self.chain, digest(message))
             yield message
 

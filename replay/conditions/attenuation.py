@@ -25,7 +25,7 @@ def rain_extinction_per_m(rain_mm_h: float) -> float:
     return float(3.65e-4 * rain_mm_h**0.63)
 
 
-def transmitted(extinction_per_m: float, distance_m: Array) -> Array:
+def transmit(extinction_per_m: float, distance_m: Array) -> Array:
     """Return the share of light that arrives over distances [m] of any shape: exp(-extinction * distance)."""
     share: Array = np.exp(-extinction_per_m * distance_m)
     return share

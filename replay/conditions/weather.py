@@ -10,7 +10,7 @@ from fbench.replay.conditions.attenuation import (
     radar_rain_db_per_km,
     rain_extinction_per_m,
     through_air,
-    transmitted,
+    transmit,
 )
 from fbench.replay.conditions.lidar import FogReturn, fog_return
 from fbench.replay.contracts.errors import ConfigError
@@ -69,7 +69,7 @@ def extinction_per_m(weather: Weather) -> float:
 
 def transmission(weather: Weather, distance_m: Array) -> Array:
     """Return the share of light that arrives over distances [m] of any shape, one way."""
-    return transmitted(extinction_per_m(weather), distance_m)
+    return transmit(extinction_per_m(weather), distance_m)
 
 
 def fog_of(weather: Weather) -> FogReturn:

@@ -153,7 +153,7 @@ class FaultBudget:
     """Of all codes without a number of their own; `None`: any number."""
     by_code: Mapping[str, int] = field(default_factory=dict)
 
-    def exceeded(self, faults: FaultLog) -> tuple[str, ...]:
+    def find_exceeded(self, faults: FaultLog) -> tuple[str, ...]:
         """Codes of which more were met than allowed, sorted."""
         lost = {code: num for code, num in sorted(faults.counts.items()) if num and FAULTS[code].behaviour == "count"}
         over = [code for code, num in lost.items() if num > self.by_code.get(code, num)]

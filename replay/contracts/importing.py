@@ -56,7 +56,7 @@ class BadInput:
     texts: list[str] = field(default_factory=list)
     """The first ones."""
 
-    def met(self, error: LogError) -> None:
+    def report(self, error: LogError) -> None:
         """Skip what an error tells of.
 
         Raises:
@@ -80,7 +80,7 @@ class ImportWish:
     bad: BadInput = field(default_factory=BadInput)
 
 
-def chosen_names(names: Sequence[str], patterns: Sequence[str]) -> tuple[str, ...]:
+def choose_names(names: Sequence[str], patterns: Sequence[str]) -> tuple[str, ...]:
     """Return the names that fit any of the patterns (`*` and `?` as in file names), all without patterns.
 
     Raises:
@@ -101,7 +101,7 @@ _MAX_NS = 2**63 - 1
 _KINDS: dict[type[Message], Kind] = {Image: "camera", PointCloud: "lidar", RadarScan: "radar"}
 
 
-def checked_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Imported]:
+def check_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Imported]:
     """Pass on the items of the sequence `name`, at least one, which fit the rig and are in the order of `log_ns`.
 
     Raises:

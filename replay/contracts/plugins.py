@@ -20,7 +20,7 @@ from typing import Any, Literal
 from fbench.replay.contracts.errors import ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, Variant, built_in_variants, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, Variant, find_variants, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -95,7 +95,7 @@ def _clean(text: str) -> str:
 Group = Literal["datasets", "pipelines", "metrics", "profiles", "reports"]
 
 
-def found(group: Group) -> dict[str, EntryPoint]:
+def entry_points_of(group: Group) -> dict[str, EntryPoint]:
     """Return the entry points of `fbench.GROUP` by name, sorted, without importing them.
 
     Raises:
@@ -117,9 +117,9 @@ def load(group: Group, name: str) -> Any:
     """
     if ".py:" in name:
         return _from_file(name)
-    points = found(group)
+    points = entry_points_of(group)
     if name not in points:
-        variants = [variant.name for variant, _ in built_in_variants()] if group == "pipelines" else []
+        variants = [variant.name for variant, _ in find_variants()] if group == "pipelines" else []
         raise ConfigError(f"unknown {group.removesuffix('s')} '{name}'{did_you_mean(name, [*points, *variants])}")
     try:
         return points[name].load()
@@ -238,7 +238,7 @@ def _base(variant: Variant) -> type:
         raise ConfigError(f"{variant.where}: 'base': {error}", "CFG003") from error
     if isinstance(cls, KeepsStderr):
         raise ConfigError(f"{variant.where}: 'base': {variant.base} runs a program; name it on the command line")
-    if variant.name in found("pipelines"):
+    if variant.name in entry_points_of("pipelines"):
         raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
     return cls
 

@@ -42,7 +42,7 @@ class Reader(Protocol):
         """
         ...
 
-    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+    def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes between them, for logs without measurements: those of truth, else those
         of results.
         """

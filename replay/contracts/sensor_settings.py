@@ -100,7 +100,7 @@ def make_sensors(texts: Sequence[str]) -> list[str]:
     return patterns
 
 
-def chosen_sensors(names: Collection[str], patterns: Sequence[str]) -> tuple[str, ...]:
+def choose_sensors(names: Collection[str], patterns: Sequence[str]) -> tuple[str, ...]:
     """Return those of the sensors, sorted, whose name fits a pattern (`*`, `?`, `[...]`); `!` before a pattern leaves
     out what fits it. Without patterns all are chosen.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.data.files import expanded, is_file
+from fbench.replay.data.files import expand_user, is_file
 
 P = TypeVar("P")
 BY_SENSOR = "by_sensor"
@@ -112,7 +112,7 @@ def _convert(kind: Any, text: str) -> object:
             raise ValueError(text)
         return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
     if kind is Path:
-        return expanded(text)
+        return expand_user(text)
     if kind in (int, float, str):
         value: object = kind(text)
         if isinstance(value, float) and math.isnan(value):
@@ -146,7 +146,7 @@ def describe(params: object) -> dict[str, object]:
     return described | (_describe_by_sensor(params) if has_sensor_settings(params) else {})
 
 
-def described_file(path: Path) -> dict[str, object]:
+def describe_file(path: Path) -> dict[str, object]:
     """Return a file's name and sha256, `None` where it can't be read, as a program may be."""
     try:
         with path.open("rb") as file:
@@ -171,7 +171,7 @@ def _describe_by_sensor(params: Any) -> dict[str, object]:
     described: dict[str, object] = {}
     for setting in getattr(params, BY_SENSOR):
         path, _, text = setting.partition("=")
-        described[path] = _describe(expanded(text)) if names_file(params, path, text) else text
+        described[path] = _describe(expand_user(text)) if names_file(params, path, text) else text
     return described
 
 
@@ -187,7 +187,7 @@ def _describe(value: object) -> object:
     if isinstance(value, Path) and not is_file(value):
         raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
-        return described_file(value)
+        return describe_file(value)
     if isinstance(value, tuple):
         return [_describe(item) for item in value]
     plain = value is None or isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fbench.replay.contracts.importing import FrameRange, ImportWish, checked_items
+from fbench.replay.contracts.importing import FrameRange, ImportWish, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.logs.container import header_of, header_record
@@ -91,7 +91,7 @@ def _read(recording: Recording) -> _Seen:
     cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
     _require(set(rig.cameras) == cameras, f"{recording.name}: the rig's cameras and its mounts of kind camera differ")
     items, num, numbers = Digest(), 0, set[int]()
-    for item in checked_items(recording.name, rig, recording.items()):
+    for item in check_items(recording.name, rig, recording.items()):
         items.add(item)
         num += 1
         if isinstance(item, Image | PointCloud | RadarScan | Truth) and item.frame_number is not None:

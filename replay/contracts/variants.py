@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.contracts.settings import apply_settings, names_file
-from fbench.replay.data.files import expanded, is_file
+from fbench.replay.data.files import expand_user, is_file
 from fbench.replay.formats.documents import TomlError, parse_toml
 
 SUFFIX = ".toml"
@@ -66,10 +66,10 @@ def read_variant(path: Path) -> Variant:
     Raises:
         ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names file and key.
     """
-    return parsed_variant(_content(path), str(path), path.parent)
+    return parse_variant(_content(path), str(path), path.parent)
 
 
-def parsed_variant(content: bytes, where: str, folder: Path | None, group: str = "") -> Variant:
+def parse_variant(content: bytes, where: str, folder: Path | None, group: str = "") -> Variant:
     """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one.
 
     Raises:
@@ -161,7 +161,7 @@ def variant_of(pipeline: str) -> Variant | None:
     return _built_in(group, found[name])
 
 
-def built_in_variants() -> Iterator[tuple[Variant, EntryPoint]]:
+def find_variants() -> Iterator[tuple[Variant, EntryPoint]]:
     """Give all that come with fbench and with plug-ins, by name, and by which entry point each comes in."""
     for group, point in _groups().items():
         for file in _files(point).values():
@@ -194,7 +194,7 @@ def _place(variant: Variant, params: Any, name: str, value: str) -> str:
     """A value; that of a relative path as seen from here. What has neither folder nor suffix may be a name."""
     if variant.folder is None or not names_file(params, name, value):
         return value
-    path = expanded(value)
+    path = expand_user(value)
     beside = variant.folder / path
     is_path = bool(path.suffix) or path.parent != Path() or is_file(beside)
     return str(beside.absolute()) if is_path else value
@@ -220,4 +220,4 @@ def _files(point: EntryPoint) -> dict[str, Traversable]:
 
 def _built_in(group: str, file: Traversable) -> Variant:
     folder = file.parent if isinstance(file, Path) else None
-    return parsed_variant(file.read_bytes(), f"{group}/{file.name}", folder, group)
+    return parse_variant(file.read_bytes(), f"{group}/{file.name}", folder, group)

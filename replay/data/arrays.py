@@ -20,7 +20,7 @@ MAX_TEXT = 1000
 """Characters of a text in an array, where each takes the room of the longest."""
 
 
-def checked(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
+def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
     """Return `value` as a read-only array of `dtype` and `shape`.
 
     A letter in `shape` stands for a size that must agree between all fields of one object; `sizes` holds
@@ -62,7 +62,7 @@ def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
     for name, (dtype, shape) in specs.items():
         value = getattr(owner, name)
         if value is not None:
-            array = checked(type(owner).__name__, name, value, dtype, shape, sizes)
+            array = check_array(type(owner).__name__, name, value, dtype, shape, sizes)
             object.__setattr__(owner, name, array)
 
 

@@ -54,7 +54,7 @@ class ClassMap:
     own: Mapping[str, str] = field(default_factory=dict)
     """A label of fbench or `ignore`, by name, exactly as the source writes it."""
 
-    def applied(self, boxes: B, unknown: Callable[[str], None]) -> B:
+    def apply(self, boxes: B, unknown: Callable[[str], None]) -> B:
         """Give boxes the labels of their `source_label`, telling `unknown` each name that means nothing; boxes without
         `source_label` stay as they are.
         """

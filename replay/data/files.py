@@ -31,7 +31,7 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)
 
 
-def expanded(text: str) -> Path:
+def expand_user(text: str) -> Path:
     """Return the path that a user wrote, with `~` and `~USER` replaced where there is such a home folder."""
     try:
         return Path(text).expanduser()
@@ -45,11 +45,11 @@ def swap(new: Path, path: Path) -> None:
     if path.exists():
         path.rename(old)
     new.rename(path)
-    synced(path.parent)
+    sync(path.parent)
     shutil.rmtree(old, ignore_errors=True)
 
 
-def synced(path: Path) -> None:
+def sync(path: Path) -> None:
     """Have a file or folder written to the disk."""
     number = os.open(path, os.O_RDONLY)
     try:
@@ -68,10 +68,10 @@ def file_name(name: str) -> str:
     """
     text = "".join(c if c.isalnum() or c in "._-+" else "_" for c in name)
     text = f"_{text[1:]}" if text.startswith(".") or not text else text
-    return text if len(text.encode()) <= _MAX_BYTES else told_apart(text, name)
+    return text if len(text.encode()) <= _MAX_BYTES else with_digest(text, name)
 
 
-def told_apart(text: str, name: str) -> str:
+def with_digest(text: str, name: str) -> str:
     """Return the name `text` of a file with a digest of `name` behind it, at most 180 bytes."""
     digest = blake2b(name.encode(errors="surrogatepass"), digest_size=4).hexdigest()
     short = text.encode()[: _MAX_BYTES - 1 - len(digest)].decode(errors="ignore")

@@ -72,7 +72,7 @@ def layout_name(encoding: str) -> str:
     return name
 
 
-def packed(
+def pack_rows(
     data: memoryview, encoding: str, size_wh: tuple[int, int], step: int, *, is_bigendian: bool = False
 ) -> bytes:
     """Copy an image of layout `encoding` without the padding at the end of its rows of `step` bytes, little-endian.
@@ -174,7 +174,7 @@ def encode_jpeg(pixels: Pixels, quality: int = 80) -> bytes:
     return bytes(data.tobytes())
 
 
-def resized(pixels: Pixels, max_width: int) -> Pixels:
+def scale_down(pixels: Pixels, max_width: int) -> Pixels:
     """Scale (H, W, 3) down to at most `max_width` [px]; smaller images stay as they are."""
     import cv2
 

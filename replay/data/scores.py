@@ -214,7 +214,7 @@ class Results:
     """What failed or was left out, and why."""
 
 
-def shown(value: float | None, kind: Kind) -> str:
+def format_number(value: float | None, kind: Kind) -> str:
     """A number as people read it; an en dash for none."""
     if value is None:
         return DASH

@@ -39,7 +39,7 @@ class SyncParams:
     is_default_timeout: bool = False
     """Whether nobody asked for `timeout_ns`, so that what the log says counts."""
 
-    def told_by(self, info: LogInfo) -> "SyncParams":
+    def complete_from(self, info: LogInfo) -> "SyncParams":
         """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""
         text = info.metadata.get(TIMEOUT_MS, "")
         if not (self.is_default_timeout and text.isascii() and text.isdecimal() and len(text) < 10):

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.protocols import Reader
-from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import Rig, RigChange
@@ -16,7 +16,7 @@ from fbench.replay.engine.frame_buffer import FrameBuffer, SyncCounts, SyncParam
 from fbench.replay.engine.poses import FramePoses
 from fbench.replay.logs.setup import ClockCheck, StampParams
 from fbench.replay.runs.digest import Digest
-from fbench.replay.truth.labelling import Instant, fitted, stray
+from fbench.replay.truth.labelling import Instant, drop_invalid, stray
 from fbench.replay.truth.times import TruthTimes
 
 
@@ -39,14 +39,14 @@ class FrameStream:
     ) -> None:
         whole = reader.rig
         names = whole.sensors("camera", "lidar", "radar")
-        chosen = chosen_sensors(names, sensors)
+        chosen = choose_sensors(names, sensors)
         self._left_out = frozenset(names) - frozenset(chosen)
         self.rig: Rig = whole.without(self._left_out)
         """The chosen sensors; which they are changes neither instants nor segments nor the log's digest."""
         self.rigs: dict[int, Rig] = {0: whole}
         """Rig of the log in the first segment and in those from which on another one holds."""
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
-        self.sync = sync = sync.told_by(reader.info)
+        self.sync = sync = sync.complete_from(reader.info)
         """How messages are put into frames."""
         self._max_gap_ns = sync.max_gap_ns
         self._max_between_ns = max_between_ns
@@ -82,13 +82,13 @@ class FrameStream:
         """
         first_ns, last_ns = self._choose_ns()
         times = TruthTimes(self._instants, self.poses.values, self._max_between_ns)
-        for index, truth in times.matched(self._truths(reader)):
+        for index, truth in times.match(self._truths(reader)):
             if index is None:
                 if self._excerpt.is_whole or first_ns <= truth.stamp_ns <= last_ns:
                     self._faults.add("GT006", stray(truth))
             elif self._instants[index].is_chosen:
                 pose = self.poses.world_T_body(index)
-                if (kept := fitted(truth, index, pose, self.poses.is_known, self._faults)) is not None:
+                if (kept := drop_invalid(truth, index, pose, self.poses.is_known, self._faults)) is not None:
                     self.num_between += times.is_between(index)
                     yield index, kept
 
@@ -121,14 +121,14 @@ class FrameStream:
         return (max(stamps) - min(stamps)) / 1e9
 
     def _release(self, reader: Reader) -> Iterator[Frame]:
-        for recorded in reader.ticked() if self.reference == BOXES else reader.messages():
+        for recorded in reader.events() if self.reference == BOXES else reader.messages():
             self._digest.add(recorded)
             if isinstance(recorded, RigChange):
                 yield from self._change_rig(recorded)
             elif isinstance(recorded, Tick):
                 yield from self._ticked(recorded)
             else:
-                yield from self._take(recorded, self._stamps.restamped(recorded))
+                yield from self._take(recorded, self._stamps.restamp(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
                 self.poses.finish()

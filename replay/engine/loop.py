@@ -35,7 +35,7 @@ from fbench.replay.runs.manifest import (
     rig_entry,
 )
 from fbench.replay.runs.media import MediaKeeper
-from fbench.replay.runs.redaction import redacted_manifest, redacted_record, redacted_rows
+from fbench.replay.runs.redaction import redact_manifest, redact_record, redact_rows
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 NUM_MEDIA = 8
@@ -213,8 +213,8 @@ class _Loop:
         self._writer.explain_missing(lambda record: self._explain(record, counts))
         rows = self._faults.rows()
         if self._plan.redact:
-            self._writer.explain_missing(redacted_record)
-            rows = redacted_rows(rows)
+            self._writer.explain_missing(redact_record)
+            rows = redact_rows(rows)
         self._writer.write_media(self._media.frames)
         faults = {
             "lost": self._faults.lost,
@@ -248,7 +248,7 @@ class _Loop:
         first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
         info, sync = self._info, self.stream.sync
         manifest = Manifest(
-            complete=not self._plan.budget.exceeded(self._faults),
+            complete=not self._plan.budget.find_exceeded(self._faults),
             log=LogEntry(
                 name=info.name,
                 log_id=info.log_id,
@@ -281,7 +281,7 @@ class _Loop:
             digest=self._chain,
             versions=package_versions(),
         )
-        return redacted_manifest(manifest) if self._plan.redact else manifest
+        return redact_manifest(manifest) if self._plan.redact else manifest
 
     def _identity(self) -> Mapping[str, object]:
         """What tells the pipeline apart. Raises RunError where it fails to say, or says what JSON can't hold."""

@@ -140,9 +140,9 @@ class AheadReader:
         """All messages of the log, read by a thread that ends with the iteration."""
         return self._ahead(self._reader.messages)
 
-    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+    def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes."""
-        return self._ahead(self._reader.ticked)
+        return self._ahead(self._reader.events)
 
     def _ahead(self, messages: Callable[[], Iterator[R]]) -> Iterator[R]:
         self.stop()

@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.sensor_settings import chosen_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, Source
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import KINDS, Kind, Rig
@@ -18,7 +18,7 @@ from fbench.replay.engine.frames import FrameStream
 from fbench.replay.engine.poses import FramePoses, pose_of
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, Which
 from fbench.replay.formats.sequence import BoxFrame, BoxSequence
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import StampParams
@@ -101,7 +101,7 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
     frames = [(Instant(f.index, f.stamp_ns, f.frame_number, is_chosen=True), f.segment) for f in stream.frames(reader)]
     stream.require_frames(reader.info.name)
     rows = []
-    for index, truth in Labelling([instant for instant, _ in frames]).matched(iter(truths)):
+    for index, truth in Labelling([instant for instant, _ in frames]).match(iter(truths)):
         if index is None:
             faults.add("GT006", stray(truth))
         else:
@@ -117,7 +117,7 @@ def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
     if boxes is not None and truth.in_world:
         if pose is None:
             left.add(NO_POSE, len(boxes))
-        boxes = Boxes3D.empty() if pose is None else moved(boxes, inverse(pose))
+        boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
     return BoxFrame(row.index, row.number, truth.stamp_ns, row.rig, boxes, truth.boxes2d, pose)
 
 
@@ -169,5 +169,5 @@ def _kinds(run: Run, table: BoxTable) -> list[Kind]:
     if bits:
         return sorted({kind for source, kind in _KIND.items() if bits & source})
     rig = run.manifest.rig
-    names = chosen_sensors(rig.sensors(*KINDS.values()), run.manifest.frames.sensors)
+    names = choose_sensors(rig.sensors(*KINDS.values()), run.manifest.frames.sensors)
     return sorted({rig.mounts[name].kind for name in names})

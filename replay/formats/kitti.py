@@ -44,7 +44,7 @@ from fbench.replay.formats.sequence import (
     small_ids,
 )
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
@@ -276,7 +276,7 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
         body_T_level = np.eye(4)
     is_solid = any(row.solid is not None for _, objects in frames() for row in objects)
     for number, objects in frames():
-        boxes = moved(to_boxes3d(objects), body_T_level) if is_solid else None
+        boxes = move_boxes(to_boxes3d(objects), body_T_level) if is_solid else None
         yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)
 
 
@@ -346,7 +346,7 @@ class _Writer:
         boxes = rows.solid[rows.solid_rows[has]]
         body_T = body_T_level(self._owner, rig)
         if body_T is not None and len(boxes):
-            boxes = moved(boxes, inverse(body_T))
+            boxes = move_boxes(boxes, inverse(body_T))
         length, width, height = boxes.size_lwh_m.T
         x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
         numbers[has] = np.stack([height, width, length, x, y, z, _wrap(-boxes.yaw_rad - np.pi / 2)], axis=1)

@@ -12,7 +12,7 @@ from fbench.replay.contracts.errors import ConfigError, DecodeError, LimitError,
 from fbench.replay.data.arrays import Float64, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.logs.coordinate_frames import WORLDS, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
@@ -82,7 +82,7 @@ def default_camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
 def _in_body(boxes: Boxes3D, name: str, coordinates: CoordinateFrames, where: str) -> Boxes3D:
     if name in ("", "body", coordinates.body):
         return boxes
-    return moved(boxes, body_T(name, coordinates, where))
+    return move_boxes(boxes, body_T(name, coordinates, where))
 
 
 def _merge(boxes: Boxes3D, parts: Sequence[tuple[np.ndarray, Boxes3D]]) -> Boxes3D:

@@ -27,7 +27,7 @@ from fbench.replay.formats.objects import (
     to_boxes3d,
 )
 from fbench.replay.formats.text import frame_number, stamp_of_time, track_number
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
@@ -309,8 +309,8 @@ class _Reader:
             raise LogError(f"{where}: boxes in the world and on the body at one instant; use one of them")
         names = list(targets)
         if len(names) == 1:
-            return moved(boxes, targets[names[0]][1]), WORLD in kinds
-        parts = [moved(boxes[i : i + 1], targets[name][1]) for i, name in enumerate(systems)]
+            return move_boxes(boxes, targets[names[0]][1]), WORLD in kinds
+        parts = [move_boxes(boxes[i : i + 1], targets[name][1]) for i, name in enumerate(systems)]
         return concatenate(parts), WORLD in kinds
 
     def _unused(self, kind: str, where: str) -> None:

@@ -19,7 +19,7 @@ from fbench.replay.formats.table_files import SUFFIXES, Key, TableFile, Values, 
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import column_array
-from fbench.replay.truth.labelling import joined
+from fbench.replay.truth.labelling import join_truths
 
 SOLID = ("x", "y", "z", "length", "width", "height")
 FLAT = ("left", "top", "right", "bottom")
@@ -298,7 +298,7 @@ def _join(truths: Iterator[Truth], where: Path) -> Iterator[Truth]:
                 yield kept
             kept = truth
             continue
-        both = joined(kept, truth)
+        both = join_truths(kept, truth)
         if both is None:
             raise LogError(f"{where}: two tables have boxes of one kind at {_instant(truth)}; put them into one table")
         kept = replace(both, in_world=kept.in_world or truth.in_world, log_ns=max(kept.log_ns, truth.log_ns))

@@ -134,12 +134,12 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
     x = (uv[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
     lens = lens_of(camera)
     if lens is not None:
-        return lens.straightened(np.stack([x, y], axis=1))
+        return lens.undistort(np.stack([x, y], axis=1))
     ahead = np.stack([x, y, np.ones(len(x))], axis=1)
     return np.asarray(ahead / np.sqrt((ahead * ahead).sum(axis=1))[:, None], np.float64)
 
 
-def undistorted(camera: CameraModel, uv: Array) -> Float64:
+def undistort_pixels(camera: CameraModel, uv: Array) -> Float64:
     """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see. Raises LogError
     where the camera's distortion isn't modelled.
     """

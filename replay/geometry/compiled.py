@@ -111,7 +111,7 @@ def _common_area(a: Float64, b: Float64, room: Float64) -> float:
 
 
 @kernel
-def moved(m: Float64, xyz: Array) -> Float64:
+def move_points(m: Float64, xyz: Array) -> Float64:
     """Move points (N, 3) by a matrix (4, 4), bit by bit as `transform` does it on whole columns."""
     result = np.empty((len(xyz), 3))
     for row in range(len(xyz)):

@@ -58,7 +58,7 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     return EgoFit(velocity, float(agreeing.mean()), opposite / len(v))
 
 
-def wrapped(speed_mps: Float64, period_mps: float | None) -> Float64:
+def wrap_velocity(speed_mps: Float64, period_mps: float | None) -> Float64:
     """Velocities as a radar shows them that aliases with a period: within half a period of 0."""
     if period_mps is None:
         return speed_mps
@@ -68,12 +68,12 @@ def wrapped(speed_mps: Float64, period_mps: float | None) -> Float64:
 def _support(d: Float64, v: Float64, forward_mps: Float64, period_mps: float | None) -> Int64:
     """Number of points that agree with each forward speed (M,)."""
     parts = np.array_split(forward_mps, 16)  # so that large scans don't take M times their size
-    rest = (wrapped(v + part[:, None] * d[:, 0], period_mps) for part in parts)
+    rest = (wrap_velocity(v + part[:, None] * d[:, 0], period_mps) for part in parts)
     return np.concatenate([np.count_nonzero(np.abs(part) < INLIER_MPS, axis=1) for part in rest])
 
 
 def _residual(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
-    return wrapped(v + d[:, 0] * velocity[0] + d[:, 1] * velocity[1], period_mps)
+    return wrap_velocity(v + d[:, 0] * velocity[0] + d[:, 1] * velocity[1], period_mps)
 
 
 def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float = INLIER_MPS) -> Bool:

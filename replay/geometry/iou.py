@@ -57,7 +57,7 @@ def distance_bev(a: Array, b: Array) -> Float64:
     return distance
 
 
-def moved(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
+def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
     """Move boxes from coordinate frame `src` to `dst`: centres, rotations and velocities (4, 4).
 
     A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.

@@ -38,7 +38,7 @@ class Lens(Protocol):
         """Image coordinates (N, 2) of directions (N, 3), NaN where the lens doesn't see them."""
         ...
 
-    def straightened(self, xy: Float64) -> Float64:
+    def undistort(self, xy: Float64) -> Float64:
         """Unit directions (N, 3) that image coordinates (N, 2) come from, NaN where there are none."""
         ...
 
@@ -84,7 +84,7 @@ class Polynomial:
         v = y * scale + p1 * (r2 + 2 * y * y) + p2 * xy2
         return np.stack([u, v], axis=1)
 
-    def straightened(self, xy: Float64) -> Float64:
+    def undistort(self, xy: Float64) -> Float64:
         """See `Lens`."""
         limit = min(np.sqrt(self.max_r2), _FARTHEST)
         far = np.hypot(xy[:, 0], xy[:, 1])
@@ -165,7 +165,7 @@ class Fisheye:
         share[np.isnan(angle)] = np.nan
         return xyz[:, :2] * share
 
-    def straightened(self, xy: Float64) -> Float64:
+    def undistort(self, xy: Float64) -> Float64:
         """See `Lens`."""
         far = np.hypot(xy[:, 0], xy[:, 1])
         angle = _invert(self._radius, self._slope, far, self.max_rad)

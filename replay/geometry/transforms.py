@@ -52,15 +52,15 @@ def transform(dst_T_src: Float64, xyz: Array) -> Float64:
     """
     m = dst_T_src
     if len(xyz) >= _MANY and xyz.dtype in (np.float32, np.float64):
-        from fbench.replay.geometry.compiled import moved  # numba takes a while to import
+        from fbench.replay.geometry.compiled import move_points  # numba takes a while to import
 
-        return moved(np.array(m, np.float64, order="C"), np.ascontiguousarray(xyz))
+        return move_points(np.array(m, np.float64, order="C"), np.ascontiguousarray(xyz))
     p = np.asarray(xyz, np.float64)
     with np.errstate(over="ignore", invalid="ignore"):  # not finite in, not finite out: whoever needs more checks that
         return np.stack([p[:, 0] * m[i, 0] + p[:, 1] * m[i, 1] + p[:, 2] * m[i, 2] + m[i, 3] for i in range(3)], axis=1)
 
 
-def chained(a_T_b: Float64, b_T_c: Float64) -> Float64:
+def chain(a_T_b: Float64, b_T_c: Float64) -> Float64:
     """Return `a_T_c` (4, 4), written as sums of products like `transform`."""
     result = np.eye(4)
     result[:3, :3] = [[sum(a_T_b[i, k] * b_T_c[k, j] for k in range(3)) for j in range(3)] for i in range(3)]
@@ -74,7 +74,7 @@ def yaw_pitch_roll(rotation_xyzw: ArrayLike) -> tuple[float, float, float]:
     return float(yaw), float(pitch), float(roll)
 
 
-def extrapolated(world_T_a: Float64, world_T_b: Float64, share: float) -> Float64:
+def extrapolate(world_T_a: Float64, world_T_b: Float64, share: float) -> Float64:
     """Continue the motion from pose `a` to pose `b` (4, 4) by `share` of it, at constant speed and turn rate."""
     a_T_b = inverse(world_T_a) @ world_T_b
     step = np.eye(4)

@@ -16,7 +16,7 @@ _BOXES = ("truth", "detections")
 _POSES = ("pose", "odometry")
 
 
-def arranged(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
+def arrange(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
     """Return the roles as the setup wants them; without a setup, as they are. Raises ConfigError where the setup names
     topics that aren't in the log, that hold something else, or one topic twice.
     """

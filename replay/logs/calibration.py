@@ -12,7 +12,7 @@ from fbench.replay.logs.container import Container
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, tree_of
 from fbench.replay.logs.poses import TfPoses, TfSource
 from fbench.replay.logs.rig import RigChanges, RigState, first_state
-from fbench.replay.logs.rig_patch import fitted, renamed, require_use
+from fbench.replay.logs.rig_patch import find_sensors, rename_sensors, require_use
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.truth import PosesIn
@@ -86,7 +86,7 @@ class LogCalibration:
 
     def _arrange(self, rig: Rig) -> Rig:
         heard = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
-        rig = renamed(rig, {role.frame_id: role.sensor for role in heard}) if self.setup.sensors else rig
-        patch = fitted(self.setup.rig, self.roles)
+        rig = rename_sensors(rig, {role.frame_id: role.sensor for role in heard}) if self.setup.sensors else rig
+        patch = find_sensors(self.setup.rig, self.roles)
         require_use(self.setup.rig, patch, self.roles, patch.tree(tree_of(rig), BODY))
         return patch.on(rig, {role.sensor: KINDS[role.kind] for role in heard}).without(self.left_out)

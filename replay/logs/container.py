@@ -179,7 +179,7 @@ class Spanning(Protocol):
 B = TypeVar("B", bound=Spanning)
 
 
-def merged(blocks: Sequence[B], load: Callable[[B], Iterable[Entry]]) -> Iterator[Entry]:
+def merge_blocks(blocks: Sequence[B], load: Callable[[B], Iterable[Entry]]) -> Iterator[Entry]:
     """Yield the messages of all blocks; a block is loaded when its time comes and dropped when it is used up."""
     heap: list[tuple[Entry, Iterator[Entry]]] = []
     for block in sorted(blocks, key=lambda b: (b.start_ns, b.offset)):

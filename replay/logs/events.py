@@ -90,8 +90,8 @@ class EventDecoder:
                 self._container.once("GT007", (where, name), f"{where}: '{name}'")
 
         classes = ClassMap(self._setup.classes)
-        boxes3d = None if truth.boxes3d is None else classes.applied(truth.boxes3d, count)
-        boxes2d = None if truth.boxes2d is None else classes.applied(truth.boxes2d, count)
+        boxes3d = None if truth.boxes3d is None else classes.apply(truth.boxes3d, count)
+        boxes2d = None if truth.boxes2d is None else classes.apply(truth.boxes2d, count)
         return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
     def _place(self, part: TruthPart) -> TruthPart:

@@ -12,7 +12,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merged
+from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merge_blocks
 from fbench.replay.logs.containers.limits import entries_from
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.reader import LogReader
@@ -47,12 +47,12 @@ class Parts:
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these channels in canonical order."""
         wanted = [part for part in self._parts if self._of(part, channels)]
-        return merged(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
+        return merge_blocks(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
 
     def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
         """All messages of these channels from a log time on, in canonical order."""
         wanted = [part for part in self._parts if self._of(part, channels)]
-        return merged(
+        return merge_blocks(
             wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
         )
 

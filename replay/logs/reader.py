@@ -10,15 +10,15 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
-from fbench.replay.logs.arrange import arranged, box_channels, facts, with_names
+from fbench.replay.logs.arrange import arrange, box_channels, facts, with_names
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames
 from fbench.replay.logs.events import EventDecoder
-from fbench.replay.logs.roles import roles, selected
+from fbench.replay.logs.roles import roles, select
 from fbench.replay.logs.setup import BoxSource, Setup
-from fbench.replay.logs.truth import joined, paired
+from fbench.replay.logs.truth import join_parts, pair_parts
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
 
 Event: TypeAlias = Message | RigChange | TruthPart | None
@@ -49,8 +49,8 @@ class LogReader:
         self.faults = faults or FaultLog()
         if container.header is not None and self.setup.body not in ("", BODY):
             raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
-        every = arranged(roles(container), container, self.setup)
-        self.roles = selected(every, topics)
+        every = arrange(roles(container), container, self.setup)
+        self.roles = select(every, topics)
         kept = {role.sensor for role in self.roles.values()}
         self.left_out = frozenset(role.sensor for role in every.values()) - kept
 
@@ -122,7 +122,7 @@ class LogReader:
             if event is not None and not isinstance(event, TruthPart):
                 yield event
 
-    def ticked(self) -> Iterator[Message | RigChange | Tick]:
+    def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes, in a log without measurements."""
         ticks = self.tick_channels
         for entry, event in self._events(self._channels(*MESSAGES) | self._calibration.tf.channels | ticks, ticks):
@@ -145,7 +145,7 @@ class LogReader:
             self._calibration.changes(),
             self._calibration.tf.poses() if self._calibration.tf.channels else None,
         )
-        for entry in changes.followed(self.container.entries(channels | changes.channels)):
+        for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
             if is_message or entry.channel in ticks:
@@ -166,7 +166,7 @@ class LogReader:
         """
         if self.setup.truth is not None:
             return self._read_boxes(self.setup.truth)
-        return joined(self._truth_parts(self._channels("truth")))
+        return join_parts(self._truth_parts(self._channels("truth")))
 
     def body_poses(self) -> Iterator[Pose]:
         """Poses of the body alone, in canonical order."""
@@ -183,7 +183,7 @@ class LogReader:
         if not topic and self.setup.results is not None:
             return self._read_boxes(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
-        return paired(self._truth_parts(wanted))
+        return pair_parts(self._truth_parts(wanted))
 
     def _truth_parts(self, channels: frozenset[int]) -> Iterator[TruthPart]:
         parts = (self._decoder.truth_part(entry) for entry in self.container.entries(channels))

@@ -11,7 +11,7 @@ from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig, RigChan
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Container, Entry
 from fbench.replay.logs.coordinate_frames import BODIES, BODY, TransformTree
-from fbench.replay.logs.rig_patch import FittedPatch, fitted, require_use
+from fbench.replay.logs.rig_patch import FittedPatch, find_sensors, require_use
 from fbench.replay.logs.roles import Role
 from fbench.replay.logs.setup import Setup
 
@@ -171,7 +171,7 @@ def first_state(
     ConfigError where calibration from elsewhere fits none of the sensors.
     """
     said = setup or Setup()
-    state = RigState(container, roles, left_out, said, fitted(said.rig, roles))
+    state = RigState(container, roles, left_out, said, find_sensors(said.rig, roles))
     transforms = _channels(container, roles, "transform")
     _search(state, frozenset(i for i in transforms if roles[i].is_static))
     _search_calibrations(state, _channels(container, roles, "calibration"))
@@ -235,7 +235,7 @@ class RigChanges:
         self._is_new = False
         self.channels = frozenset() if self._state is None else _telling(self._state.roles)
 
-    def followed(self, entries: Iterable[Entry]) -> Iterator[Entry]:
+    def follow(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         """Pass all entries on, taking the transforms and calibrations of one log time before its other messages: which
         topic comes first in the alphabet must not decide what they are seen with.
         """

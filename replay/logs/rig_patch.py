@@ -68,7 +68,7 @@ class FittedPatch:
         return Rig(mounts, {**rig.cameras, **self.cameras})
 
 
-def fitted(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
+def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
     """Find the sensors that a patch means: by their name, their topic, or their coordinate frame. Raises ConfigError
     where a camera of the patch isn't in the log.
     """
@@ -135,7 +135,7 @@ def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tr
     raise ConfigError(f"{place}: names none of the log's sensors: {there}", "CFG001")
 
 
-def renamed(rig: Rig, names: Mapping[str, str]) -> Rig:
+def rename_sensors(rig: Rig, names: Mapping[str, str]) -> Rig:
     """Return a rig of these sensors alone: new names by those that it has."""
     return Rig(
         {new: rig.mounts[old] for old, new in names.items() if old in rig.mounts},

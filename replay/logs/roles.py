@@ -171,7 +171,7 @@ def _check_schemas(container: Container, channels: Iterable[int]) -> None:
             raise LogError(f"{container.path}: topic '{topic}' has messages of two schemas, {two}", "LOG009")
 
 
-def selected(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:
+def select(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:
     """Keep the measurements and poses whose topic or sensor fits a pattern (`*`, `?`, `[...]`); `!` before a pattern
     leaves out what fits it. Transforms, calibrations of kept cameras and truth stay. Raises ConfigError where a pattern
     fits nothing.

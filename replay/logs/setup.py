@@ -75,7 +75,7 @@ class StampParams:
     assumed: tuple[str, ...] = ()
     """Sensors whose offset a configuration gives, which may be left out."""
 
-    def restamped(self, message: Message) -> Message:
+    def restamp(self, message: Message) -> Message:
         """Return the message with the stamp that counts."""
         stamp = message.log_ns if self.source == "log" else message.stamp_ns
         stamp += self.offsets_ns.get(message.sensor, 0)

@@ -10,7 +10,7 @@ import numpy as np
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.messages import Truth
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import pose_matrix
 from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.coordinate_frames import WORLDS, TransformTree
@@ -85,19 +85,19 @@ def _moved(boxes: Boxes3D, frame: str, tree: TransformTree, body: str) -> Boxes3
     pose = tree.pose(frame, body)
     if pose is None:
         raise DecodeError(f"boxes in '{frame}', which no fixed transform links to '{body}'")
-    return moved(boxes, pose_matrix(*pose))
+    return move_boxes(boxes, pose_matrix(*pose))
 
 
 WINDOW = 256  # Truth is put into the order of its stamps within so many, which bounds memory
 
 
-def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:
+def join_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
     """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`).
 
     What comes more than `WINDOW` messages late, after a clock that jumped back, stays where it is.
     """
     heap: list[tuple[int, int, int, Truth]] = []
-    for i, truth in enumerate(paired(parts)):
+    for i, truth in enumerate(pair_parts(parts)):
         heapq.heappush(heap, (truth.stamp_ns, truth.log_ns, i, truth))
         if len(heap) > WINDOW:
             yield heapq.heappop(heap)[3]
@@ -105,7 +105,7 @@ def joined(parts: Iterable[TruthPart]) -> Iterator[Truth]:
         yield heapq.heappop(heap)[3]
 
 
-def paired(parts: Iterable[TruthPart]) -> Iterator[Truth]:
+def pair_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
     """Join parts in the order in which they come: both have one `log_ns`, and in canonical order the topic of 3D truth
     comes first.
     """

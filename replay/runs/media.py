@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from fbench.replay.data.arrays import Float32
 from fbench.replay.data.frames import Frame
-from fbench.replay.data.images import decode, encode_jpeg, resized
+from fbench.replay.data.images import decode, encode_jpeg, scale_down
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.geometry.transforms import transform
@@ -81,7 +81,7 @@ def _picture(image: Image) -> Picture | None:
     pixels = decode(image)
     if pixels is None:
         return None
-    small = resized(pixels, MAX_WIDTH_PX)
+    small = scale_down(pixels, MAX_WIDTH_PX)
     return Picture(encode_jpeg(small), (small.shape[1], small.shape[0]))
 
 

@@ -31,7 +31,7 @@ def public_pipeline(text: str) -> str:
     return str(PipelineName("exec", Path(name.words[0]).name))
 
 
-def redacted_manifest(manifest: Manifest) -> Manifest:
+def redact_manifest(manifest: Manifest) -> Manifest:
     """Return a manifest without the name of the log, without files in parameters, and without metadata that aren't
     needed; other files lose their names where it is written.
     """
@@ -62,13 +62,13 @@ def _parameter(key: str, value: Any) -> Any:
     return _REDACTED if isinstance(value, str) and _FILE.search(value) else value
 
 
-def redacted_record(record: FrameRecord) -> FrameRecord:
+def redact_record(record: FrameRecord) -> FrameRecord:
     """Return a frame without texts that may name files: of an exception its type is left."""
     missing = {sensor: _REDACTED if _FILE.search(why) else why for sensor, why in record.missing.items()}
     failed = None if record.failed is None else record.failed.partition(":")[0]
     return replace(record, missing=missing, failed=failed)
 
 
-def redacted_rows(rows: Sequence[Mapping[str, object]]) -> list[dict[str, object]]:
+def redact_rows(rows: Sequence[Mapping[str, object]]) -> list[dict[str, object]]:
     """Return the rows of `faults.json` without the places, which name topics and files."""
     return [{**row, "places": []} for row in rows]

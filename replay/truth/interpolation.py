@@ -10,15 +10,15 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.messages import Pose, Truth
 from fbench.replay.engine.poses import pose_between, pose_of
-from fbench.replay.geometry.iou import moved
-from fbench.replay.geometry.transforms import chained, inverse, wrap_angle
+from fbench.replay.geometry.iou import move_boxes
+from fbench.replay.geometry.transforms import chain, inverse, wrap_angle
 from fbench.replay.truth.labelling import Instant, is_real
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 NO_ID = -1
 
 
-def interpolated(own: B, other: B, share: float) -> tuple[B, Bool]:
+def interpolate(own: B, other: B, share: float) -> tuple[B, Bool]:
     """Move boxes by `share` of the way to those of the same id at another instant: centre, size, velocity, rectangle,
     distance and range rate linearly, yaw, pitch and roll along the shorter arc. All else stays as it is.
 
@@ -45,7 +45,7 @@ def brought(boxes: Boxes3D, dst_T_src: Float64 | None) -> Boxes3D:
     """Move boxes to other body coordinates, where these are known; they get no pitch and roll that they don't have."""
     if dst_T_src is None or not len(boxes):
         return boxes
-    there = moved(boxes, dst_T_src)
+    there = move_boxes(boxes, dst_T_src)
     return replace(
         there,
         roll_rad=None if boxes.roll_rad is None else there.roll_rad,
@@ -127,7 +127,7 @@ class BodyMotion:
         where it isn't known.
         """
         at_frame, at_stamp = pose_of(self._values[index]), pose_of(self._at(segment, stamp_ns))
-        return None if at_frame is None or at_stamp is None else chained(inverse(at_frame), at_stamp)
+        return None if at_frame is None or at_stamp is None else chain(inverse(at_frame), at_stamp)
 
     def is_known(self, index: int) -> bool:
         """Whether frame `index` has a pose."""
@@ -180,7 +180,7 @@ class Window:
         """Take the next truth."""
         self._placed.append(placed)
 
-    def settled(self) -> Iterator[tuple[Placed, Placed | None]]:
+    def settle(self) -> Iterator[tuple[Placed, Placed | None]]:
         """Give out truths whose surroundings are known, each with the next one, and forget what is too old."""
         settled_ns = self._placed[-1].stamp_ns - self._reach_ns if self._placed else 0
         while self._num_done < len(self._placed) and self._placed[self._num_done].stamp_ns < settled_ns:
@@ -260,12 +260,12 @@ class TruthMoves:
             steps = [self._motion.body_T_body(target.index, target.segment, t.stamp_ns) for t in (own, other)]
             if steps[0] is not None and steps[1] is not None:
                 here, there = brought(a, steps[0]), brought(b, steps[1])
-        boxes, is_moved = interpolated(here, there, _share(own, other, target))
+        boxes, is_moved = interpolate(here, there, _share(own, other, target))
         return where(is_moved, boxes, a), is_moved
 
     def pixels(self, own: Truth, other: Truth, camera: str, target: Target) -> tuple[Boxes2D, Bool]:
         """Return the boxes (N,) of a camera in `own`, and which of them were moved; the rest stay as they are."""
-        return interpolated(flat(own, camera), flat(other, camera), _share(own, other, target))
+        return interpolate(flat(own, camera), flat(other, camera), _share(own, other, target))
 
     def can_place(self, truth: Truth, target: Target) -> bool:
         """Whether 3D boxes can be given in body coordinates."""

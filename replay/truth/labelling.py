@@ -12,7 +12,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate, finite
 from fbench.replay.data.messages import Truth
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
 LabelledBoxes = TypeVar("LabelledBoxes", Boxes2D, Boxes3D)
@@ -87,7 +87,7 @@ class Labelling:
         at = int(np.searchsorted(self._sorted, stamp_ns))
         return [self._indices[row] for row in self._order[max(0, at - 1) : at + 1].tolist()]
 
-    def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
+    def match(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
         """Yield every truth with its frame. Several truths of one frame are joined where they complement each other (3D
         and 2D, or different cameras); else the nearest gets it, and others get `None`.
 
@@ -100,7 +100,7 @@ class Labelling:
                 yield None, truth
             elif kept is not None and kept[0] == index:
                 nearer, farther = sorted((kept, (index, truth)), key=lambda pair: self.distance_ns(*pair))
-                both = joined(nearer[1], farther[1])
+                both = join_truths(nearer[1], farther[1])
                 kept = nearer if both is None else (index, both)
                 if both is None:
                     yield None, farther[1]
@@ -136,7 +136,7 @@ def stray(truth: Truth) -> str:
     return f"truth at {truth.stamp_ns} ns" if truth.frame_index is None else f"truth of frame {truth.frame_index}"
 
 
-def joined(nearer: Truth, farther: Truth) -> Truth | None:
+def join_truths(nearer: Truth, farther: Truth) -> Truth | None:
     """What both say of one frame, with the stamp of the first; `None` where both label the same."""
     boxes2d = [boxes for boxes in (nearer.boxes2d, farther.boxes2d) if boxes is not None]
     boxes3d = [boxes for boxes in (nearer.boxes3d, farther.boxes3d) if boxes is not None]
@@ -159,7 +159,9 @@ def alike(parts: list[LabelledBoxes]) -> list[LabelledBoxes]:
 FittedBoxes = TypeVar("FittedBoxes", Boxes2D, Boxes3D)
 
 
-def fitted(truth: Truth, index: int, world_T_body: Float64 | None, has_poses: bool, faults: FaultLog) -> Truth | None:
+def drop_invalid(
+    truth: Truth, index: int, world_T_body: Float64 | None, has_poses: bool, faults: FaultLog
+) -> Truth | None:
     """Return the truth of a frame without boxes that aren't finite or have no size, which are counted as GT004; those
     in the world are moved to the body. `None` where that can't be done at this frame alone, counted as GT006.
 
@@ -185,7 +187,7 @@ def fitted(truth: Truth, index: int, world_T_body: Float64 | None, has_poses: bo
         if world_T_body is None:
             faults.add("GT006", f"truth of frame {index} in the world, where the log has no pose")
             return None
-        boxes3d = moved(boxes3d, inverse(world_T_body))
+        boxes3d = move_boxes(boxes3d, inverse(world_T_body))
     return replace(
         truth,
         boxes3d=boxes3d,

@@ -21,9 +21,9 @@ from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, tree_of
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import FRAMES, Run, with_truth, write_frames
 from fbench.replay.runs.manifest import InterpolationEntry, Manifest, save_manifest
-from fbench.replay.runs.redaction import redacted_rows
+from fbench.replay.runs.redaction import redact_rows
 from fbench.replay.runs.tables import BoxWriter
-from fbench.replay.truth.labelling import Instant, fitted, stray
+from fbench.replay.truth.labelling import Instant, drop_invalid, stray
 from fbench.replay.truth.times import TruthTimes
 
 _ABOUT_TRUTH = ("GT004", "GT005", "GT006", "GT007")
@@ -63,7 +63,7 @@ def relabel(
     truths = (_classify(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
     with _Tables(run) as tables:
         times = TruthTimes(_instants(run), run.poses, max_between_ns)
-        _match(run, times.matched(truths), tables, faults)
+        _match(run, times.match(truths), tables, faults)
         if not tables.truths:
             raise MetricError(_unmatched(run, source.path, span))
         between = InterpolationEntry(max_gap_ns=max_between_ns, num_frames=sum(map(times.is_between, tables.truths)))
@@ -156,7 +156,7 @@ def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Table
         if index is None:
             if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
                 faults.add("GT006", stray(truth))
-        elif (kept := fitted(truth, index, pose_of(poses[index]), has_poses, faults)) is not None:
+        elif (kept := drop_invalid(truth, index, pose_of(poses[index]), has_poses, faults)) is not None:
             tables.add(index, kept)
 
 
@@ -173,8 +173,8 @@ def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> 
 
     return replace(
         truth,
-        boxes3d=None if truth.boxes3d is None else classes.applied(truth.boxes3d, unknown),
-        boxes2d=None if truth.boxes2d is None else classes.applied(truth.boxes2d, unknown),
+        boxes3d=None if truth.boxes3d is None else classes.apply(truth.boxes3d, unknown),
+        boxes2d=None if truth.boxes2d is None else classes.apply(truth.boxes2d, unknown),
     )
 
 
@@ -196,7 +196,7 @@ def _unmatched(run: Run, path: Path, span: _Span) -> str:
 def _with_faults(run: Run, faults: FaultLog) -> dict[str, Any]:
     """What `faults.json` says, with other faults of truth."""
     content: dict[str, Any] = run.json("faults.json")
-    told = redacted_rows(faults.rows()) if run.manifest.redacted else faults.rows()
+    told = redact_rows(faults.rows()) if run.manifest.redacted else faults.rows()
     new: dict[str, dict[str, Any]] = {str(row["code"]): row for row in told if row["code"] in _ABOUT_TRUTH}
     old = {row["code"]: row for row in content["rows"]}
     rows = [new.get(code, old.get(code, row)) for row in FaultLog().rows() for code in [str(row["code"])]]
@@ -211,6 +211,6 @@ def _with_truth_entry(
     counts = FaultLog()
     counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
     unreal = bool(counts.counts["GT004"])
-    complete = not unreal and (manifest.complete or not FaultBudget().exceeded(counts))
+    complete = not unreal and (manifest.complete or not FaultBudget().find_exceeded(counts))
     told = {"truth": truth_entry(file.source), "interpolation": between, "complete": complete}
     return manifest.model_copy(update=told)

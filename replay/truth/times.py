@@ -48,12 +48,12 @@ class TruthTimes:
         self._labelled: set[int] = set()
         self._between: set[int] = set()
 
-    def matched(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
+    def match(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
         """Yield truths with their frames as `Labelling.matched` does, at the instants of these, and truth of frames
         between. What belongs to no frame, but is what such truth is made of, is left out. Truths of a second or two
         are held in memory.
         """
-        return self._labelling.matched(self._time_truth(truths))
+        return self._labelling.match(self._time_truth(truths))
 
     def is_between(self, index: int) -> bool:
         """Whether a frame that was yielded has no truth of its own."""
@@ -68,7 +68,7 @@ class TruthTimes:
             self._window.add(Placed(truth, index, is_near))
             if index is not None:
                 self._labelled.add(index)
-            for given in self._window.settled():
+            for given in self._window.settle():
                 yield from self._place_truth(*given)
         for given in self._window.rest():
             yield from self._place_truth(*given)

@@ -112,20 +112,20 @@ def brief(text: str, length: int = 12) -> str:
     return text[:length]
 
 
-def rounded(value: Any, digits: int = 3) -> Any:
+def round_floats(value: Any, digits: int = 3) -> Any:
     """Round floats for display, at any depth; NaN and infinities become `None`, strings visible."""
     if isinstance(value, float):
         return round(value, digits) + 0.0 if math.isfinite(value) else None
     if isinstance(value, str):
         return visible(value)
     if isinstance(value, Mapping):
-        return {visible(str(k)): rounded(v, digits) for k, v in value.items()}
+        return {visible(str(k)): round_floats(v, digits) for k, v in value.items()}
     if isinstance(value, Sequence):
-        return [rounded(v, digits) for v in value]
+        return [round_floats(v, digits) for v in value]
     return value
 
 
 def island(value: Any) -> str:
     """Encode as JSON that is safe inside a `<script type="application/json">`: nothing in it can end the element."""
-    text = json.dumps(rounded(value), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(round_floats(value), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     return text.translate(_SCRIPT_ESCAPES)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, shown
+from fbench.replay.data.scores import Figure, Kind, Results, ResultTable, Score, format_number
 from fbench.replay.runs.folder import Run
 from fbench.reports.html.records import DASH, number
 
@@ -224,9 +224,9 @@ def _board(table: ResultTable) -> ResultBoard:
 
 
 def _results_cell(figure: Figure, kind: Kind) -> ResultCell:
-    published = "" if figure.published is None else _minus(shown(figure.published, kind))
+    published = "" if figure.published is None else _minus(format_number(figure.published, kind))
     counts = " · ".join(f"{name.replace('_', ' ')} {num:g}" for name, num in figure.counts.items())
-    return ResultCell(_minus(shown(figure.value, kind)), published, figure.reason or "", counts)
+    return ResultCell(_minus(format_number(figure.value, kind)), published, figure.reason or "", counts)
 
 
 def _minus(text: str) -> str:

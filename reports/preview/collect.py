@@ -226,14 +226,14 @@ class _Observed:
     def messages(self) -> Iterator[Message | RigChange]:
         for message in self._reader.messages():
             if not isinstance(message, RigChange):
-                stamp_ns = self._stamps.restamped(message).stamp_ns
+                stamp_ns = self._stamps.restamp(message).stamp_ns
                 arrivals = self.arrivals.setdefault(message.sensor, Spread(MAX_TIMES))
                 arrivals.offer(Arrival(stamp_ns, message.log_ns))
                 self.counts[message.sensor] += 1
             yield message
 
-    def ticked(self) -> Iterator[Message | RigChange | Tick]:
-        return self._reader.ticked()
+    def events(self) -> Iterator[Message | RigChange | Tick]:
+        return self._reader.events()
 
     def truths(self) -> Iterator[Truth]:
         return self._reader.truths()

@@ -9,7 +9,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import Pixels
-from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrapped
+from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrap_velocity
 from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectified
 from fbench.reports.preview import draw
 from fbench.reports.preview.alignment import StereoView, align, edges_of, edges_view, stereo_view
@@ -97,7 +97,7 @@ def _draw_scan(picture: Pixels, axes: Axes, scan: _Scan, period_mps: float | Non
     axes.draw(picture, title, "azimuth [deg], left is +", "radial velocity [m/s], receding is +")
     if fit is not None:
         angles = np.radians(np.linspace(axes.x[0], axes.x[1], 241))
-        curve = wrapped(fit.radial_mps(angles), period_mps)
+        curve = wrap_velocity(fit.radial_mps(angles), period_mps)
         if period_mps is not None:
             curve[1:][np.abs(np.diff(curve)) > period_mps / 2] = np.nan
         axes.line(picture, np.stack([np.degrees(angles), curve], axis=1), CURVE, 2)

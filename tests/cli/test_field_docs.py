@@ -28,9 +28,9 @@ def test_texts_under_fields_are_found_by_dotted_name():
 
 @pytest.mark.slow
 def test_every_parameter_of_the_builtin_pipelines_is_documented():
-    from fbench.replay.contracts.plugins import default_params, found, load
+    from fbench.replay.contracts.plugins import default_params, entry_points_of, load
 
-    for name in found("pipelines"):
+    for name in entry_points_of("pipelines"):
         docs = parameter_docs(default_params(load("pipelines", name)))
         assert docs
         assert [path for path, text in docs.items() if not text] == []

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from fbench.cli.import_lines import joined_lines
+from fbench.cli.import_lines import join_lines
 from fbench.datasets.importing.run import ImportedLog
 
 
 def joined(*lines):
     """Lines of sequences s0, s1 and so on, each given as a list."""
-    return list(joined_lines([ImportedLog(f"s{i}", Path("x"), "written", lines=own) for i, own in enumerate(lines)]))
+    return list(join_lines([ImportedLog(f"s{i}", Path("x"), "written", lines=own) for i, own in enumerate(lines)]))
 
 
 def test_equal_lines_are_one():
@@ -55,4 +55,4 @@ def test_many_forms_of_a_line_are_cut():
 
 
 def test_nothing_is_said_of_what_was_there():
-    assert list(joined_lines([ImportedLog("s0", Path("x"), "there"), ImportedLog("s1", Path("x"), "failed")])) == []
+    assert list(join_lines([ImportedLog("s0", Path("x"), "there"), ImportedLog("s1", Path("x"), "failed")])) == []

@@ -36,7 +36,7 @@ class FakeLog:
     def messages(self) -> Iterator[Message]:
         return iter(sorted(self.items, key=lambda m: (m.log_ns, m.sensor)))
 
-    def ticked(self) -> Iterator[Message]:
+    def events(self) -> Iterator[Message]:
         return self.messages()
 
     def truths(self) -> Iterator[Truth]:

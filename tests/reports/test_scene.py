@@ -16,7 +16,7 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
 from fbench.replay.data.rig import CameraModel, Mount, Rig
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.media import MediaFrame, Points
-from fbench.reports.html.records import brief, island, number, rounded, visible
+from fbench.reports.html.records import brief, island, number, round_floats, visible
 from fbench.reports.html.scene import MAX_POINTS, box_rows
 
 MakeRun = Callable[[Plan], Run]
@@ -231,7 +231,7 @@ def test_visible_shows_what_would_act_or_hide() -> None:
 
 
 def test_rounded() -> None:
-    assert rounded({"a": [1.23456, float("nan"), -0.0001, None, True, 2**60]}) == {
+    assert round_floats({"a": [1.23456, float("nan"), -0.0001, None, True, 2**60]}) == {
         "a": [1.235, None, 0, None, True, 2**60]
     }
 
@@ -242,4 +242,4 @@ def test_island_keeps_data_and_ends_no_element(value: Any) -> None:
     text = island(value)
     assert not set("<>&'\u2028\u2029") & set(text)
     text.encode("utf-8")
-    assert json.loads(text) == rounded(value)
+    assert json.loads(text) == round_floats(value)

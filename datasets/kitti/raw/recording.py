@@ -88,7 +88,8 @@ def _find_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     yield f"measurements: {counts or 'none'} in {duration_s:.1f} s, {drive.reference} gives the frames"
     for name, numbers in sorted(findings.numbers.items()):
         if turns := [b for a, b in pairwise(numbers) if b < a]:
-            yield f"{name}: stamps run backwards, files {_format_ranges(find_runs(sorted(turns)))} are earlier than others"
+            files = _format_ranges(find_runs(sorted(turns)))
+            yield f"{name}: stamps run backwards, files {files} are earlier than others"
 
 
 def _missing_lines(drive: Drive, findings: Findings) -> Iterator[str]:
@@ -132,7 +133,8 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     sensor = drive.reference
     lost = [frame for frame in tracklets.frame.tolist() if frame in findings.frames and frame not in there]
     if lost:
-        yield f"boxes left out: {len(lost)} in frames {_format_ranges(find_runs(sorted(set(lost))))}, which {sensor} hasn't"
+        frames = _format_ranges(find_runs(sorted(set(lost))))
+        yield f"boxes left out: {len(lost)} in frames {frames}, which {sensor} hasn't"
 
 
 def _gaps(numbers: Sequence[int]) -> list[range]:
@@ -241,7 +243,7 @@ class RawRecording:
             try:
                 message = self._message(entry)
             except LogError as error:
-                self._wish.bad.met(error)
+                self._wish.bad.report(error)
                 continue
             yield message
             self._findings.add(entry.sensor, entry.number, entry.stamp_ns)
@@ -252,7 +254,7 @@ class RawRecording:
 
     def _entries(self) -> Sequence[Entry]:
         sensors = set(self._drive.series) - ({oxts.SENSOR} if self._world is None else set())
-        return order_files(self._drive, sensors, self._wish.frames, self._wish.bad.met)
+        return order_files(self._drive, sensors, self._wish.frames, self._wish.bad.report)
 
     def _message(self, entry: Entry) -> Message:
         stamp_ns, sensor, number = entry
@@ -288,9 +290,9 @@ class RawRecording:
         if body_T_velo is None:
             raise LogError(f"{path}: needs calib_velo_to_cam.txt, which is missing")
         try:
-            found = read_tracklets(path, body_T_velo, self._wish.bad.met)
+            found = read_tracklets(path, body_T_velo, self._wish.bad.report)
         except LogError as error:
-            self._wish.bad.met(error)
+            self._wish.bad.report(error)
             return None
         self._findings.tracklets = found
         return found

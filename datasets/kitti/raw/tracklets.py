@@ -19,7 +19,7 @@ from fbench.replay.data.arrays import Float64, Int64, text_array
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.formats.text import parse_number, whole
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 
 _ROOT = "boost_serialization"
 _TRACKLET = (_ROOT, "tracklets", "item")
@@ -211,7 +211,7 @@ def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], N
             met(error)
     boxes, frame = _join_tracks(tracks)
     order = np.argsort(frame, kind="stable")
-    return Tracklets(moved(boxes[order], body_T_velo), frame[order], len(tracks))
+    return Tracklets(move_boxes(boxes[order], body_T_velo), frame[order], len(tracks))
 
 
 def _track(element: TrackletElement) -> _Track:

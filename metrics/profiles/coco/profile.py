@@ -104,7 +104,7 @@ class _Table:
 
     def __init__(self, statistics: ClassStatistics, rules: CocoRules) -> None:
         self._statistics, self._rules = statistics, rules
-        self._place, self._outcome = statistics.ranked()
+        self._place, self._outcome = statistics.rank()
 
     def cell(self, kind: Kind) -> _Cell:
         """Return one number with its raw counts: hits and false alarms are sums over the thresholds."""

@@ -42,7 +42,7 @@ class ClassStatistics:
         num_truth = tuple(a + b for a, b in zip(self.num_truth, other.num_truth, strict=True))
         return ClassStatistics(num_truth, self.num_crowds + other.num_crowds, self.parts + other.parts)
 
-    def ranked(self) -> tuple[Int64, Array]:
+    def rank(self) -> tuple[Int64, Array]:
         """Place in the image (M,) and outcome (A, T, M) of all estimates, the best score first.
 
         Equal scores stand by sequence, frame, camera and place in the image, scores that aren't numbers last.

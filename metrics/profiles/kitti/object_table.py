@@ -8,12 +8,12 @@ import numpy as np
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
     by_content,  # fmt: skip
-    covered_by_regions,  # fmt: skip
-    known,  # fmt: skip
-    labelled,  # fmt: skip
+    fill_unknown,  # fmt: skip
+    has_label,  # fmt: skip
     outside,  # fmt: skip
     pairs_within,
     rectangles,  # fmt: skip
+    share_in_regions,  # fmt: skip
     sound_results,  # fmt: skip
     sound_truth,  # fmt: skip
 )
@@ -98,7 +98,7 @@ def object_table(
 ) -> ObjectTable:
     """Select what counts for one class and likeness; pairs are kept from the overlap `least` on."""
     missing = _missing(sequence, likeness)
-    truth = sequence.truth[labelled(sequence.truth, kind.labels) & (not missing)]
+    truth = sequence.truth[has_label(sequence.truth, kind.labels) & (not missing)]
     results = sequence.estimates[_may_match(sequence.estimates, kind, difficulties) & (not missing)]
     if sort:
         truth, results = by_content(truth, sequence), by_content(results, sequence)
@@ -158,8 +158,8 @@ def _may_match(results: Objects, kind: ObjectClass, difficulties: Many[Difficult
 
 def _ignored(truth: Objects, kind: ObjectClass, difficulty: Difficulty) -> Bool:
     ignored: Bool = (truth.label == kind.neighbour) | (_heights(truth) <= difficulty.min_height_px)
-    ignored |= known(truth.occlusion, truth, -1.0) > difficulty.max_occlusion
-    ignored |= known(truth.truncation, truth, -1.0) > difficulty.max_truncation
+    ignored |= fill_unknown(truth.occlusion, truth, -1.0) > difficulty.max_occlusion
+    ignored |= fill_unknown(truth.truncation, truth, -1.0) > difficulty.max_truncation
     return ignored | outside(truth)
 
 
@@ -172,4 +172,4 @@ def _covered(results: Objects, sequence: Sequence, likeness: Likeness) -> Float6
     """The devkit excuses results in "don't care" regions in the image only."""
     if likeness != "iou2d":
         return np.zeros(len(results))
-    return covered_by_regions(results, sequence.truth, len(sequence.steps))
+    return share_in_regions(results, sequence.truth, len(sequence.steps))

@@ -15,7 +15,7 @@ from fbench.replay.data.sequences import Objects, Sequence
 DONT_CARE = "dontcare"
 
 
-def labelled(objects: Objects, labels: tuple[str, ...]) -> Bool:
+def has_label(objects: Objects, labels: tuple[str, ...]) -> Bool:
     """Tell which objects (N,) have one of the labels."""
     return np.isin(objects.label, labels)
 
@@ -75,14 +75,14 @@ def rectangles(objects: Objects) -> Float64:
     return nowhere if objects.xyxy_px is None else np.ascontiguousarray(objects.xyxy_px)
 
 
-def known(values: Float64 | None, objects: Objects, default: float) -> Float64:
+def fill_unknown(values: Float64 | None, objects: Objects, default: float) -> Float64:
     """Return a column (N,) with `default` where nobody knows it."""
     if values is None:
         return np.full(len(objects), default)
     return np.where(np.isnan(values), default, values)
 
 
-def covered_by_regions(results: Objects, truth: Objects, num_steps: int) -> Float64:
+def share_in_regions(results: Objects, truth: Objects, num_steps: int) -> Float64:
     """Return which share (M,) of each result's rectangle the "don't care" region that covers most of it covers."""
     covered, regions = np.zeros(len(results)), truth[truth.label == DONT_CARE]
     if results.xyxy_px is not None and regions.xyxy_px is not None:

@@ -9,13 +9,13 @@ import numpy as np
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
     by_content,  # fmt: skip
-    covered_by_regions,  # fmt: skip
-    known,  # fmt: skip
-    labelled,  # fmt: skip
+    fill_unknown,  # fmt: skip
+    has_label,  # fmt: skip
     outside,  # fmt: skip
     pairs_within,
     recall_thresholds,
     rectangles,  # fmt: skip
+    share_in_regions,  # fmt: skip
     sound_results,  # fmt: skip
     sound_truth,  # fmt: skip
     track_numbers,  # fmt: skip
@@ -111,14 +111,14 @@ def track_table(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> Trac
 
 
 def _truth(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
-    truth = sequence.truth[labelled(sequence.truth, kind.labels) & (sequence.truth.track_id >= 0)]
+    truth = sequence.truth[has_label(sequence.truth, kind.labels) & (sequence.truth.track_id >= 0)]
     unique_ids(truth, sequence, "truth")
     good = sound_truth(truth, rules.match.likeness)
     return by_content(truth[good], sequence), int((~good).sum())
 
 
 def _results(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[Objects, int]:
-    results = sequence.estimates[labelled(sequence.estimates, kind.labels) & (sequence.estimates.track_id >= 0)]
+    results = sequence.estimates[has_label(sequence.estimates, kind.labels) & (sequence.estimates.track_id >= 0)]
     unique_ids(results, sequence, "results")
     good = sound_results(results, rules.match.likeness)
     return by_content(results[good], sequence), int((~good).sum())
@@ -126,7 +126,7 @@ def _results(sequence: Sequence, kind: TrackClass, rules: TrackRules) -> tuple[O
 
 def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:
     """Levels are whole numbers, cut off as AB3DMOT cuts them; what nobody knows is no reason to ignore."""
-    occlusion, truncation = (np.trunc(known(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
+    occlusion, truncation = (np.trunc(fill_unknown(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
     ignored = (occlusion > rules.max_occlusion) | (truncation > rules.max_truncation)
     return np.asarray(ignored | (truth.label == kind.neighbour) | outside(truth), np.bool_)
 
@@ -134,7 +134,7 @@ def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:
 def _excusable(results: Objects, sequence: Sequence, kind: TrackClass, rules: TrackRules) -> Bool:
     rectangle = rectangles(results)
     low: Bool = np.abs(rectangle[:, 1] - rectangle[:, 3]) <= rules.min_height_px
-    covered = covered_by_regions(results, sequence.truth, len(sequence.steps))
+    covered = share_in_regions(results, sequence.truth, len(sequence.steps))
     excusable = low | (results.label == kind.neighbour) | (covered > rules.max_covered) | outside(results)
     return np.asarray(excusable, np.bool_)
 

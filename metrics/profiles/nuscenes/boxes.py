@@ -147,7 +147,7 @@ class Counted:
     left_out: LeftOut
 
 
-def counted(sequence: Sequence, rules: BoxRules) -> Counted:
+def select_counted(sequence: Sequence, rules: BoxRules) -> Counted:
     """Return the boxes of a sequence that count. Raises MetricError where it can't be scored."""
     check_sequence(sequence, rules.max_boxes)
     racks = sequence.truth[sequence.truth.label == rules.rack_label]
@@ -238,7 +238,7 @@ def _in_solid(offset: Array, size_lwh: Array, yaw: float) -> Bool:
     return inside
 
 
-def sorted_groups(side: Side, num_classes: int, num_steps: int, by_score: bool = False) -> tuple[Int64, Int64]:
+def sort_groups(side: Side, num_classes: int, num_steps: int, by_score: bool = False) -> tuple[Int64, Int64]:
     """Return rows (N,) in the order of samples, then classes, and offsets (num_steps * num_classes + 1,) of groups.
 
     Within a group they keep the order of their content, or go by score, the best first, before that.

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.profiles.nuscenes.boxes import Counted, centers_xy, counted, sorted_groups
+from fbench.metrics.profiles.nuscenes.boxes import Counted, centers_xy, select_counted, sort_groups
 from fbench.metrics.profiles.nuscenes.ranking import (
     ERRORS,
     UNDEFINED,
@@ -154,7 +154,7 @@ class NuscenesDetection:
         """Return what each result of one sequence hit. Raises MetricError where it can't be scored: an id twice in a
         sample (GT003), no boxes in space, too many results.
         """
-        boxes = counted(sequence, self.settings.rules)
+        boxes = select_counted(sequence, self.settings.rules)
         order, partner = self._matches(boxes, len(sequence.steps))
         return DetectionStatistics((self._ranking(sequence, boxes, order, partner),), boxes.left_out)
 
@@ -167,8 +167,8 @@ class NuscenesDetection:
         from fbench.metrics.profiles.nuscenes.kernels import match_nearest  # numba takes a while to import
 
         num_classes = len(self.settings.rules.classes)
-        rows, truth_start = sorted_groups(boxes.truth, num_classes, num_steps)
-        order, estimate_start = sorted_groups(boxes.estimates, num_classes, num_steps, by_score=True)
+        rows, truth_start = sort_groups(boxes.truth, num_classes, num_steps)
+        order, estimate_start = sort_groups(boxes.estimates, num_classes, num_steps, by_score=True)
         truth_xy, estimate_xy = centers_xy(boxes.truth)[rows], centers_xy(boxes.estimates)[order]
         limits_m = np.array(self.settings.distances_m, np.float64)
         invalid = boxes.estimates.invalid[order]

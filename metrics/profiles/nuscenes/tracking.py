@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from fbench.metrics.profiles.nuscenes.boxes import check_tracked, counted
+from fbench.metrics.profiles.nuscenes.boxes import check_tracked, select_counted
 from fbench.metrics.profiles.nuscenes.clips import Clip, TrackingStatistics, clips_of, track_points
 from fbench.metrics.profiles.nuscenes.settings import TrackingSettings, center_distance
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
@@ -259,7 +259,7 @@ class NuscenesTracking:
         """Return what is near what in one sequence. Raises MetricError where it can't be scored: an id twice in a
         sample (GT003), boxes without track, no boxes in space, too many results.
         """
-        boxes = counted(sequence, self.settings.rules)
+        boxes = select_counted(sequence, self.settings.rules)
         check_tracked(sequence, "truth", boxes.truth.boxes)
         check_tracked(sequence, "a result", boxes.estimates.boxes)
         truth, estimates = track_points(sequence, boxes.truth), track_points(sequence, boxes.estimates)

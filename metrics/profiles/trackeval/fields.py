@@ -76,7 +76,7 @@ class Field(NamedTuple):
         return Score(self.metric, class_, part, matching, self.value, why, self.unit, counts)
 
 
-def known(metric: str, value: Real, unit: str = "1") -> Field:
+def plain_field(metric: str, value: Real, unit: str = "1") -> Field:
     """A number that is always defined."""
     return Field(metric, float(value), "", float(value), unit)
 
@@ -89,12 +89,12 @@ def count(metric: str, value: Real) -> Field:
 def share(metric: str, top: Real, bottom: Real, why: str, printed: float = 0.0, text: str = "") -> Field:
     """`top / bottom`, undefined where `bottom` is 0; the reference then prints `printed`, or what `text` says."""
     if bottom:
-        value = divided(top, bottom)
+        value = divide(top, bottom)
         return Field(metric, value, "", value)
     return Field(metric, None, f"{why} (TrackEval prints {text or format(printed, 'g')})", printed)
 
 
-def divided(top: Real, bottom: Real) -> float:
+def divide(top: Real, bottom: Real) -> float:
     """`top / bottom`, rounded once; the same as by fractions, but several times as fast."""
     if isinstance(top, float) or isinstance(bottom, float):
         return float(top / bottom)
@@ -128,9 +128,9 @@ def _accuracies(c: ClearCounts, is_distance: bool) -> list[Field]:
 def _precision(c: ClearCounts, is_distance: bool) -> list[Field]:
     """MOTP: mean similarity, or mean distance [m], of matches."""
     if not is_distance:
-        return [share("motp", c.similarity, c.tp, NO_MATCH), known("motp_sum", c.similarity)]
+        return [share("motp", c.similarity, c.tp, NO_MATCH), plain_field("motp_sum", c.similarity)]
     mean = float(-c.similarity / c.tp) if c.tp else None
-    return [Field("motp", mean, NO_MATCH, mean or 0.0, "m"), known("motp_sum", -c.similarity, "m")]
+    return [Field("motp", mean, NO_MATCH, mean or 0.0, "m"), plain_field("motp_sum", -c.similarity, "m")]
 
 
 def _ratios(c: ClearCounts) -> list[Field]:
@@ -206,7 +206,7 @@ def alpha_fields(c: HotaCounts, a: int) -> list[Field]:
 def _root(metric: str, detection: Field, association: Field) -> Field:
     if detection.value is None:
         return Field(metric, None, detection.why)
-    return known(metric, math.sqrt(detection.value * (association.value or 0.0)))
+    return plain_field(metric, math.sqrt(detection.value * (association.value or 0.0)))
 
 
 def mean_fields(by_alpha: list[list[Field]]) -> list[Field]:
@@ -223,7 +223,7 @@ def _mean(fields: tuple[Field, ...]) -> Field:
     mean = sum(field.printed for field in fields) / len(fields)
     if all(field.value is None for field in fields):
         return Field(first.metric, None, first.why, mean)
-    return count(first.metric, mean) if first.is_count else known(first.metric, mean)
+    return count(first.metric, mean) if first.is_count else plain_field(first.metric, mean)
 
 
 def _lowest(fields: list[Field]) -> list[Field]:
@@ -231,7 +231,7 @@ def _lowest(fields: list[Field]) -> list[Field]:
     hota, loca = at["hota"], at["loca"]
     both = Field("hotaloca_0", None, loca.why.replace("1)", "0)"))
     if hota.value is not None and loca.value is not None:
-        both = known("hotaloca_0", hota.value * loca.value)
+        both = plain_field("hotaloca_0", hota.value * loca.value)
     return [
         Field("hota_0", hota.value, hota.why, hota.printed),
         Field("loca_0", loca.value, loca.why, loca.printed),

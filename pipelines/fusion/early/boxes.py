@@ -10,7 +10,7 @@ from fbench.pipelines.fusion.early.groups import Counts, Groups, Observed
 from fbench.pipelines.fusion.observations import outline_overlaps
 from fbench.pipelines.fusion.sizes import LONG_M, SIZES
 from fbench.pipelines.sensors.lidar.classification import Seen, Standing, like_cars, road_users
-from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, completed, fit_rectangles, half_turn
+from fbench.pipelines.sensors.points.vehicle import HEADINGS_RAD, NEAR_M, complete_known, fit_rectangles, half_turn
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.boxes import Boxes3D, Source
 from fbench.replay.geometry.transforms import wrap_angle
@@ -74,7 +74,7 @@ def place_boxes(scene: Scene, seen: Observed, groups: Groups, shape: Shapes, lab
     longer_is_side = extent.max(axis=1) > _SIDE * lwh[:, 1]
     for swapped in (False, True):  # True: the less likely edge is the side
         along_first = (extent[:, 0] > extent[:, 1]) == (longer_is_side != swapped)
-        whole = completed(shape.rectangles, along_first, scene.eye_m, lwh[:, :2])
+        whole = complete_known(shape.rectangles, along_first, scene.eye_m, lwh[:, :2])
         by_shape.append(np.column_stack([whole.center_m, whole.size_lw_m, whole.yaw_rad]))
     table = np.concatenate([np.stack(by_shape, axis=1), by_ray], axis=1)
     z = _middle_z(scene, groups, table[:, :, :2], lwh[:, 2])

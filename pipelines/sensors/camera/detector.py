@@ -80,10 +80,10 @@ def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float 
     """
     left, top, right, bottom = window
     inner = np.array([left > 0, top > 0, right < size_wh[0], bottom < size_wh[1]])
-    clipped = boxes.clipped((right - left, bottom - top))
+    clipped = boxes.clip((right - left, bottom - top))
     gap = np.abs(clipped.xyxy - np.array([0.0, 0.0, right - left, bottom - top]))
     whole = ~((gap < margin_px) & inner).any(axis=1)
-    return clipped.rows(whole).moved((1.0, 1.0), (float(left), float(top)))
+    return clipped.rows(whole).move((1.0, 1.0), (float(left), float(top)))
 
 
 def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates:
@@ -94,7 +94,7 @@ def merge(parts: list[Candidates], iou: float, containment: float) -> Candidates
 
     All vehicles are one group, since one object can come back as bus and as truck; others are groups by label.
     """
-    boxes = join(parts).ordered()
+    boxes = join(parts).sort()
     boxes = boxes.rows(np.arange(min(len(boxes), MAX_BOXES)))
     group = np.where(np.isin(boxes.label, VEHICLES), "vehicle", boxes.label)
     rivals = (iou_2d(boxes.xyxy, boxes.xyxy) > iou) | (_containment(boxes.xyxy) > containment)

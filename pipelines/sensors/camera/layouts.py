@@ -33,18 +33,18 @@ class Candidates:
         """Select rows by mask or index array."""
         return Candidates(self.xyxy[rows], self.score[rows], self.label[rows])
 
-    def moved(self, scale: tuple[float, float], offset: tuple[float, float]) -> "Candidates":
+    def move(self, scale: tuple[float, float], offset: tuple[float, float]) -> "Candidates":
         """Return the boxes at scale * (x, y) + offset."""
         xyxy = self.xyxy * (scale * 2) + np.array(offset * 2)
         return Candidates(xyxy, self.score, self.label)
 
-    def clipped(self, size_wh: tuple[int, int]) -> "Candidates":
+    def clip(self, size_wh: tuple[int, int]) -> "Candidates":
         """Cut boxes at the image's border and drop those that are empty or not finite."""
         xyxy = np.clip(self.xyxy, 0.0, np.array(size_wh * 2, np.float64))
         whole = (xyxy[:, 2] > xyxy[:, 0]) & (xyxy[:, 3] > xyxy[:, 1]) & np.isfinite(self.score)
         return Candidates(xyxy, self.score, self.label).rows(whole)
 
-    def ordered(self) -> "Candidates":
+    def sort(self) -> "Candidates":
         """Sort by falling score; equal scores by box, then label, so that the order is always the same."""
         keys = (self.label, *self.xyxy.T[::-1], -self.score)
         return self.rows(np.lexsort(keys))
@@ -74,7 +74,7 @@ class Placement:
     def back(self, boxes: Candidates) -> Candidates:
         """Move boxes from the input to the image."""
         (sx, sy), (x, y) = self.scale, self.offset
-        return boxes.moved((1 / sx, 1 / sy), (-x / sx, -y / sy))
+        return boxes.move((1 / sx, 1 / sy), (-x / sx, -y / sy))
 
 
 def squash(size_wh: tuple[int, int], input_wh: tuple[int, int]) -> Placement:

@@ -8,7 +8,7 @@ from fbench.pipelines.models.weights import AUTO
 from fbench.pipelines.sensors.camera.detector import CameraDetections, CameraDetector, CameraParams
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
-from fbench.replay.contracts.settings import described_file
+from fbench.replay.contracts.settings import describe_file
 from fbench.replay.data.frames import Fault, Frame
 from fbench.replay.data.images import decode
 from fbench.replay.data.messages import Image
@@ -34,7 +34,7 @@ def builtin_identity(own: Mapping[str, CameraParams], asked: CameraParams) -> di
     used = [name for name, params in own.items() if params.weights == CITY_WEIGHTS]
     if asked.weights == AUTO:
         used = ["camera"] if used else []
-    return {f"{name}.weights": described_file(CITY_WEIGHTS) for name in used if asked.weights != CITY_WEIGHTS}
+    return {f"{name}.weights": describe_file(CITY_WEIGHTS) for name in used if asked.weights != CITY_WEIGHTS}
 
 
 class CameraDetectors:

@@ -57,7 +57,7 @@ class Sightings:
         """Select boxes by mask or index array."""
         return Sightings(*(column[rows] for column in self._columns))
 
-    def ordered(self) -> "Sightings":
+    def sort(self) -> "Sightings":
         """Sort by source, falling score, then place, so that the order in which they are given never matters."""
         return self.rows(np.lexsort((*self.xyxy_px.T[::-1], -self.score, self.source)))
 
@@ -83,10 +83,10 @@ class Sightings:
         )  # fmt: skip
 
     @classmethod
-    def joined(cls, parts: Sequence["Sightings"]) -> "Sightings":
+    def join(cls, parts: Sequence["Sightings"]) -> "Sightings":
         """Put several into one, in order."""
         columns = zip(*(part._columns for part in (*parts, cls.none())), strict=True)
-        return cls(*(np.concatenate(column) for column in columns)).ordered()
+        return cls(*(np.concatenate(column) for column in columns)).sort()
 
 
 def by_camera(found: CameraDetections, camera: CameraModel) -> Sightings:

@@ -40,7 +40,7 @@ def _reason(rig: Rig, name: str) -> str | None:
     return not_projectable(rig.cameras[name]) if name in rig.cameras else "the log has no intrinsics of it"
 
 
-def unlabelled(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
+def drop_labels(seen: Mapping[str, Sightings], min_score: float) -> Boxes2D:
     """Boxes by camera with at least `min_score`, of each the highest first; the same fields in every frame."""
     parts = [_boxes(name, one.rows(one.score >= min_score)) for name, one in sorted(seen.items())]
     return concatenate([*parts, _boxes("", Sightings.none())])
@@ -89,7 +89,7 @@ class Rays:
         return np.asarray(self.depth_m[inside], np.float64)
 
 
-def seen_through(depths_m: Float64, near_m: float, far_m: float) -> float:
+def share_beyond(depths_m: Float64, near_m: float, far_m: float) -> float:
     """Share of the rays reaching `near_m` [m] or beyond, given ascending depths (N,), that go on beyond `far_m`.
 
     NaN where no ray reaches that far: something hides the place, or the sensor sees nothing there.

@@ -137,13 +137,13 @@ class RoadUserModel:
         """
         total = np.tile(self.offset, (len(features), 1))
         for column, knots, values in zip(features.T, self.knots, self.log_odds, strict=True):
-            total += interpolated(column, knots) @ values.T
+            total += interpolation_weights(column, knots) @ values.T
         least = np.maximum(total.max(axis=1, initial=0.0, keepdims=True), 0.0)
         odds = np.exp(total - least)
         return np.asarray(odds / (odds.sum(axis=1, keepdims=True) + np.exp(-least)), np.float64)
 
 
-def interpolated(values: Float64, knots: Float64) -> Float64:
+def interpolation_weights(values: Float64, knots: Float64) -> Float64:
     """Weights (N, K) with which values (N,) lie between ascending knots (K,); beyond them the outermost counts."""
     at = np.clip(values, knots[0], knots[-1])
     right = np.clip(np.searchsorted(knots, at, side="right"), 1, len(knots) - 1)
@@ -156,7 +156,7 @@ def interpolated(values: Float64, knots: Float64) -> Float64:
 
 
 @cache
-def fitted_model() -> RoadUserModel:
+def load_model() -> RoadUserModel:
     """Return the model that fbench ships."""
     content = json.loads(FITTED.read_text(encoding="utf-8"))
     by_feature = content["features"]
@@ -254,7 +254,7 @@ def like_cars(seen: Seen, size: VehicleSize, shape: CarShapeParams) -> Boxes3D:
 
 def road_users(seen: Seen, car: VehicleSize, others: OtherSizes) -> Boxes3D:
     """Complete clusters to road users of the likeliest class; the score is the probability of any class."""
-    model = fitted_model()
+    model = load_model()
     found = features(seen.standing, seen.rectangles)
     probability = model.probabilities(found)
     kind = np.argmax(probability, axis=1)

@@ -142,16 +142,16 @@ def obstacles(xyz: Float64, params: LidarParams) -> Obstacles:
 
 def detect(found: Obstacles, viewpoint: Float64, params: LidarParams) -> LidarView:
     """Cluster obstacles, whose points are in lexicographic order, and judge them, seen from `viewpoint` (2,)."""
-    return judged(found, clusters(found.xyz, params.cluster), viewpoint, params)
+    return classify_obstacles(found, clusters(found.xyz, params.cluster), viewpoint, params)
 
 
-def judged(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
+def classify_obstacles(found: Obstacles, cluster: Int64, viewpoint: Float64, params: LidarParams) -> LidarView:
     """Judge obstacles by their clusters (N,), -1 for none, seen from `viewpoint` (2,); by rules unless told."""
-    xyz, cluster, seen = arranged(found, cluster, viewpoint)
+    xyz, cluster, seen = sort_by_cluster(found, cluster, viewpoint)
     return LidarView(found.plane, xyz, cluster, Boxes3D.empty() if seen is None else _boxes(seen, params))
 
 
-def arranged(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
+def sort_by_cluster(found: Obstacles, cluster: Int64, viewpoint: Float64) -> tuple[Float64, Int64, Seen | None]:
     """Sort obstacles by their clusters (N,), -1 for none, and fit rectangles; `None` where there are no clusters."""
     by_cluster = np.argsort(cluster, kind="stable")
     xyz, cluster = found.xyz.take(by_cluster, axis=0), cluster[by_cluster]

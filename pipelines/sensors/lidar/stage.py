@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.lidar.lidar import detect as lidar_detect
 from fbench.pipelines.sensors.lidar.lidar import obstacles as lidar_obstacles
 from fbench.pipelines.sensors.points.ground import Plane
 from fbench.pipelines.sensors.points.merged import Deskew, Outline, lidar_points, lidar_position
-from fbench.pipelines.sensors.points.vehicle import NEAR_M, completed, fit_rectangles
+from fbench.pipelines.sensors.points.vehicle import NEAR_M, complete_known, fit_rectangles
 from fbench.replay.contracts.params import StageClock
 from fbench.replay.contracts.sensor_settings import SensorSettings
 from fbench.replay.data.arrays import Bool, Float64, Int64
@@ -126,7 +126,7 @@ def _around(view: LidarView, owner: Int64, at: int, box: _Box, viewpoint: Float6
     """Box around all points of a vehicle, turned at most a little and at least as large as before."""
     xy = np.ascontiguousarray(view.xyz[_own(view, owner, at), :2])
     rectangle = fit_rectangles(xy, np.array([0, len(xy)]), box.yaw_rad + _TURN_RAD, NEAR_M)
-    whole = completed(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
+    whole = complete_known(rectangle, np.ones(1, np.bool_), viewpoint, box.size_lw_m)
     return _Box(whole.center_m[0], whole.size_lw_m[0], float(whole.yaw_rad[0]))
 
 

@@ -21,7 +21,7 @@ _SMALL = 1e-3  # Below this angle [rad] series are more exact than quotients
 
 
 @kernel
-def carried(xyz: Float64, time_s: Float64, turn_radps: Float64, speed_mps: Float64) -> Float64:
+def carry_points(xyz: Float64, time_s: Float64, turn_radps: Float64, speed_mps: Float64) -> Float64:
     """Move points (N, 3) [m], each in body coordinates at its time (N,), to body coordinates at time 0.
 
     The body turns (3,) and moves (3,) steadily in its own axes: p -> R p + V v t with W = [w]x, a = |w| t,
@@ -106,7 +106,7 @@ class Deskew:
         if self._pose is not None and abs(stamp_ns - self._pose.stamp_ns) > _HOLDS_NS:
             self._motion = None
 
-    def moved(self, xyz: Float64, cloud: PointCloud, rows: Int64, stamp_ns: int) -> Float64:
+    def move(self, xyz: Float64, cloud: PointCloud, rows: Int64, stamp_ns: int) -> Float64:
         """Move points (N, 3) [m] in body coordinates, which are the chosen `rows` of a sweep, to `stamp_ns`."""
         has_times = cloud.offset_ns is not None and not self._is_frozen(cloud.sensor)
         if self._motion is None or not (has_times or cloud.stamp_ns != stamp_ns):
@@ -117,7 +117,7 @@ class Deskew:
         if np.abs(after_ns).max(initial=0) > _MOST_AWAY_NS:
             return xyz
         after_s = after_ns.astype(np.float64) * 1e-9
-        return carried(xyz, after_s, self._motion.turn_radps, self._motion.speed_mps)
+        return carry_points(xyz, after_s, self._motion.turn_radps, self._motion.speed_mps)
 
     def _is_frozen(self, lidar: str) -> bool:
         return self._log_info.metadata.get(f"lidar.{lidar}.motion") == FROZEN
@@ -192,7 +192,7 @@ def lidar_points(
         xyz = transform(rig.body_T_sensor(cloud.sensor), cloud.xyz.take(near, axis=0))
         others = np.flatnonzero(own.without(xyz))
         xyz, rows = xyz.take(others, axis=0), near.take(others)
-        parts.append(xyz if deskew is None else deskew.moved(xyz, cloud, rows, frame.stamp_ns))
+        parts.append(xyz if deskew is None else deskew.move(xyz, cloud, rows, frame.stamp_ns))
     merged = np.concatenate(parts)
     return merged.take(lexicographic_order(*merged.T), axis=0)
 
@@ -260,7 +260,7 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     )  # fmt: skip
 
 
-def reported(boxes: Boxes3D, min_score: float, source: Source, labelled: bool = False) -> Boxes3D:
+def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labelled: bool = False) -> Boxes3D:
     """Keep boxes with at least `min_score`, highest first, with the same fields in every frame.
 
     Velocities are NaN where none were measured. Equal scores are ordered by place. `labelled` tells whether boxes of

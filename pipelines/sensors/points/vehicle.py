@@ -67,10 +67,10 @@ def complete(rectangles: Float64, viewpoint: Float64, size: VehicleSize) -> Foot
     apparent = extent * _facing(rectangles, viewpoint)
     is_side = extent.max(axis=1) > 1.25 * size.width_m
     along_first = np.where(is_side, extent[:, 0] > extent[:, 1], apparent[:, 0] <= apparent[:, 1])
-    return completed(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
+    return complete_known(rectangles, along_first, viewpoint, np.array([size.length_m, size.width_m]))
 
 
-def completed(rectangles: Float64, along_first: Bool, viewpoint: Float64, length_width_m: Float64) -> Footprints:
+def complete_known(rectangles: Float64, along_first: Bool, viewpoint: Float64, length_width_m: Float64) -> Footprints:
     """Complete visible rectangles (N, 5 or more), see `complete`, knowing which edges are the sides.
 
     `along_first` (N,): whether vehicles are long along the rectangle's heading. `length_width_m`, (2,) or (N, 2) [m]:

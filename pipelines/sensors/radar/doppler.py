@@ -129,7 +129,7 @@ def _logged_period(key: str, log_info: LogInfo) -> float | None:
     return period
 
 
-def wrapped(velocity_mps: Float64, period_mps: float) -> Float64:
+def wrap_velocity(velocity_mps: Float64, period_mps: float) -> Float64:
     """Take velocities [m/s] to the nearest multiple of the period; unchanged where that is 0."""
     if period_mps <= 0:
         return velocity_mps
@@ -172,7 +172,7 @@ def _correction(echoes: Echoes, velocity: Float64, band_mps: float) -> Float64:
 def over_ground(echoes: Echoes, velocity: Float64) -> Float64:
     """Radial velocity (N,) [m/s] of echoes over ground, given the radar's velocity (2,); positive when receding."""
     moved = echoes.direction[:, 0] * velocity[0] + echoes.direction[:, 1] * velocity[1]
-    return wrapped(echoes.radial_velocity_mps + moved, echoes.period_mps)
+    return wrap_velocity(echoes.radial_velocity_mps + moved, echoes.period_mps)
 
 
 def range_rates(echoes: Echoes, params: DopplerParams) -> Float64:

@@ -16,7 +16,7 @@ from fbench.replay.geometry.transforms import inverse
 _STRAIGHT_PX = 0.05  # Rows that differ by less than this count as the same: images were rectified before
 
 
-def chosen_pair(rig: Rig, log_name: str, left: str | None, right: str | None) -> Pair:
+def choose_pair(rig: Rig, log_name: str, left: str | None, right: str | None) -> Pair:
     """Return the pair with the longest baseline, the first by name of equally long ones, or of those named. Raises
     ConfigError where a name isn't that of a camera. Raises LogError where the rig has no such pair, or a camera of it
     can't be projected into.

@@ -6,13 +6,19 @@ from typing import ClassVar
 import numpy as np
 
 from fbench.pipelines.sensors.lidar.classification import CarShapeParams
-from fbench.pipelines.sensors.lidar.lidar import LidarClusterParams, LidarParams, LidarView, judged, obstacles
+from fbench.pipelines.sensors.lidar.lidar import (
+    LidarClusterParams,
+    LidarParams,
+    LidarView,
+    classify_obstacles,
+    obstacles,
+)
 from fbench.pipelines.sensors.points.dbscan import dbscan
 from fbench.pipelines.sensors.points.ground import GroundParams
 from fbench.pipelines.sensors.points.vehicle import VehicleSize, fading
 from fbench.pipelines.sensors.stereo import depth as quality
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, QualityParams, points
-from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
+from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock, require_ranges
 from fbench.replay.data.arrays import Float64
@@ -61,7 +67,7 @@ class StereoStage:
     def __init__(self, rig: Rig, log_name: str, params: StereoParams) -> None:
         self._params = params
         self._sizes = {name: camera.size_wh for name, camera in rig.cameras.items()}
-        self.pair = chosen_pair(rig, log_name, params.left, params.right)
+        self.pair = choose_pair(rig, log_name, params.left, params.right)
         """The cameras that are used."""
         self._how = rectifier(rig, self.pair, params.disparity.shrink)
         camera, self.eye_m = self._how.camera, self._how.body_T_camera[:2, 3]
@@ -185,7 +191,7 @@ def detect(xyz: Float64, eye_m: Float64, focal_baseline: float, params: ObjectPa
     cluster = dbscan(
         _even_out(found.xyz[:, :2] - eye_m, focal_baseline, params.cluster), 1.0, params.cluster.min_points
     )
-    view = judged(found, cluster, eye_m, how)
+    view = classify_obstacles(found, cluster, eye_m, how)
     score = view.boxes.score
     if view.plane is None or score is None or not len(score):
         return view

@@ -61,7 +61,7 @@ def orientation(xyzw: Float64) -> dict[str, Any]:
     return {"yaw_rad": yaw, "pitch_rad": None if upright else pitch, "roll_rad": None if upright else roll}
 
 
-def turned(xyzw: Float64, vectors: Float64) -> Float64:
+def rotate(xyzw: Float64, vectors: Float64) -> Float64:
     """Vectors (N, 3) in the axes of objects, each turned by its quaternion (N, 4) into those around them."""
     length = np.sqrt((xyzw**2).sum(axis=1, keepdims=True))
     unit = np.where(length == 0, [0.0, 0.0, 0.0, 1.0], xyzw / np.where(length > 0, length, 1.0))
@@ -85,7 +85,7 @@ def track_ids(ids: Sequence[object]) -> Int64 | None:
     return np.array([int.from_bytes(digest, "little") >> 1 for digest in digests], np.int64)
 
 
-def checked(boxes: B) -> B:
+def check_boxes(boxes: B) -> B:
     """Return the boxes as they are. Raises DecodeError where a box isn't finite, or there are too many."""
     require_few(len(boxes))
     good, scored = finite(boxes)
@@ -125,7 +125,7 @@ def scene_boxes(entities: Sequence[Any]) -> tuple[Boxes3D, tuple[str, ...]]:
         velocity_mps=_velocities(said, xyzw), score=_scores(said),
         track_id=track_ids([_id(entity, words) for (entity, _), words in zip(cubes, said, strict=True)]),
     )  # fmt: skip
-    return checked(boxes), tuple(str(entity.frame_id).removeprefix("/") for entity, _ in cubes)
+    return check_boxes(boxes), tuple(str(entity.frame_id).removeprefix("/") for entity, _ in cubes)
 
 
 def _metadata(entity: Any) -> dict[str, str]:
@@ -166,7 +166,7 @@ def _velocities(said: Sequence[Mapping[str, str]], xyzw: Float64) -> Float64 | N
     if not any(rows) and not any(speeds):
         return None
     ahead = np.array([(speed[0], 0.0, 0.0) if len(speed) == 1 else (np.nan,) * 3 for speed in speeds], np.float64)
-    along = turned(xyzw, ahead).tolist()
+    along = rotate(xyzw, ahead).tolist()
     return np.array([row or tuple(other) for row, other in zip(rows, along, strict=True)], np.float64)
 
 

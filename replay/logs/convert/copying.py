@@ -137,7 +137,7 @@ def stored_rigs(container: Container) -> list[RigAt]:
     return [RigAt(log_ns, rig, stamp) for (log_ns, rig), stamp in zip(container.rigs, stamps, strict=True)]
 
 
-def told_rigs(container: Container, roles: Mapping[int, Role], encoder: Encoder) -> list[RigAt] | None:
+def rigs_in_messages(container: Container, roles: Mapping[int, Role], encoder: Encoder) -> list[RigAt] | None:
     """Rigs that the messages of an fbench log tell; `None` where encoding them again would give other messages."""
     channels = rig_channels(roles)
     if not all(roles[id_].is_own for id_ in channels):
@@ -178,7 +178,7 @@ class Copying:
         self._channels = source.channels
         self.rigs = stored_rigs(source.container)
         if as_columns and not self.rigs:
-            told = told_rigs(source.container, source.reader.roles, self._encoder)
+            told = rigs_in_messages(source.container, source.reader.roles, self._encoder)
             self.rigs = told or []
             self._channels -= rig_channels(source.reader.roles) if told else frozenset()
         self.rigs = [rig._replace(rig=rig.rig.without(source.gone)) for rig in cut_rigs(self.rigs, source.window)]

@@ -12,12 +12,12 @@ from fbench.replay.logs.codecs.codec import MESSAGES
 from fbench.replay.logs.container import Container, Entry, LogHeader
 from fbench.replay.logs.convert.sinks import RigAt
 from fbench.replay.logs.reader import LogReader
-from fbench.replay.logs.roles import Role, selected
+from fbench.replay.logs.roles import Role, select
 
 _RIG_AND_TRUTH = ("transform", "calibration", "truth")
 
 
-def chosen(container: Container, roles: Mapping[int, Role], patterns: Sequence[str]) -> frozenset[int]:
+def choose_channels(container: Container, roles: Mapping[int, Role], patterns: Sequence[str]) -> frozenset[int]:
     """Channels that the patterns choose; transforms, calibrations of kept cameras and truth stay. Raises ConfigError
     where a pattern fits nothing.
     """
@@ -26,7 +26,7 @@ def chosen(container: Container, roles: Mapping[int, Role], patterns: Sequence[s
     # To the patterns, a channel without meaning is a stream that is called like its topic.
     plain = {id_: Role(MESSAGES[0], channel.topic, channel.topic) for id_, channel in container.channels.items()}
     known = {id_: role for id_, role in roles.items() if role.kind in (*MESSAGES, *_RIG_AND_TRUTH)}
-    return frozenset(selected({**plain, **known}, patterns))
+    return frozenset(select({**plain, **known}, patterns))
 
 
 def left_out(roles: Mapping[int, Role], kept: frozenset[int]) -> frozenset[str]:
@@ -162,7 +162,7 @@ class Source:
     @cached_property
     def channels(self) -> frozenset[int]:
         """Channels that are wanted."""
-        return chosen(self.container, self.reader.roles, self.topics)
+        return choose_channels(self.container, self.reader.roles, self.topics)
 
     @cached_property
     def gone(self) -> frozenset[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.files import swap, synced
+from fbench.replay.data.files import swap, sync
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
@@ -72,7 +72,7 @@ class PartsWriter:
         """Finish the last file and give the folder its name."""
         try:
             self._part.close()
-            synced(self._partial)
+            sync(self._partial)
             swap(self._partial, self.path)
         except OSError as error:
             raise ConfigError(f"{self.path}: can't be written ({error.strerror})") from error

@@ -8,7 +8,7 @@ from tests.datasets.importing.toy import Toy, ToyParams, write_toy
 from fbench.datasets.importing.run import NUM_AHEAD, claim, import_one, import_recordings, read_ahead
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, chosen_names
+from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
 from fbench.replay.contracts.testing import check_importer
 from fbench.replay.data.messages import Image, PointCloud, RadarScan
 from fbench.replay.data.rig import LogInfo, Mount, Rig
@@ -189,13 +189,13 @@ def test_a_folder_that_is_not_there(tmp_path):
 
 def test_patterns():
     names = ("scene-1", "scene-2", "other")
-    assert chosen_names(names, []) == names
-    assert chosen_names(names, ["other", "scene-?"]) == names
-    assert chosen_names(names, ["*-2"]) == ("scene-2",)
+    assert choose_names(names, []) == names
+    assert choose_names(names, ["other", "scene-?"]) == names
+    assert choose_names(names, ["*-2"]) == ("scene-2",)
     with pytest.raises(ConfigError, match=r"^--scenes scene-3: no such sequence; did you mean 'scene-2'\?$"):
-        chosen_names(names, ["scene-1", "scene-3"])
+        choose_names(names, ["scene-1", "scene-3"])
     with pytest.raises(ConfigError, match=r"no such sequence; there are 900, 0 to 899$"):
-        chosen_names([str(i) for i in range(900)], ["x" * 20])
+        choose_names([str(i) for i in range(900)], ["x" * 20])
 
 
 def test_an_importer_that_conforms(tmp_path):

@@ -72,7 +72,7 @@ class ToyRecording:
             try:
                 xyz = read_floats(path, 3) * np.float32(self._params.scale)
             except LogError as error:
-                self._wish.bad.met(error)
+                self._wish.bad.report(error)
                 continue
             stamp_ns = 1_000_000_000 + int(path.stem) * 100_000_000
             self._num += 1

@@ -8,8 +8,8 @@ from tests.program import fbench
 
 from fbench.metrics.definitions.catalog import COUNTS, DEFINITIONS, Better, definition_of
 from fbench.metrics.files.sequences import open_files
-from fbench.metrics.profiles.catalog import described, explained, profile_names, profile_of
-from fbench.metrics.profiles.choose import chosen, evaluate, fitted, only
+from fbench.metrics.profiles.catalog import describe_rules, explain, profile_names, profile_of
+from fbench.metrics.profiles.choose import choose_profile, evaluate, fit_profile, only
 from fbench.metrics.profiles.default import DefaultProfile
 from fbench.metrics.profiles.remarks import lines
 from fbench.replay.contracts.errors import ConfigError, MetricError
@@ -66,7 +66,7 @@ def files_for(name, tmp_path):
 @pytest.mark.parametrize("name", profile_names())
 def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp_path):
     pair = open_files(*files_for(name, tmp_path))
-    profile = fitted(profile_of(name), pair, has_match=False)
+    profile = fit_profile(profile_of(name), pair, has_match=False)
     rows = evaluate(profile, pair.sequences()).scores()
     assert profile.name == name
     assert [row.metric for row in rows if row.metric not in DEFINITIONS] == []
@@ -84,18 +84,20 @@ def test_every_profile_scores_files_and_has_cards_for_all_that_it_says(name, tmp
 @pytest.mark.parametrize("name", profile_names())
 def test_every_profile_is_data(name):
     profile = profile_of(name)
-    rules = described(profile)
+    rules = describe_rules(profile)
     assert profile.summary
     assert "\n" not in profile.summary
-    assert explained(profile)
+    assert explain(profile)
     assert rules
     assert all(text and "object at 0x" not in text and "<" not in text for text in rules.values())
     assert profile.facts.space in ("2d", "3d", "both")
 
 
 def test_what_profiles_say_is_in_order():
-    assert described(profile_of("kitti-3dmot"))["rules.match"] == "iou3d 0.25"
-    assert described(profile_of("trackeval-kitti"))["preparation.classes[1].distractors"] == "person, person_sitting"
+    assert describe_rules(profile_of("kitti-3dmot"))["rules.match"] == "iou3d 0.25"
+    assert (
+        describe_rules(profile_of("trackeval-kitti"))["preparation.classes[1].distractors"] == "person, person_sitting"
+    )
 
 
 def test_unknown_names():
@@ -111,7 +113,7 @@ def test_unknown_names():
 )
 def test_matches_that_a_profile_cant_do(name, match):
     with pytest.raises(ConfigError, match=name):
-        chosen(name, match)
+        choose_profile(name, match)
 
 
 def test_default_matches_in_space_where_both_sides_are_there(tmp_path):
@@ -124,7 +126,7 @@ def test_default_matches_in_space_where_both_sides_are_there(tmp_path):
         ("iou3d:0.3", flat, Match("iou3d", 0.3)),
     )
     for match, results, expected in cases:
-        found = fitted(chosen("default", match), open_files(solid, results), match is not None)
+        found = fit_profile(choose_profile("default", match), open_files(solid, results), match is not None)
         assert isinstance(found, DefaultProfile)
         assert found.match == expected
 
@@ -161,10 +163,10 @@ def test_nuscenes_needs_to_know_where_the_ego_is_and_when(tmp_path):
     text = truth.read_text()
     truth.write_text(text.replace("ego_translation", "nothing"))
     with pytest.raises(ConfigError, match=r"nuscenes-detection: .* nobody tells where the ego is; give truth"):
-        fitted(profile_of("nuscenes-detection"), open_files(truth, truth), False)
+        fit_profile(profile_of("nuscenes-detection"), open_files(truth, truth), False)
     truth.write_text(text.replace('"0":', '"x":'))
     with pytest.raises(ConfigError, match=r"nuscenes-tracking: nobody tells when the samples are; put samples.csv"):
-        fitted(profile_of("nuscenes-tracking"), open_files(truth, truth), False)
+        fit_profile(profile_of("nuscenes-tracking"), open_files(truth, truth), False)
 
 
 def test_only_some_classes(tmp_path):
@@ -252,10 +254,10 @@ def test_a_profile_of_an_outsider_scores_files(tmp_path, capsys):
     (tmp_path / "mine.py").write_text(OUTSIDER)
     name = f"{tmp_path / 'mine.py'}:NumTruth"
     pair = open_files(kitti(tmp_path, "t.txt"), kitti(tmp_path, "r.txt", score=" 0.5"))
-    profile = fitted(chosen(name, "iou2d:0.3"), pair, has_match=True)
+    profile = fit_profile(choose_profile(name, "iou2d:0.3"), pair, has_match=True)
     rows = evaluate(profile, pair.sequences()).scores()
     assert [(row.metric, row.value, row.matching) for row in rows] == [("num_truth", 8, "iou2d 0.3")]
-    assert described(profile)["match"] == "iou2d 0.3"
+    assert describe_rules(profile)["match"] == "iou2d 0.3"
     files = ("--truth", tmp_path / "t.txt", "--detections", tmp_path / "r.txt")
     assert fbench("score", *files, "--profile", name) == 0
     assert "num_truth" in capsys.readouterr().out

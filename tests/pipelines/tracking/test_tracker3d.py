@@ -8,7 +8,7 @@ from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
 MS = 1_000_000
@@ -98,14 +98,14 @@ def test_a_parked_car_stands_still_in_the_world_while_the_body_drives_and_turns(
     parked = cars((30.0, 5.0), yaw=0.3)
     for i in range(8):
         world_T_body = pose(1.5 * i, 0.1 * i, 0.05 * i)
-        seen = moved(parked, inverse(world_T_body))
+        seen = move_boxes(parked, inverse(world_T_body))
         shown = tracker.step(seen, (i + 1) * 100 * MS, world_T_body)
     np.testing.assert_allclose(shown.velocity_mps, np.zeros((1, 3)), atol=1e-6)  # type: ignore[arg-type]
     np.testing.assert_allclose(shown.center_m, seen.center_m, atol=1e-9)
     np.testing.assert_allclose(shown.yaw_rad, seen.yaw_rad)
     later = pose(12.0, 0.8, 0.4)
     coasted = tracker.step(cars(), 900 * MS, later)
-    np.testing.assert_allclose(coasted.center_m, moved(parked, inverse(later)).center_m, atol=1e-6)
+    np.testing.assert_allclose(coasted.center_m, move_boxes(parked, inverse(later)).center_m, atol=1e-6)
 
 
 def test_velocity_comes_back_in_body_axes(tracker: Tracker3D) -> None:
@@ -119,7 +119,7 @@ def test_velocity_comes_back_in_body_axes(tracker: Tracker3D) -> None:
 def test_poses_may_be_missing(tracker: Tracker3D, missing: tuple[int, ...]) -> None:
     for i in range(12):
         world_T_body = pose(2.0 * i, 0.0, 0.02 * i)
-        seen = moved(cars((60.0, 5.0)), inverse(world_T_body))
+        seen = move_boxes(cars((60.0, 5.0)), inverse(world_T_body))
         shown = tracker.step(seen, (i + 1) * 100 * MS, None if i in missing else world_T_body)
         if i not in missing and i > 8:
             assert len(ids(shown)) == 1

@@ -9,7 +9,7 @@ from fbench.pipelines.tracking.params import Tracker2DParams, Tracker3DParams
 from fbench.pipelines.tracking.tracker2d import Tracker2D
 from fbench.pipelines.tracking.tracker3d import Tracker3D
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
 MS = 1_000_000
@@ -133,7 +133,7 @@ def test_ego_motion_is_compensated_unless_told_otherwise():
         for i in range(8):
             pose = np.eye(4)
             pose[0, 3] = 1.0 * i
-            boxes = tracker.step(moved(cars((30.0, 0.0)), inverse(pose)), (i + 1) * 100 * MS, pose)
+            boxes = tracker.step(move_boxes(cars((30.0, 0.0)), inverse(pose)), (i + 1) * 100 * MS, pose)
         shown[ego_motion] = boxes.velocity_mps[0, 0]
     assert shown[True] == pytest.approx(0, abs=1e-9)
     assert shown[False] == pytest.approx(-10, abs=0.3)
@@ -175,9 +175,9 @@ def test_a_rigid_motion_of_the_world_moves_the_tracks_with_it(association):
         cars(*(place + speed * 0.1 * i + rng.normal(0, 0.1, (8, 2)))[rng.random(8) < 0.8], yaw=0.2) for i in range(15)
     ]
     params = {"association": association, "size_share": 0.2, "yaw_share": 0.2}
-    here, there = tracked(found, **params), tracked([moved(boxes, turn) for boxes in found], **params)
+    here, there = tracked(found, **params), tracked([move_boxes(boxes, turn) for boxes in found], **params)
     for own, other in zip(here, there, strict=True):
-        expected = moved(own, turn)
+        expected = move_boxes(own, turn)
         assert own.track_id.tolist() == other.track_id.tolist()
         np.testing.assert_allclose(other.center_m, expected.center_m, atol=1e-7)
         np.testing.assert_allclose(other.velocity_mps, expected.velocity_mps, atol=1e-7)

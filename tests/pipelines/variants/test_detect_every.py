@@ -17,7 +17,7 @@ from fbench.pipelines.variants.lidar import Lidar3D, Lidar3DParams
 from fbench.pipelines.variants.radar import Radar3D, Radar3DParams
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import default_params, found, load
+from fbench.replay.contracts.plugins import default_params, entry_points_of, load
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.settings import apply_settings, parameter_paths
 from fbench.replay.data.boxes import Boxes2D
@@ -27,7 +27,7 @@ from fbench.replay.runs.digest import digest
 
 LOG = LogInfo("drive", "id")
 NAMES = ("camera2d", "lidar3d", "radar3d", "late3d")
-DETECTING = [name for name in found("pipelines") if name not in ("exec", "recorded")]
+DETECTING = [name for name in entry_points_of("pipelines") if name not in ("exec", "recorded")]
 
 
 def started(name: str, weights: Path, every: int) -> Pipeline:

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.pipelines.variants.every import CASES, STEP_NS, Case, drive, outputs, recorded, require_sound, rig_of
 
-from fbench.replay.contracts.plugins import found as plugins_found
-from fbench.replay.contracts.variants import built_in_variants
+from fbench.replay.contracts.plugins import entry_points_of as plugins_found
+from fbench.replay.contracts.variants import find_variants
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.frames import Frame
@@ -32,7 +32,7 @@ every = cases(*"CLRSD")
 
 def test_no_pipeline_is_forgotten():
     elsewhere = {"plain2d", "plain3d", "recorded", "exec"}  # what others are made of, and what detects nothing
-    built_in = set(plugins_found("pipelines")) - elsewhere | {variant.name for variant, _ in built_in_variants()}
+    built_in = set(plugins_found("pipelines")) - elsewhere | {variant.name for variant, _ in find_variants()}
     assert {case.name for case in CASES} == built_in
 
 

@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.frames import UPRIGHT, assert_equal, fields
 from tests.pipelines.sensors.stereo.pairs import SIZE, K, car, frame, image, rig, road, wall
 
-from fbench.pipelines.sensors.stereo.rectify import chosen_pair
+from fbench.pipelines.sensors.stereo.rectify import choose_pair
 from fbench.pipelines.variants.stereo3d import Stereo3D, Stereo3DParams
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.settings import apply_settings
@@ -85,9 +85,9 @@ def test_of_several_pairs_the_longest_baseline_counts():
     middle = Mount("camera", np.array([0, 0, 1.2]), sensors.mounts["left"].rotation_xyzw)
     three = Rig({**sensors.mounts, "camera": middle}, {**sensors.cameras, "camera": sensors.cameras["left"]})
     assert_equal(started(three).step(frame(three, SCENE)).detections, started().step(frame(rig(), SCENE)).detections)
-    assert chosen_pair(three, "drive", None, None) == Pair("left", "right", 0.4)
-    assert chosen_pair(three, "drive", None, "camera") == Pair("left", "camera", 0.2)
-    assert chosen_pair(three, "drive", "camera", None) == Pair("camera", "right", 0.2)
+    assert choose_pair(three, "drive", None, None) == Pair("left", "right", 0.4)
+    assert choose_pair(three, "drive", None, "camera") == Pair("left", "camera", 0.2)
+    assert choose_pair(three, "drive", "camera", None) == Pair("camera", "right", 0.2)
 
 
 def no_pair() -> dict[str, Rig]:

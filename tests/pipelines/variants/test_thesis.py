@@ -12,7 +12,7 @@ from fbench.datasets.city.rig import CameraSpec, RigSpec
 from fbench.datasets.city.spec import CitySpec
 from fbench.datasets.importing.run import write_recording
 from fbench.replay.contracts.plugins import make_pipeline, pipeline_parameters
-from fbench.replay.contracts.variants import built_in_variants
+from fbench.replay.contracts.variants import find_variants
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import LogRequest
@@ -25,7 +25,7 @@ SENSORS = {
 
 
 def test_all_configurations_are_there():
-    assert {variant.name for variant, _ in built_in_variants()} == {f"thesis/{name}" for name in SENSORS}
+    assert {variant.name for variant, _ in find_variants()} == {f"thesis/{name}" for name in SENSORS}
 
 
 @pytest.mark.parametrize("name", SENSORS)

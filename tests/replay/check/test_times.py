@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.replay.check.logs import MS, START, UPRIGHT, S, changed, checked, clean, found, problems, scan
 
-from fbench.replay.check.times import Times, out_of_order, quantile, repeated, stream_stats, timeline
+from fbench.replay.check.times import Times, find_repeated, out_of_order, quantile, stream_stats, timeline
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.messages import Pose
 from fbench.replay.engine.frame_buffer import SyncParams
@@ -204,7 +204,7 @@ def test_disorder_and_jumps_against_a_plain_count(stamps, max_jump):
 
 @given(st.lists(st.tuples(st.integers(1, 6), st.integers(0, 2)), max_size=25))
 def test_duplicates_against_a_plain_count(pairs):
-    same, other = repeated(timeline(times_of([s for s, _ in pairs], [d for _, d in pairs]), 1000))
+    same, other = find_repeated(timeline(times_of([s for s, _ in pairs], [d for _, d in pairs]), 1000))
     assert len(same) == len(pairs) - len(set(pairs))
     assert len(other) == len(set(pairs)) - len({s for s, _ in pairs})
 

@@ -31,7 +31,7 @@ def met(**counts):
     ],
 )
 def test_budget(on_fault, budgets, counts, over):
-    assert parse_budget(on_fault, budgets).exceeded(met(**counts)) == over
+    assert parse_budget(on_fault, budgets).find_exceeded(met(**counts)) == over
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from tests.replay.fakes import drive
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import found, load, make_pipeline
+from fbench.replay.contracts.plugins import entry_points_of, load, make_pipeline
 from fbench.replay.engine.loop import Plan, replay
 from fbench.replay.runs.folder import Run
 
@@ -58,12 +58,12 @@ def outsider(tmp_path):
 
 
 def test_builtins_come_in_by_entry_points():
-    assert {"camera2d", "lidar3d", "radar3d", "late3d"} <= set(found("pipelines"))
-    assert "astyx" in found("datasets")
-    assert "html" in found("reports")
-    assert {"detection", "tracking"} <= set(found("metrics"))
+    assert {"camera2d", "lidar3d", "radar3d", "late3d"} <= set(entry_points_of("pipelines"))
+    assert "astyx" in entry_points_of("datasets")
+    assert "html" in entry_points_of("reports")
+    assert {"detection", "tracking"} <= set(entry_points_of("metrics"))
     for group in ("datasets", "pipelines", "metrics", "reports"):
-        for name in found(group):
+        for name in entry_points_of(group):
             assert load(group, name).__doc__
 
 

@@ -3,7 +3,7 @@ from tests.replay.fakes import MS, RIG, UPRIGHT, Echo, FakeLog, cloud, drive, sc
 
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.sensor_settings import chosen_sensors, make_sensors
+from fbench.replay.contracts.sensor_settings import choose_sensors, make_sensors
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.frames import Output
 from fbench.replay.data.rig import Mount, Rig, RigChange
@@ -28,7 +28,7 @@ NAMES = ("front_left", "front_right", "rear", "sensing/lidar/top", "cam[0]")
     ],
 )
 def test_patterns(patterns, expected):
-    assert list(chosen_sensors(NAMES, patterns)) == expected
+    assert list(choose_sensors(NAMES, patterns)) == expected
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_patterns(patterns, expected):
 )
 def test_patterns_that_choose_nothing(patterns, message):
     with pytest.raises(ConfigError) as error:
-        chosen_sensors(NAMES, patterns)
+        choose_sensors(NAMES, patterns)
     assert str(error.value).startswith(message)
 
 

@@ -5,7 +5,7 @@ import pytest
 from fbench.pipelines.sensors.camera.stage import CITY_WEIGHTS
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError
 from fbench.replay.contracts.plugins import make_pipeline, pipeline_class, pipeline_parameters
-from fbench.replay.contracts.variants import built_in_variants, sensors_of, variant_of
+from fbench.replay.contracts.variants import find_variants, sensors_of, variant_of
 
 
 @pytest.fixture
@@ -161,7 +161,7 @@ def test_files_that_are_absent_and_names_of_weights(variant, tmp_path, monkeypat
 
 
 def test_built_in_variants_are_called_by_group_and_name():
-    variants = [variant for variant, _ in built_in_variants()]
+    variants = [variant for variant, _ in find_variants()]
     assert len(variants) >= 10
     for variant in variants:
         assert variant_of(variant.name) == variant

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.images import decode, decode_grey, encode_jpeg, encoded_size, resized
+from fbench.replay.data.images import decode, decode_grey, encode_jpeg, encoded_size, scale_down
 from fbench.replay.data.messages import Image
 
 PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)
@@ -61,8 +61,8 @@ def test_encoded_size():
 
 
 def test_resized_keeps_the_aspect_and_never_enlarges():
-    assert resized(PIXELS, 4).shape == (3, 4, 3)
-    assert resized(PIXELS, 100) is PIXELS
+    assert scale_down(PIXELS, 4).shape == (3, 4, 3)
+    assert scale_down(PIXELS, 100) is PIXELS
 
 
 def test_grey_is_the_brightness_of_the_colours():

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.images import LAYOUTS, decode, encoded_format, encoded_size, layout_name, packed
+from fbench.replay.data.images import LAYOUTS, decode, encoded_format, encoded_size, layout_name, pack_rows
 from fbench.replay.data.messages import Image
 
 RED = {"R": 200, "G": 20, "B": 10}
@@ -83,16 +83,16 @@ def test_odd_yuv_gives_none():
 
 def test_padding_at_the_end_of_rows_is_removed():
     rows = np.arange(24, dtype=np.uint8).reshape(2, 12)
-    assert packed(memoryview(rows.tobytes()), "bgr8", (3, 2), 12) == rows[:, :9].tobytes()
-    assert packed(memoryview(rows[:, :9].tobytes()), "bgr8", (3, 2), 12) == rows[:, :9].tobytes()
+    assert pack_rows(memoryview(rows.tobytes()), "bgr8", (3, 2), 12) == rows[:, :9].tobytes()
+    assert pack_rows(memoryview(rows[:, :9].tobytes()), "bgr8", (3, 2), 12) == rows[:, :9].tobytes()
     nv21 = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    assert packed(memoryview(nv21.tobytes()), "nv21", (2, 2), 4) == nv21[:, :2].tobytes()
+    assert pack_rows(memoryview(nv21.tobytes()), "nv21", (2, 2), 4) == nv21[:, :2].tobytes()
 
 
 def test_big_endian_samples_are_swapped():
-    assert packed(memoryview(b"\x12\x34\x56\x78"), "mono16", (2, 1), 4, is_bigendian=True) == b"\x34\x12\x78\x56"
-    assert packed(memoryview(b"\x12\x34--\x56\x78--"), "mono16", (1, 2), 4, is_bigendian=True) == b"\x34\x12\x78\x56"
-    assert packed(memoryview(b"\x12\x34"), "mono8", (2, 1), 2, is_bigendian=True) == b"\x12\x34"
+    assert pack_rows(memoryview(b"\x12\x34\x56\x78"), "mono16", (2, 1), 4, is_bigendian=True) == b"\x34\x12\x78\x56"
+    assert pack_rows(memoryview(b"\x12\x34--\x56\x78--"), "mono16", (1, 2), 4, is_bigendian=True) == b"\x34\x12\x78\x56"
+    assert pack_rows(memoryview(b"\x12\x34"), "mono8", (2, 1), 2, is_bigendian=True) == b"\x12\x34"
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_big_endian_samples_are_swapped():
 )
 def test_sizes_that_dont_fit(data, encoding, size_wh, step, message):
     with pytest.raises(DecodeError, match=message):
-        packed(memoryview(data), encoding, size_wh, step)
+        pack_rows(memoryview(data), encoding, size_wh, step)
 
 
 def test_names_of_layouts():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.replay.data.scores import Column, Figure, Line, ResultTable, shown, table_rows
+from fbench.replay.data.scores import Column, Figure, Line, ResultTable, format_number, table_rows
 
 
 @pytest.mark.parametrize(
@@ -14,7 +14,7 @@ from fbench.replay.data.scores import Column, Figure, Line, ResultTable, shown, 
     ],
 )  # fmt: skip
 def test_shown(value, kind, text):
-    assert shown(value, kind) == text
+    assert format_number(value, kind) == text
 
 
 TABLE = ResultTable(

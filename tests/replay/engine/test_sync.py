@@ -225,11 +225,11 @@ def test_a_nearer_sweep_takes_no_keyframe_away():
 
 def test_the_time_out_of_the_log_counts_unless_one_is_asked_for():
     log = LogInfo("log", "id", {"timeout_ms": "100"})
-    assert make_sync_params(None, None, 50, 2).told_by(log).timeout_ns == 100 * MS
-    assert make_sync_params(None, 40, 50, 2).told_by(log).timeout_ns == 40 * MS
-    assert make_sync_params(None, None, 50, 2).told_by(LogInfo("log", "id")).timeout_ns == 30 * MS
+    assert make_sync_params(None, None, 50, 2).complete_from(log).timeout_ns == 100 * MS
+    assert make_sync_params(None, 40, 50, 2).complete_from(log).timeout_ns == 40 * MS
+    assert make_sync_params(None, None, 50, 2).complete_from(LogInfo("log", "id")).timeout_ns == 30 * MS
     for text in ("", "-1", "1e3", "nan", "1" * 10, "²"):
-        told = make_sync_params(None, None, 50, 2).told_by(LogInfo("log", "id", {"timeout_ms": text}))
+        told = make_sync_params(None, None, 50, 2).complete_from(LogInfo("log", "id", {"timeout_ms": text}))
         assert told.timeout_ns == 30 * MS
 
 

@@ -8,7 +8,7 @@ from tests.replay.formats.box_files import form, read
 
 from fbench.replay.contracts.errors import FbenchError, LimitError
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse, quaternion
 
 BOX = {
@@ -96,7 +96,7 @@ def test_a_real_frame_survives_the_way_through_the_world(tmp_path, shared):
     world_T_lidar = np.array(frame["ego2global"]) @ np.array(frame["lidar_points"]["lidar2ego"])
     told = np.array([item["bbox_3d"] for item in frame["instances"]])
     local = Boxes3D(told[:, :3] + [0, 0, 0.5] * told[:, 5:6], told[:, 3:6], told[:, 6])
-    world = moved(local, world_T_lidar)
+    world = move_boxes(local, world_T_lidar)
     rows = [
         {"translation": c.tolist(), "size": [s[1], s[0], s[2]], "detection_name": "car", "detection_score": -1.0,
          "rotation": np.roll(rotation(y, p, r), 1).tolist()}
@@ -104,7 +104,7 @@ def test_a_real_frame_survives_the_way_through_the_world(tmp_path, shared):
                                  strict=True)
     ]  # fmt: skip
     [truth] = read(submission(tmp_path, {"0": rows}))
-    back = moved(truth.boxes3d, inverse(world_T_lidar))
+    back = move_boxes(truth.boxes3d, inverse(world_T_lidar))
     np.testing.assert_allclose(back.center_m, local.center_m, atol=1e-6)
     np.testing.assert_allclose(np.sin(back.yaw_rad - local.yaw_rad), 0, atol=1e-6)
     np.testing.assert_allclose([back.pitch_rad, back.roll_rad], 0, atol=1e-6)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fbench.replay.geometry.ego_velocity import fit_ego, wrapped
+from fbench.replay.geometry.ego_velocity import fit_ego, wrap_velocity
 
 
 def directions(azimuth_deg):
@@ -32,8 +32,8 @@ def test_too_few_points_fit_nothing():
 
 
 def test_velocities_wrap_at_half_a_period():
-    assert wrapped(np.array([4.0, 6.0, -6.0]), 10.0).tolist() == [4.0, -4.0, 4.0]
-    assert wrapped(np.array([6.0]), None).tolist() == [6.0]
+    assert wrap_velocity(np.array([4.0, 6.0, -6.0]), 10.0).tolist() == [4.0, -4.0, 4.0]
+    assert wrap_velocity(np.array([6.0]), None).tolist() == [6.0]
 
 
 def test_a_corner_radar_in_a_bend_moves_sideways_too():

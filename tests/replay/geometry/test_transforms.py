@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fbench.replay.geometry.transforms import (
-    chained,
+    chain,
     inverse,
     pose_matrix,
     quaternion,
@@ -63,7 +63,7 @@ def test_points_that_are_not_finite_stay_so_without_a_warning(value):
 def test_chained_transforms_are_the_product_of_matrices():
     a = pose_matrix([1.0, -2, 3], [0.1, 0.2, 0.3, 0.9])
     b = pose_matrix([0.5, 4, -1], [-0.7, 0.1, 0.2, 0.4])
-    np.testing.assert_allclose(chained(a, b), a @ b, atol=1e-15)
+    np.testing.assert_allclose(chain(a, b), a @ b, atol=1e-15)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -13,7 +13,7 @@ from fbench.replay.runs.manifest import (
     load_manifest,
     save_manifest,
 )
-from fbench.replay.runs.redaction import public_name, public_pipeline, redacted_manifest, redacted_record, redacted_rows
+from fbench.replay.runs.redaction import public_name, public_pipeline, redact_manifest, redact_record, redact_rows
 
 
 @pytest.mark.parametrize(
@@ -64,12 +64,12 @@ def manifest(**parameters):
     ],
 )
 def test_parameters(key, value, left):
-    assert redacted_manifest(manifest(**{key: value})).parameters == {key: left}
+    assert redact_manifest(manifest(**{key: value})).parameters == {key: left}
 
 
 def test_files_and_metadata_lose_their_names(tmp_path):
     full = manifest().model_copy(update={"truth": TruthEntry(name="jane.csv", format="csv", digest="d")})
-    save_manifest(tmp_path / "manifest.json", redacted_manifest(full))
+    save_manifest(tmp_path / "manifest.json", redact_manifest(full))
     read = load_manifest(tmp_path / "manifest.json")
     assert read.redacted
     assert read.log.metadata == {}
@@ -82,11 +82,11 @@ def test_files_and_metadata_lose_their_names(tmp_path):
 def test_texts_of_frames():
     missing = {"a": "never came", "b": "late by 12.3 ms", "c": "no jane.onnx", "d": "no /home", "e": "skipped: 4x3"}
     record = FrameRecord(0, 1, 0, None, missing, "d", "c", "ValueError: /home/jane (jane.py:3)")
-    redacted = redacted_record(record)
+    redacted = redact_record(record)
     assert redacted.failed == "ValueError"
     assert redacted.missing == {**missing, "c": "redacted", "d": "redacted"}
-    assert redacted_record(redacted) == redacted
+    assert redact_record(redacted) == redacted
 
 
 def test_places_of_faults_go_and_counts_stay():
-    assert redacted_rows([{"code": "A", "count": 3, "places": ["/home"]}]) == [{"code": "A", "count": 3, "places": []}]
+    assert redact_rows([{"code": "A", "count": 3, "places": ["/home"]}]) == [{"code": "A", "count": 3, "places": []}]

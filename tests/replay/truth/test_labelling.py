@@ -17,7 +17,7 @@ def boxes3d(x=1.0):
 
 def matched(*truths):
     frames = Labelling([Instant(i, i * 100 * MS, None, True) for i in range(3)])
-    return list(frames.matched(iter(truths)))
+    return list(frames.match(iter(truths)))
 
 
 def test_truth_of_several_topics_is_joined():

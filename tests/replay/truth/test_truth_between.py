@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.truth.interpolation import brought, interpolated
+from fbench.replay.truth.interpolation import brought, interpolate
 
 
 def solid(ids, x, yaw=None, **columns):
@@ -24,7 +24,7 @@ def flat(ids, left, **columns):
 def test_places_sizes_and_velocities_are_linear():
     a = solid([7], [10.0], size=np.array([[4.0, 2, 1]]), velocity_mps=np.array([[8.0, 0, 0]]))
     b = solid([7], [14.0], size=np.array([[5.0, 2, 2]]), velocity_mps=np.array([[4.0, 2, 0]]))
-    boxes, is_moved = interpolated(a, b, 0.25)
+    boxes, is_moved = interpolate(a, b, 0.25)
     assert is_moved.tolist() == [True]
     assert boxes.center_m.tolist() == [[11.0, 0, 0.5]]
     assert boxes.size_lwh_m.tolist() == [[4.25, 2, 1.25]]
@@ -44,7 +44,7 @@ def test_places_sizes_and_velocities_are_linear():
 )
 def test_headings_take_the_shorter_arc(start, end, share, expected):
     a, b = (solid([1], [0], [yaw], pitch_rad=np.array([yaw]), roll_rad=np.array([-yaw])) for yaw in (start, end))
-    boxes, _ = interpolated(a, b, share)
+    boxes, _ = interpolate(a, b, share)
     for angle in (boxes.yaw_rad[0], boxes.pitch_rad[0], -boxes.roll_rad[0]):
         assert np.exp(1j * angle) == pytest.approx(np.exp(1j * expected), abs=1e-12)
         assert abs(angle) <= np.pi
@@ -53,7 +53,7 @@ def test_headings_take_the_shorter_arc(start, end, share, expected):
 def test_all_else_is_its_own():
     told = {"label": np.array(["car"]), "visibility": np.array([0.2]), "num_lidar_pts": np.array([5])}
     other = {"label": np.array(["van"]), "visibility": np.array([0.9]), "num_lidar_pts": np.array([50])}
-    boxes, _ = interpolated(solid([1], [0], **told), solid([1], [1], **other), 0.9)
+    boxes, _ = interpolate(solid([1], [0], **told), solid([1], [1], **other), 0.9)
     assert {name: boxes.arrays()[name].tolist() for name in told} == {name: x.tolist() for name, x in told.items()}
 
 
@@ -61,29 +61,29 @@ def test_only_the_same_object_is_a_partner():
     """Ids that are gone, of none, or there twice; boxes that aren't real."""
     a = solid([1, 2, -1, 4, 4, 6, 8], [0.0] * 7)
     b = solid([8, 6, 1, -1, 4, 9, 9], [9.0, np.nan, 10, 9, 9, 9, 9])
-    boxes, is_moved = interpolated(a, b, 0.5)
+    boxes, is_moved = interpolate(a, b, 0.5)
     assert is_moved.tolist() == [True, False, False, False, False, False, True]
     assert boxes.center_m[:, 0].tolist() == [5.0, 0, 0, 0, 0, 0, 4.5]
     without = Boxes3D(a.center_m, a.size_lwh_m, a.yaw_rad)
-    assert not interpolated(without, b, 0.5)[1].any()
-    assert not interpolated(a, without, 0.5)[1].any()
-    assert not interpolated(a, Boxes3D.empty(), 0.5)[1].any()
+    assert not interpolate(without, b, 0.5)[1].any()
+    assert not interpolate(a, without, 0.5)[1].any()
+    assert not interpolate(a, Boxes3D.empty(), 0.5)[1].any()
 
 
 def test_what_isnt_known_on_both_sides_stays():
     a = solid([1, 2], [0, 0], velocity_mps=np.array([[1.0, 0, 0], [np.nan] * 3]))
     b = solid([1, 2], [2, 2], velocity_mps=np.array([[np.nan] * 3, [3.0, 0, 0]]))
-    boxes, _ = interpolated(a, b, 0.5)
+    boxes, _ = interpolate(a, b, 0.5)
     assert boxes.velocity_mps[0].tolist() == [1.0, 0, 0]
     assert np.isnan(boxes.velocity_mps[1]).all()
-    boxes, _ = interpolated(a, solid([1, 2], [2, 2]), 0.5)
+    boxes, _ = interpolate(a, solid([1, 2], [2, 2]), 0.5)
     np.testing.assert_array_equal(boxes.velocity_mps, a.velocity_mps)
 
 
 def test_rectangles_are_linear():
     a = flat([3, 4], [10, 50], visible_xyxy_px=np.array([[10.0, 0, 15, 20]] * 2), distance_m=np.array([20.0, 5]))
     b = flat([3], [20], visible_xyxy_px=np.array([[20.0, 0, 30, 20]]), distance_m=np.array([18.0]))
-    boxes, is_moved = interpolated(a, b, 0.5)
+    boxes, is_moved = interpolate(a, b, 0.5)
     assert is_moved.tolist() == [True, False]
     assert boxes.xyxy_px.tolist() == [[15, 0, 25, 20], [50, 0, 60, 20]]
     assert boxes.visible_xyxy_px.tolist() == [[15, 0, 22.5, 20], [10, 0, 15, 20]]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.geometry.iou import moved
+from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.truth.labelling import Instant
 from fbench.replay.truth.times import TruthTimes, make_max_between_ns
@@ -49,7 +49,7 @@ def timed(*truths, frames=None, poses=None, between_ms=0):
     frames = instants() if frames is None else frames
     known = np.full((len(frames), 7), np.nan) if poses is None else poses
     times = TruthTimes(frames, known, round(between_ms * MS))
-    found = list(times.matched(iter(truths)))
+    found = list(times.match(iter(truths)))
     return found, times
 
 
@@ -224,7 +224,7 @@ def curve(stamp_ns):
 
 def seen(stamp_ns, world):
     pose = np.array(curve(stamp_ns))
-    return Truth(stamp_ns, stamp_ns, replace(moved(world, inverse(pose_matrix(pose[:3], pose[3:]))),
+    return Truth(stamp_ns, stamp_ns, replace(move_boxes(world, inverse(pose_matrix(pose[:3], pose[3:]))),
                                              roll_rad=None, pitch_rad=None))  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.reports.preview.street import sample, street_rig
 
-from fbench.replay.geometry.ego_velocity import wrapped
+from fbench.replay.geometry.ego_velocity import wrap_velocity
 from fbench.reports.preview.measure import check_doppler, doppler_panel
 
 
@@ -13,7 +13,7 @@ def scans(speed=12.0, sign=1, period=None, movers=0, ego=None, num=3):
     xyz = np.stack([20 * np.cos(azimuth), 20 * np.sin(azimuth), 0 * azimuth], axis=1)
     measured = -speed * np.cos(azimuth)
     measured[:movers] = np.linspace(-9, 9, movers) if movers else 0
-    measured = sign * wrapped(measured, period)
+    measured = sign * wrap_velocity(measured, period)
     return [sample(street_rig(), i, scans={"radar": (xyz, measured)}, ego=ego) for i in range(num)]
 
 

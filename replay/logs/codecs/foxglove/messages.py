@@ -15,7 +15,7 @@ from numpy.typing import DTypeLike
 
 from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float32, Float64
-from fbench.replay.data.images import RAW_CHANNELS, encoded_format, encoded_size, layout_name, packed
+from fbench.replay.data.images import RAW_CHANNELS, encoded_format, encoded_size, layout_name, pack_rows
 from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.geometry.transforms import pose_matrix, transform
 from fbench.replay.logs.codecs.codec import Origin
@@ -160,7 +160,7 @@ def read_raw_image(data: memoryview, origin: Origin) -> Image:
     if origin.size_wh is not None:
         return Image(origin.sensor, stamp_ns, origin.log_ns, bytes(rows), proto.encoding, origin.size_wh, number)
     encoding, size_wh = layout_name(proto.encoding), (proto.width, proto.height)
-    pixels = packed(rows, encoding, size_wh, proto.step)
+    pixels = pack_rows(rows, encoding, size_wh, proto.step)
     return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, encoding, size_wh, number)
 
 

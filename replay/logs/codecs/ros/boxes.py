@@ -10,7 +10,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import labels
 from fbench.replay.data.messages import Message, Pose, Truth
-from fbench.replay.logs.codecs.boxes import checked, matrix, orientation, scene_boxes, track_ids, turned
+from fbench.replay.logs.codecs.boxes import check_boxes, matrix, orientation, rotate, scene_boxes, track_ids
 from fbench.replay.logs.codecs.codec import Origin, Probe, TruthPart, part_of
 from fbench.replay.logs.codecs.ros.cursor import ROS1, Header, nanoseconds, plain_frame
 from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, find, get, header
@@ -34,7 +34,7 @@ def detections3d(message: Any) -> Boxes3D:
     parts = get(message, "detections")
     boxes = [get(part, "bbox") for part in parts]
     poses = [get(box, "center") for box in boxes]
-    return checked(
+    return check_boxes(
         Boxes3D(
             matrix([get(pose, "position") for pose in poses], "xyz"), matrix([get(b, "size") for b in boxes], "xyz"),
             **orientation(matrix([get(pose, "orientation") for pose in poses], "xyzw")), **_columns(parts),
@@ -50,7 +50,7 @@ def detections2d(message: Any, camera: str) -> Boxes2D:
     """
     parts = get(message, "detections")
     xyxy = np.array([_rectangle(get(part, "bbox")) for part in parts], np.float64).reshape(-1, 4)
-    return checked(Boxes2D(np.array([camera] * len(parts), np.str_), xyxy, **_columns(parts)))
+    return check_boxes(Boxes2D(np.array([camera] * len(parts), np.str_), xyxy, **_columns(parts)))
 
 
 def radar_tracks(message: Any) -> Boxes3D:
@@ -62,7 +62,7 @@ def radar_tracks(message: Any) -> Boxes3D:
     center, size, velocity = (matrix([get(p, n) for p in parts], "xyz") for n in ("position", "size", "velocity"))
     names = labels([str(get(part, "classification")) for part in parts])
     ids = track_ids([_id(part) for part in parts])
-    return checked(Boxes3D(center, size, np.zeros(len(parts)), velocity_mps=velocity, track_id=ids, **names))
+    return check_boxes(Boxes3D(center, size, np.zeros(len(parts)), velocity_mps=velocity, track_id=ids, **names))
 
 
 def _id(track: Any) -> object:
@@ -126,10 +126,10 @@ def autoware_objects(message: Any) -> Boxes3D:
     poses = [get(get(m, "initial_pose_with_covariance", "pose_with_covariance"), "pose") for m in motions]
     xyzw = matrix([get(pose, "orientation") for pose in poses], "xyzw")
     shift, size = _extents([get(part, "shape") for part in parts])
-    return checked(
+    return check_boxes(
         Boxes3D(
-            matrix([get(pose, "position") for pose in poses], "xyz") + turned(xyzw, shift), size, **orientation(xyzw),
-            velocity_mps=turned(xyzw, np.array([_twist(motion) for motion in motions], np.float64).reshape(-1, 3)),
+            matrix([get(pose, "position") for pose in poses], "xyz") + rotate(xyzw, shift), size, **orientation(xyzw),
+            velocity_mps=rotate(xyzw, np.array([_twist(motion) for motion in motions], np.float64).reshape(-1, 3)),
             **labels([_class(get(part, "classification")) for part in parts]),
             score=np.array([get(part, "existence_probability") for part in parts], np.float64),
             track_id=track_ids([_uuid(part) for part in parts]),
@@ -143,7 +143,7 @@ def derived_objects(message: Any) -> Boxes3D:
     """
     parts = get(message, "objects")
     poses = [get(part, "pose") for part in parts]
-    return checked(
+    return check_boxes(
         Boxes3D(
             matrix([get(pose, "position") for pose in poses], "xyz"),
             np.array([_solid(get(part, "shape")) for part in parts], np.float64).reshape(-1, 3),
@@ -156,7 +156,7 @@ def derived_objects(message: Any) -> Boxes3D:
     )  # fmt: skip
 
 
-def shown(message: Any) -> list[Any]:
+def select_cubes(message: Any) -> list[Any]:
     """Markers of a MarkerArray that add a cube."""
     return [m for m in get(message, "markers") if get(m, "type") == _CUBE and get(m, "action") == _ADD]
 
@@ -167,7 +167,7 @@ def marker_boxes(markers: Sequence[Any]) -> Boxes3D:
     """
     poses = [get(marker, "pose") for marker in markers]
     ids = [get(marker, "id") for marker in markers]
-    return checked(
+    return check_boxes(
         Boxes3D(
             matrix([get(pose, "position") for pose in poses], "xyz"),
             matrix([get(marker, "scale") for marker in markers], "xyz"),
@@ -246,7 +246,7 @@ def marker_reads(decode: Decode, encoding: str) -> Reads:
     """MarkerArray: never ground truth unless the user says so, since it only shows what other topics hold."""
 
     def truth(data: memoryview, origin: Origin) -> TruthPart:
-        markers = shown(decode(data))
+        markers = select_cubes(decode(data))
         heads = [header(marker, encoding) for marker in markers]
         stamp_ns = max((head.stamp_ns for head in heads), default=0)
         return _part(marker_boxes(markers), [head.frame_id for head in heads], Header(stamp_ns, ""), origin)

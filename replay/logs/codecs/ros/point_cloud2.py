@@ -7,7 +7,7 @@ from numpy.typing import DTypeLike
 
 from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
 from fbench.replay.data.arrays import Array, Float32
-from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size, layout_name, packed
+from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
 from fbench.replay.logs.codecs import points as point_fields
 from fbench.replay.logs.codecs.codec import Origin, Probe
@@ -160,11 +160,11 @@ def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
     name, size_wh = layout_name(image.encoding), (image.width, image.height)
     if image.width * image.height > MAX_PIXELS:
         raise DecodeError(f"image of {image.width}x{image.height} px is larger than {MAX_PIXELS} px")
-    pixels = packed(image.data, name, size_wh, image.step, is_bigendian=image.is_bigendian)
+    pixels = pack_rows(image.data, name, size_wh, image.step, is_bigendian=image.is_bigendian)
     return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
 
 
-def compressed(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
+def compressed_image(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
     """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
     DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """
@@ -215,7 +215,7 @@ def compressed_image_reads(encoding: str) -> Reads:
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
         image = read_compressed_image(data, encoding)
-        return compressed(image, image.header.stamp_ns, origin)
+        return compressed_image(image, image.header.stamp_ns, origin)
 
     return Reads(("camera",), probe, message)
 

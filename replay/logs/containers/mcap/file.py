@@ -23,7 +23,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs import container as header
-from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merged
+from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merge_blocks
 from fbench.replay.logs.containers.limits import Held, crc32, looks_like
 from fbench.replay.logs.containers.mcap.index import Block, Index, NoIndexError, has_end, read_index
 from fbench.replay.logs.containers.mcap.records import (
@@ -212,7 +212,7 @@ class McapFile:
         first = min(wanted, key=lambda b: (b.start_ns, b.offset), default=None)
         held = Held()
         with self._open() as file:
-            yield from merged(wanted, lambda block: self._load(file, held, block, channels, block is first))
+            yield from merge_blocks(wanted, lambda block: self._load(file, held, block, channels, block is first))
 
     def verify(self) -> None:
         """Compare the checksum over the data section, where it wasn't done to find the messages."""

@@ -17,14 +17,14 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Int64
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.codecs.foxglove.topics import KIND, SENSOR
-from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merged
+from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merge_blocks
 from fbench.replay.logs.containers.parquet import log_json
 from fbench.replay.logs.containers.parquet.columns import default_topic
 from fbench.replay.logs.containers.parquet.footer import MAX_CHUNKS, DamageError, read_footer, reason_of
 from fbench.replay.logs.containers.parquet.groups import GroupFile
 from fbench.replay.logs.containers.parquet.log_json import GroupEntries, StreamEntry
 from fbench.replay.logs.containers.parquet.rows import Row, Rows
-from fbench.replay.logs.containers.parquet.source import checked_path, opened
+from fbench.replay.logs.containers.parquet.source import check_path, opened
 
 STORED = "fbench"  # Encoding of the channels whose rows are decoded messages
 _SCHEMAS = {
@@ -162,7 +162,7 @@ def open_stream(folder: Path, entry: StreamEntry, number: int, base: int) -> Str
     """Open a stream of the log in `folder`; `base` rows are in the streams before it. Raises LogError where its file is
     missing, damaged, lacks columns or doesn't fit `log.json`.
     """
-    path = checked_path(folder, entry.file)
+    path = check_path(folder, entry.file)
     footer = read_footer(path, entry.kind, entry.checksums)
     sums = None if entry.checksums is None else entry.checksums.row_groups
     sizes = [group.num_rows for group in footer.groups]
@@ -245,12 +245,12 @@ class ParquetFolder:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these streams in canonical order; damaged row groups are skipped and counted."""
-        yield from merged(self._blocks(channels), lambda block: block.stream.entries(block.group, self))
+        yield from merge_blocks(self._blocks(channels), lambda block: block.stream.entries(block.group, self))
 
     def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
         """All messages of these streams from a log time on; of row groups that end before only that column is read."""
         blocks = [block for block in self._blocks(channels) if block.stream.last_ns(block.group, self) >= start_ns]
-        entries = merged(blocks, lambda block: block.stream.entries(block.group, self))
+        entries = merge_blocks(blocks, lambda block: block.stream.entries(block.group, self))
         return (entry for entry in entries if entry.log_ns >= start_ns)
 
     def _blocks(self, channels: frozenset[int]) -> list[_Block]:

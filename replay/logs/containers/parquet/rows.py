@@ -216,7 +216,7 @@ class Row(NamedTuple):
         """Return a column of the points."""
         return self.rows.packed(name, self.row, dtype)
 
-    def needed(self, name: str) -> Any:
+    def require(self, name: str) -> Any:
         """Return a value that must be there."""
         value = self.rows.value(name, self.row)
         if value is None:
@@ -228,7 +228,7 @@ def _image(row: Row) -> Image:
     width, height = row.rows.number("width", row.row), row.rows.number("height", row.row)
     if min(width, height) < 0:
         raise DecodeError(f"image of {width}x{height}")
-    data, encoding = bytes(row.rows.blob("data", row.row)), row.needed("encoding")
+    data, encoding = bytes(row.rows.blob("data", row.row)), row.require("encoding")
     return Image(row.sensor, row.stamp_ns, row.log_ns, data, encoding, (width, height), row.frame_number)
 
 
@@ -247,7 +247,7 @@ def _scan(row: Row) -> RadarScan:
 
 
 def _pose(row: Row) -> Pose:
-    translation_m, rotation_xyzw = row.needed("translation_m"), row.needed("rotation_xyzw")
+    translation_m, rotation_xyzw = row.require("translation_m"), row.require("rotation_xyzw")
     return Pose(row.sensor, row.stamp_ns, row.log_ns, translation_m, rotation_xyzw, row.frame_number)
 
 

@@ -30,7 +30,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise LogError(f"{path}: can't be read ({reason})", "PQ001") from error
 
 
-def checked_path(folder: Path, name: str) -> Path:
+def check_path(folder: Path, name: str) -> Path:
     """Return the path of a file of the log. Raises LogError where the name isn't that of a file in the log's own
     folder.
     """

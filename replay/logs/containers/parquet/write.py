@@ -11,7 +11,7 @@ from typing import NamedTuple, Self
 import pyarrow as pa
 
 from fbench.replay.contracts.errors import ConfigError, DataError, LogError
-from fbench.replay.data.files import swap, synced
+from fbench.replay.data.files import swap, sync
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -149,8 +149,8 @@ class ParquetWriter:
             return
         try:
             (self._partial / log_json.NAME).write_bytes(self._description())
-            synced(self._partial / log_json.NAME)
-            synced(self._partial)
+            sync(self._partial / log_json.NAME)
+            sync(self._partial)
             swap(self._partial, self.path)
         except ValueError as error:
             raise LogError(f"{self.path}: its description can't be stored ({reason_of(error)})") from error
@@ -235,6 +235,6 @@ class ParquetWriter:
 
     def _finish(self, entry: StreamEntry, writer: StreamWriter) -> StreamEntry:
         sums, num_rows = writer.close()
-        synced(self._partial)
+        sync(self._partial)
         ends = {"first_log_ns": min(sums.row_groups.min_log_ns), "last_log_ns": max(sums.row_groups.max_log_ns)}
         return entry.model_copy(update={"num_rows": num_rows, "checksums": sums, **ends})

@@ -14,7 +14,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Entry, LogHeader, merged
+from fbench.replay.logs.container import Channel, Entry, LogHeader, merge_blocks
 from fbench.replay.logs.containers.limits import Held
 from fbench.replay.logs.containers.mcap.records import RecordError, check_size
 from fbench.replay.logs.containers.rosbag.bag1_index import (
@@ -189,7 +189,7 @@ class Ros1Bag:
         wanted = [block for block in blocks if not channels.isdisjoint(block.counts)]
         with self._open() as file:
             held = Held()
-            yield from merged(wanted, lambda block: self._load(file, held, block, channels))
+            yield from merge_blocks(wanted, lambda block: self._load(file, held, block, channels))
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """`log_ns` of each connection's messages, ascending; `None` where the bag has no index."""

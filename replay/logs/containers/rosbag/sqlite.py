@@ -46,7 +46,7 @@ def connected(path: Path) -> Iterator[sqlite3.Connection]:
         # Entries may be read ahead by another thread, though never by two at once.
         database = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     except FAILURES as error:
-        raise damaged(path, error) from error
+        raise damage_error(path, error) from error
     with closing(database):
         database.text_factory = bytes
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD + _ROW)
@@ -55,11 +55,11 @@ def connected(path: Path) -> Iterator[sqlite3.Connection]:
             for pragma in _PRAGMAS:
                 database.execute(pragma)
         except FAILURES as error:
-            raise damaged(path, error) from error
+            raise damage_error(path, error) from error
         yield database
 
 
-def damaged(path: Path, error: Exception) -> LogError:
+def damage_error(path: Path, error: Exception) -> LogError:
     """Return the error for a database that SQLite can't read."""
     return LogError(f"{path}: damaged database ({error}); `sqlite3 {path.name} .recover` may save what is left")
 
@@ -218,7 +218,7 @@ class Db3File:
                 check_tables(database, path)
                 self._channels = read_channels(database, path, lambda row, why: self.once("LOG008", (row,), why))
             except FAILURES as error:
-                raise damaged(path, error) from error
+                raise damage_error(path, error) from error
         self._check_journals()
         self._check_names()
         self.once("LOG006", (), "SQLite keeps no checksums of messages")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.pipelines.sensors.image.places import RIG, back
 
-from fbench.pipelines.sensors.image.stage import Rays, nearest_dense, seen_through
+from fbench.pipelines.sensors.image.stage import Rays, nearest_dense, share_beyond
 
 
 def test_the_background_doesnt_leak_into_a_depth():
@@ -21,10 +21,10 @@ def test_too_few_points_have_no_depth(depths):
 
 
 def test_rays_that_go_on_behind():
-    assert seen_through(np.array([50.0, 50, 50, 50]), 18, 24) == 1.0
-    assert seen_through(np.array([20.0, 20, 20, 50]), 18, 24) == 0.25
-    assert np.isnan(seen_through(np.array([8.0, 8, 8]), 18, 24))  # something nearer hides the place
-    assert np.isnan(seen_through(np.zeros(0), 18, 24))
+    assert share_beyond(np.array([50.0, 50, 50, 50]), 18, 24) == 1.0
+    assert share_beyond(np.array([20.0, 20, 20, 50]), 18, 24) == 0.25
+    assert np.isnan(share_beyond(np.array([8.0, 8, 8]), 18, 24))  # something nearer hides the place
+    assert np.isnan(share_beyond(np.zeros(0), 18, 24))
 
 
 def test_depths_in_the_middle_of_a_box():

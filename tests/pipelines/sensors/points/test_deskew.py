@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from fbench.pipelines.sensors.points.merged import FROZEN, Deskew, Outline, carried, lidar_points, motion
+from fbench.pipelines.sensors.points.merged import FROZEN, Deskew, Outline, carry_points, lidar_points, motion
 from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import PointCloud, Pose
 from fbench.replay.data.rig import LogInfo, Mount, Rig
@@ -164,7 +164,7 @@ def test_the_kernel_is_the_exponential_of_the_twist(seed, turn, longest_s):
     w, v = turn * rng.normal(size=3) / np.sqrt(3), rng.normal(0, 20, 3)
     xyz, time = rng.normal(0, 50, (20, 3)), np.repeat(rng.uniform(-longest_s, longest_s, 10), 2)
     time[3:5] = 0.0
-    found = carried(xyz, time, w, v)
+    found = carry_points(xyz, time, w, v)
     twists = RigidTransform.from_exp_coords(time[:, None] * np.concatenate([w, v]))
     np.testing.assert_allclose(found, [twists[i].apply(xyz[i]) for i in range(20)], rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(found[3:5], xyz[3:5])

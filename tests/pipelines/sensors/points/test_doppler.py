@@ -9,7 +9,7 @@ from fbench.pipelines.sensors.radar.doppler import (
     sensor_velocity,
     velocity_periods,
     with_logged_ego_motion,
-    wrapped,
+    wrap_velocity,
 )
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import LogInfo
@@ -23,7 +23,7 @@ def scene(velocity, moving=0.0, period=0.0, num=400, num_moving=40):
     direction = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     over_ground = np.concatenate([np.zeros(num), np.full(num_moving, moving)])
     measured = over_ground - direction[:, 0] * velocity[0] - direction[:, 1] * velocity[1]
-    return Echoes(20 * direction, direction, wrapped(measured, period), np.zeros(len(azimuth)), period)
+    return Echoes(20 * direction, direction, wrap_velocity(measured, period), np.zeros(len(azimuth)), period)
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (3.3, 0.0), (9.4, 0.1), (27.8, 0.0), (7.0, 0.9), (-2.5, 0.0)])

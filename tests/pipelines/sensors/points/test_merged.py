@@ -6,7 +6,7 @@ from fbench.pipelines.sensors.points.merged import (
     lidar_points,
     lidar_position,
     radar_scans,
-    reported,
+    report_boxes,
     require,
     world_T_body,
 )
@@ -111,8 +111,8 @@ def test_require_names_what_is_there():
 
 def test_reported_boxes_have_the_same_fields_whether_there_are_any_or_not():
     boxes = Boxes3D(np.arange(9.0).reshape(3, 3), np.ones((3, 3)), np.zeros(3), score=np.array([0.5, 0.0, 0.9]))
-    kept = reported(boxes, 0.0, Source.L)
-    none = reported(Boxes3D.empty(), 0.0, Source.L)
+    kept = report_boxes(boxes, 0.0, Source.L)
+    none = report_boxes(Boxes3D.empty(), 0.0, Source.L)
     assert kept.arrays().keys() == none.arrays().keys()
     assert kept.score is not None
     assert kept.score.tolist() == [0.9, 0.5]

@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.scenes import echoes, radial, surroundings
 
 from fbench.pipelines.sensors.points.merged import Echoes
-from fbench.pipelines.sensors.radar.doppler import wrapped
+from fbench.pipelines.sensors.radar.doppler import wrap_velocity
 from fbench.pipelines.sensors.radar.radar import RadarParams, compensate, detect, scoring
 from fbench.replay.data.metadata import SIMULATED
 from fbench.replay.data.rig import LogInfo
@@ -21,7 +21,7 @@ def scan(xyz, velocity, magnitude=60.0, period_mps=0.0):
 def scene(over_ground_mps, ego_mps=8.0, period_mps=0.0):
     car, rest = echoes(20.0, 2.0), surroundings()
     velocity = np.concatenate([radial(car, ego_mps, over_ground_mps), radial(rest, ego_mps)])
-    return scan(np.concatenate([car, rest]), wrapped(velocity, period_mps), period_mps=period_mps)
+    return scan(np.concatenate([car, rest]), wrap_velocity(velocity, period_mps), period_mps=period_mps)
 
 
 def found(*scans, params=RadarParams()):  # noqa: B008
@@ -64,7 +64,7 @@ def test_velocities_across_the_seam_of_the_period_are_one_cluster():
     car, rest = echoes(20.0, 2.0), surroundings()
     over_ground = PERIOD / 2 + 0.1 * np.sin(np.arange(len(car)))
     velocity = np.concatenate([radial(car, 8.0, over_ground), radial(rest, 8.0)])
-    boxes = found(scan(np.concatenate([car, rest]), wrapped(velocity, PERIOD), period_mps=PERIOD))
+    boxes = found(scan(np.concatenate([car, rest]), wrap_velocity(velocity, PERIOD), period_mps=PERIOD))
     assert len(boxes) == 1
     assert boxes.score is not None
     assert boxes.score[0] == pytest.approx(1 - np.exp(-2))

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from fbench.pipelines.sensors.lidar.classification import FEATURES, RoadUserModel, fitted_model, interpolated
+from fbench.pipelines.sensors.lidar.classification import FEATURES, RoadUserModel, interpolation_weights, load_model
 
 
 def test_weights_between_knots():
-    weights = interpolated(np.array([-1.0, 0.0, 0.5, 1.0, 2.5, 4.0, 9.0]), np.array([0.0, 1.0, 4.0]))
+    weights = interpolation_weights(np.array([-1.0, 0.0, 0.5, 1.0, 2.5, 4.0, 9.0]), np.array([0.0, 1.0, 4.0]))
     expected = [[1, 0, 0], [1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5], [0, 0, 1], [0, 0, 1]]
     np.testing.assert_allclose(weights, expected)
 
@@ -23,7 +23,7 @@ def test_probabilities_of_a_small_model():
 
 def test_the_fitted_model_gives_probabilities_whatever_the_features():
     random = np.random.default_rng(0)
-    model = fitted_model()
+    model = load_model()
     for scale in (0.0, 1.0, 1e3, 1e30):
         found = model.probabilities(random.normal(0, scale, (200, len(FEATURES))))
         assert found.shape == (200, len(model.labels))
@@ -39,7 +39,7 @@ def car(**changes):
 
 
 def test_the_fitted_model_knows_a_car():
-    model = fitted_model()
+    model = load_model()
     probability = model.probabilities(car())[0]
     assert probability.sum() > 0.8
     assert model.labels[probability.argmax()] == "car"
@@ -55,5 +55,5 @@ def test_the_fitted_model_knows_a_car():
     ids=["a long wall", "a facade", "a tree"],
 )
 def test_other_things_are_less_likely(changes):
-    model = fitted_model()
+    model = load_model()
     assert model.probabilities(car(**changes)).sum() < 0.5 < model.probabilities(car()).sum()

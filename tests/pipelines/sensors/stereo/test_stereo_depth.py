@@ -8,7 +8,7 @@ import pytest
 from tests.pipelines.sensors.stereo.pairs import BASELINE_M, HEIGHT_M, K, frame, rig, road, seen, wall
 
 from fbench.pipelines.sensors.stereo.depth import DepthParams, DisparityParams, Matcher, points
-from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
+from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
@@ -18,7 +18,7 @@ FULL = DisparityParams(shrink=1)
 
 
 def matched(sensors: Rig, surfaces, params=FULL):
-    how = rectifier(sensors, chosen_pair(sensors, "drive", None, None), params.shrink)
+    how = rectifier(sensors, choose_pair(sensors, "drive", None, None), params.shrink)
     matcher = Matcher(how.camera.K[0, 0], how.baseline_m, how.camera.size_wh[0], params)
     left, right = how.images(seen(sensors, "left", surfaces), seen(sensors, "right", surfaces))
     return matcher.disparity(left, right, matcher.texture(left)), how
@@ -57,7 +57,7 @@ def test_turned_and_bent_cameras_are_rectified(sensors):
 def test_points_are_in_body_coordinates():
     disparity = np.full((300, 400), np.nan, np.float32)
     disparity[100:104, 300:304] = 8.0
-    how = rectifier(rig(), chosen_pair(rig(), "drive", None, None), 1)
+    how = rectifier(rig(), choose_pair(rig(), "drive", None, None), 1)
     xyz = points(disparity, how, 3.0, DepthParams(cell_px=4, cell_height_m=5.0))
     z = K[0, 0] * BASELINE_M / 8.0
     expected = [z, BASELINE_M / 2 - (301.5 - K[0, 2]) * z / K[0, 0], HEIGHT_M - (101.5 - K[1, 2]) * z / K[1, 1]]

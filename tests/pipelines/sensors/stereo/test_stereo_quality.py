@@ -5,7 +5,7 @@ import pytest
 from tests.pipelines.sensors.stereo.pairs import BASELINE_M, HEIGHT_M, SIZE, K, car, frame, image, rig, road, wall
 
 from fbench.pipelines.sensors.stereo.depth import DisparityParams, QualityParams, last_row
-from fbench.pipelines.sensors.stereo.rectify import chosen_pair, rectifier
+from fbench.pipelines.sensors.stereo.rectify import choose_pair, rectifier
 from fbench.pipelines.sensors.stereo.stage import StereoParams, StereoStage, StereoView
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.params import StageClock
@@ -66,7 +66,7 @@ def test_what_was_seen_before_changes_nothing():
 
 
 def test_ground_too_near_to_be_matched_is_left_out():
-    how = rectifier(SENSORS, chosen_pair(SENSORS, "drive", None, None), 1)
+    how = rectifier(SENSORS, choose_pair(SENSORS, "drive", None, None), 1)
     v = np.arange(300.0)[:, None] - K[1, 2]
     ground = np.where(v > 0, v * BASELINE_M / HEIGHT_M, np.nan) * np.ones((1, 400))
     row = last_row(ground.astype(np.float32), how, 32)

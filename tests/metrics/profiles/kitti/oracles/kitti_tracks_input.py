@@ -46,7 +46,7 @@ class _Body:
             int(rng.choice([0, 1, 2, 3], p=[0.6, 0.2, 0.1, 0.1])),
         )
 
-    def moved(self, rng: np.random.Generator) -> None:
+    def move(self, rng: np.random.Generator) -> None:
         """Go on by a frame."""
         self.place, self.heading = self.place + self.speed, self.heading + self.turn
         if rng.random() < 0.05:
@@ -85,7 +85,7 @@ def made_sequence(seed: int, num_frames: int, crowding: float = 14.0) -> tuple[l
         body, found_as = _Body.made(rng, kind, crowding), 1000 * (track + 1)
         start = int(rng.integers(0, num_frames // 2))
         for frame in range(start, start + int(rng.integers(3, num_frames - start + 1))):
-            body.moved(rng)
+            body.move(rng)
             if rng.random() < 0.03:
                 continue  # a gap in the truth
             truth.append(body.label(frame, track))
