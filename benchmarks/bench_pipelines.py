@@ -4,7 +4,7 @@
 
 Prints Markdown. Without logs, an urban drive on a clear day is simulated: camera, LiDAR and radar for S seconds, and a
 stereo pair for a few. Times are those that the replays themselves write (`timings.parquet`), each stage's first run
-left out. The thesis measured on an RTX 4090. It counts preprocessing, synchronisation and calibration apart from what
+left out. The thesis measured on an RTX 4090. It counts preprocessing, synchronization and calibration apart from what
 it calls fusion, so here, too, that is detection by all sensors and fusion without them.
 """
 
@@ -51,7 +51,7 @@ class Row:
 
 ROWS = (
     Row("preprocessing", ("decode", "preprocess"), (21.37,) * 4),
-    Row("synchronisation", (), (21.37,) * 4),
+    Row("synchronization", (), (21.37,) * 4),
     Row("calibration", ("calibrate",), (0.13,) * 4),
     Row("fusion, with detection", (*SENSORS_SEE, "fuse"), (67.11, 96.27, 51.73, 91.40), (33, 48, 26, 45)),
     Row("tracking", ("track",), (0.58, 1.82, 0.58, 1.82), (0.3, 0.9, 0.3, 0.9)),

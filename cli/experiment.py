@@ -161,7 +161,7 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
     yield "camera detector", "; ".join(detectors) or "none"
     # Figures of a detector on what it learned from are better than others, and must say so.
     if learned := sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS)):
-        yield "seeds that fbench's own camera detector learnt from", ", ".join(map(str, learned))
+        yield "seeds that fbench's own camera detector learned from", ", ".join(map(str, learned))
     frames = [frame for _, _, run in runs for frame in run.frames]
     num = {drive.name: len(run.frames) for drive, _, run in runs}
     num_labeled = sum(frame.truth_stamp_ns is not None for frame in frames)

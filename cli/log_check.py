@@ -118,7 +118,7 @@ def _content(result: "CheckResult") -> dict[str, object]:
         "reference": result.reference,
         "streams": [asdict(s) for s in result.streams],
         "frames": None if result.frames is None else asdict(result.frames),
-        "truth": {"messages": result.num_truths, "frames": result.num_labelled},
+        "truth": {"messages": result.num_truths, "frames": result.num_labeled},
         "topics": [asdict(t) for t in result.topics],
     }
 
@@ -128,7 +128,7 @@ def _print(log: Path, result: "CheckResult") -> None:
     if frames is not None:
         segments = f"{len(frames.breaks) + 1} {'segments' if frames.breaks else 'segment'}"
         complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
-        summary = f"{complete}, {segments}, {result.num_labelled} with truth"
+        summary = f"{complete}, {segments}, {result.num_labeled} with truth"
     say(f"{log}: {summary}")
     console().print(_streams(result))
     for found in result.findings:

@@ -21,7 +21,7 @@ RangeM = Annotated[
 ]
 InView = Annotated[bool, typer.Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, typer.Option("--distance-m", metavar="M", min=0, help="3D match: centres this near on the ground, in m.")
+    float, typer.Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
 ]
 Reference = Annotated[
     str | None, typer.Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")

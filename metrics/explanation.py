@@ -191,7 +191,7 @@ class _Step:
             return f"outside of the region: {range_m:.1f} m away, and it ends at {options.range_m:g} m"
         if options.seen and objects.seen is not None and not objects.seen[row]:
             return "no sensor sees it"
-        causes = ["no camera sees its centre"] if options.in_view else []
+        causes = ["no camera sees its center"] if options.in_view else []
         causes += [f"it isn't on {' or '.join(sorted(options.regions))}"] if options.regions else []
         return "outside of the region" + (f": {', or '.join(causes)}" if causes else "")
 

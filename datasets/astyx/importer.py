@@ -50,7 +50,7 @@ class _Findings:
     timeless: list[int] = field(default_factory=list)
     turns: list[int] = field(default_factory=list)  # Frames before which the clock ran backwards
     boxes: Counter[str] = field(default_factory=Counter)
-    unlabelled: int = 0
+    unlabeled: int = 0
 
     def add(self, message: Message | Truth) -> None:
         """Count the boxes of truth."""
@@ -149,7 +149,7 @@ def _messages(files: Files, rig: Rig, findings: _Findings, bad: BadInput) -> Ite
                     continue
                 yield message
                 findings.add(message)
-        findings.unlabelled += number not in files[TRUTH]
+        findings.unlabeled += number not in files[TRUTH]
 
 
 def _stamp(time_us: int, number: int, findings: _Findings) -> int:
@@ -221,8 +221,8 @@ def _missing_lines(files: Files, findings: _Findings) -> Iterator[str]:
 def _box_lines(findings: _Findings) -> Iterator[str]:
     classes = format_counts(findings.boxes)
     yield f"boxes: {findings.boxes.total()}{f' ({classes})' if classes else ''}, without track ids"
-    if findings.unlabelled:
-        yield f"unlabelled frames: {findings.unlabelled}"
+    if findings.unlabeled:
+        yield f"unlabeled frames: {findings.unlabeled}"
     unknown = sorted(name for name in findings.boxes if name not in LABELS)
     if unknown:
         yield f"classes that the set's specification lacks, taken as 'other': {', '.join(unknown)}"

@@ -31,13 +31,13 @@ class Findings:
     def __init__(self) -> None:
         self._classes: Counter[str] = Counter()
         self._tracks: set[int] = set()
-        self._unlabelled = self._empty = 0
+        self._unlabeled = self._empty = 0
         self._num_results: Counter[str] = Counter()
         self._frames_with_results = 0
 
     def add_labels(self, objects: Sequence[LabeledObject] | None) -> None:
         """Count the objects of a frame, or a frame that isn't labeled."""
-        self._unlabelled += objects is None
+        self._unlabeled += objects is None
         self._empty += objects is not None and not objects
         for row in objects or ():
             self._classes[row.source_label] += 1
@@ -63,7 +63,7 @@ class Findings:
             yield f"detections: {counts}, for {self._frames_with_results} frames"
 
     def _label_lines(self, num_frames: int) -> Iterator[str]:
-        if self._unlabelled == num_frames:
+        if self._unlabeled == num_frames:
             yield "boxes: no labels"
             return
         num = self._classes.total() - self._classes[DONT_CARE]
@@ -72,8 +72,8 @@ class Findings:
         classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
         yield f"classes: {format_counts(classes) or 'none'}"
         yield f"frames without boxes: {self._empty}"
-        if self._unlabelled:
-            yield f"unlabelled frames: {self._unlabelled}"
+        if self._unlabeled:
+            yield f"unlabeled frames: {self._unlabeled}"
         if unknown := sorted(name for name in self._classes if name not in CLASSES):
             yield f"classes that the benchmark lacks, taken by their names: {format_list(unknown, _LISTED)}"
 

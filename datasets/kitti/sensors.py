@@ -109,7 +109,7 @@ def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[S
     corners = [row.flat.xyxy_px[2:] for row in objects if row.flat is not None]
     if corners:
         right, bottom = (max(values) for values in zip(*corners, strict=True))
-        return _size(right + 1, bottom + 1), "without images: the smallest that holds all labelled boxes"
+        return _size(right + 1, bottom + 1), "without images: the smallest that holds all labeled boxes"
     return _size(2 * P[0, 2], 2 * P[1, 2]), "without images: twice the principal point"
 
 

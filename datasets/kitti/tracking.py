@@ -140,8 +140,8 @@ class TrackingFrames:
 
     @cached_property
     def _num_frames(self) -> int:
-        labelled = 0 if self._rows is None else self._rows.num_frames
-        return max(self._num_by_files or _list_length(self.folder, self._sequence), labelled)
+        labeled = 0 if self._rows is None else self._rows.num_frames
+        return max(self._num_by_files or _list_length(self.folder, self._sequence), labeled)
 
     @property
     def _num_by_files(self) -> int:
@@ -243,9 +243,9 @@ class TrackingFrames:
     def notes(self) -> Sequence[str]:
         """Lines for the summary."""
         notes = [f"{sensor}: {size[0]}x{size[1]} px, {how}" for sensor, (size, how) in self._sizes.items()]
-        labelled = 0 if self._rows is None else self._rows.num_frames
-        if 0 < self._num_by_files < labelled:
-            notes.append(f"labels go on behind the last file: frames {self._num_by_files} to {labelled - 1}")
+        labeled = 0 if self._rows is None else self._rows.num_frames
+        if 0 < self._num_by_files < labeled:
+            notes.append(f"labels go on behind the last file: frames {self._num_by_files} to {labeled - 1}")
         if self._detections is not None and self.results is None:
             notes.append(f"detections: none, {self._detections.name} has no {self._sequence}.txt")
         notes += self._poses.notes(self._calibration, self._num_frames)

@@ -132,4 +132,4 @@ class NuScenesRecording:
         opened = self._opened
         rows = opened.database.annotations(opened.number(self._scene))
         chain = opened.excerpt(self._scene).chain
-        return SceneTruth(rows, chain, opened.tables, self._wish.bad) if opened.is_labelled else None
+        return SceneTruth(rows, chain, opened.tables, self._wish.bad) if opened.is_labeled else None

@@ -36,11 +36,11 @@ class Findings:
     categories: Counter[str] = field(default_factory=Counter)
     tracks: set[int] = field(default_factory=set)
     with_velocity: int = 0
-    labelled: int = 0  # Samples with truth
+    labeled: int = 0  # Samples with truth
 
     def add_boxes(self, boxes: Boxes3D) -> None:
         """Count truth."""
-        self.labelled += 1
+        self.labeled += 1
         if boxes.source_label is not None and boxes.track_id is not None and boxes.velocity_mps is not None:
             self.categories.update(boxes.source_label.tolist())
             self.tracks.update(boxes.track_id.tolist())
@@ -53,7 +53,7 @@ def summary_lines(found: Findings, excerpt: Excerpt, rig: Rig, filtered: bool) -
     if rig.sensors("radar") and filtered:
         dropped = f"dropped {found.dropped} of {found.echoes} echoes"
         lines.append(f"radar: the filter {dropped}; --set radar_filter=false keeps them")
-    if not found.labelled:
+    if not found.labeled:
         return [*lines, "boxes: none, the set isn't labelled"]
     names, total = format_counts(found.categories), found.categories.total()
     facts = f"{len(found.tracks)} tracks, {found.with_velocity} with velocity"

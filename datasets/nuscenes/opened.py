@@ -158,7 +158,7 @@ class NuScenesSet:
         self.samples: Samples = read_samples(folder)
         self._database: Database | None = None
         self._error: LogError | None = None
-        self.is_labelled = False
+        self.is_labeled = False
 
     def close(self) -> None:
         """Forget the tables."""
@@ -225,5 +225,5 @@ class NuScenesSet:
         except BaseException:
             database.close()
             raise
-        self.is_labelled = filling.num_annotations > 0
+        self.is_labeled = filling.num_annotations > 0
         return database

@@ -292,7 +292,7 @@ class RadiateRecording:
     def _truth(self, due: Due, scan: RadarScan | None) -> Iterator[Truth]:
         boxes = self._annotations.boxes(due.number, self._params.radar_height_m) if self._annotations else None
         if boxes is None:
-            self._findings.unlabelled += 1
+            self._findings.unlabeled += 1
             return
         if scan is not None:
             boxes = replace(boxes, num_radar_pts=inside_bev(boxes, scan.xyz).sum(axis=1, dtype=np.int64))

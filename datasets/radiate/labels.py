@@ -135,7 +135,7 @@ class Findings:
     classes: Counter[str] = field(default_factory=Counter)
     tracks: set[int] = field(default_factory=set)
     hits: list[int] = field(default_factory=list)  # Radar points on each labeled vehicle whose scan is there
-    unlabelled: int = 0
+    unlabeled: int = 0
     wide: int = 0  # Boxes that are wider than long
 
     def add(self, message: Message) -> None:
@@ -169,7 +169,7 @@ class Findings:
         if num := len(self.hits):
             one, three = (sum(hit >= least for hit in self.hits) for least in (1, 3))
             shares = f"{one} ({one / num:.1%}) have a radar point, {three} ({three / num:.1%}) three"
-            yield f"radar: of {num} labelled vehicles {shares} or more"
+            yield f"radar: of {num} labeled vehicles {shares} or more"
         yield "stamps: as recorded, times of arrival; `fbench log check` looks for offsets between sensors"
 
     def _label_lines(self, files: SequenceFiles, num_slots: int | None) -> Iterator[str]:
@@ -181,8 +181,8 @@ class Findings:
         last = max([*files.streams[RADAR].stamps, *files.streams[RADAR].no_file])
         if num_slots != last:
             yield f"labels: slots for {num_slots} radar frames, there are {last}; slot k belongs to frame k + 1"
-        if self.unlabelled:
-            yield f"unlabelled radar frames: {self.unlabelled}, beyond the slots of the labels"
+        if self.unlabeled:
+            yield f"unlabeled radar frames: {self.unlabeled}, beyond the slots of the labels"
         if unknown := sorted(self.classes.keys() - LABELS.keys()):
             yield f"classes that the set lacks, taken as 'other': {format_list(unknown, _LISTED)}"
         if self.wide:

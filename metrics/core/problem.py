@@ -100,5 +100,5 @@ def _geometry(objects: Objects, likeness: Likeness) -> tuple[dict[str, Float64],
         return {"rectangle": objects.xyxy_px}, np.asarray(inverted.any(axis=1))
     if objects.center_m is None or objects.size_lwh_m is None or objects.yaw_rad is None:
         raise MetricError("there are no 3D boxes to score")
-    parts = {"centre": objects.center_m, "size": objects.size_lwh_m, "heading": objects.yaw_rad[:, None]}
+    parts = {"center": objects.center_m, "size": objects.size_lwh_m, "heading": objects.yaw_rad[:, None]}
     return parts, np.asarray((objects.size_lwh_m < 0).any(axis=1))

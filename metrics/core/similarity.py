@@ -82,14 +82,14 @@ def blocks(
 
     - `iou2d`: rectangles in continuous coordinates, without a pixel added (as TrackEval and KITTI do).
     - `ioubev`, `iou3d`: upright boxes turned by yaw.
-    - `bev`, `center3d`: negated distance of the centres [m].
+    - `bev`, `center3d`: negated distance of the centers [m].
     - `plane`: negated root mean square [m] of the distances in the ground plane of two corners: the two of truth that
       are nearest to the ego and the same two of the estimate, which is turned round where headings are more than
       90 deg apart (autoware_perception_evaluation, `PlaneDistanceMatching`; without its rounding to 10 digits).
       Where two corners are equally second, the front or rear counts, not a side.
 
-    Boxes that aren't finite or have a negative size get -inf and so match nothing (for centre distances only the
-    centre is looked at); boxes without area or volume have an intersection over union of 0.
+    Boxes that aren't finite or have a negative size get -inf and so match nothing (for center distances only the
+    center is looked at); boxes without area or volume have an intersection over union of 0.
 
     Args:
         truth: N boxes.
@@ -160,6 +160,6 @@ def _solids(objects: Objects) -> Float64:
     centers = _centers(objects, 3)
     if objects.size_lwh_m is None or objects.yaw_rad is None:
         if len(objects):
-            raise MetricError("boxes have no size or heading in space; match them by their centres (bev, center3d)")
+            raise MetricError("boxes have no size or heading in space; match them by their centers (bev, center3d)")
         return np.zeros((0, 7))
     return np.column_stack([centers, objects.size_lwh_m, objects.yaw_rad])

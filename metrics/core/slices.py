@@ -106,7 +106,7 @@ class Group:
         """Tell in which pairs (B,) of rows the truth box, which needn't be found, excuses the estimate.
 
         Truth of this class does always. An ignore region without a class, too. Truth of another class does so
-        only for estimates that have no label: a labelled one has the wrong label.
+        only for estimates that have no label: a labeled one has the wrong label.
         """
         always = self.holds(truth)
         if truth.ignore is not None:

@@ -28,7 +28,7 @@ _KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 class View:
     """Frames with truth, and the images in which they are seen."""
 
-    labelled: Labelled
+    labeled: Labelled
     space: Space
     cameras: tuple[str, ...]
     """In images each is a stream of its own; in space at most one: rules about heights and regions are about one
@@ -38,7 +38,7 @@ class View:
     @property
     def run(self) -> Run:
         """The run."""
-        return self.labelled.run
+        return self.labeled.run
 
 
 def view_of(run: Run, boxes: Boxes, space: Space) -> View:
@@ -51,17 +51,17 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     if wanted not in spaces:
         what = "truth in 3D" if spaces else "truth"
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
-    labelled = Labelled.of(run, wanted)
+    labeled = Labelled.of(run, wanted)
     cameras = _cameras(run, boxes, is_recorded)
     bent = _bent(run, cameras) if isinstance(boxes, Boxes3D) or not is_recorded else ""
     if space == "2d":
         if not cameras:
             raise MetricError(f"{run.folder}: no camera, in whose image boxes could be scored")
         if bent:
-            raise MetricError(f"{run.folder}: lens distortion of '{bent}' isn't modelled, so boxes can't be projected")
+            raise MetricError(f"{run.folder}: lens distortion of '{bent}' isn't modeled, so boxes can't be projected")
     elif len(cameras) > 1 or bent:
         cameras = ()
-    return View(labelled, space, cameras, is_recorded)
+    return View(labeled, space, cameras, is_recorded)
 
 
 def _cameras(run: Run, boxes: Boxes, is_recorded: bool) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ def _cameras(run: Run, boxes: Boxes, is_recorded: bool) -> tuple[str, ...]:
 
 
 def _bent(run: Run, cameras: tuple[str, ...]) -> str:
-    """The first camera whose lens isn't modelled, or that the rig doesn't know."""
+    """The first camera whose lens isn't modeled, or that the rig doesn't know."""
     known = run.manifest.rig.cameras
     return next((name for name in cameras if name not in known or not_projectable(known[name]) is not None), "")
 
@@ -99,10 +99,10 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
-        view.labelled.steps(view.cameras if len(view.cameras) > 1 else ()),
+        view.labeled.steps(view.cameras if len(view.cameras) > 1 else ()),
         truth[~bad],
         _objects(view, family, lambda camera: _results(view, camera, table)),
-        view.labelled.num_unlabelled,
+        view.labeled.num_unlabeled,
         int(bad.sum()),
     )
 
@@ -124,8 +124,8 @@ def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Obje
 
 
 def _truth(view: View, camera: str) -> Rows:
-    frame2d, flat = view.labelled.rows(view.run.truth_table("2d"))
-    frame3d, solid = view.labelled.rows(view.run.truth_table("3d"))
+    frame2d, flat = view.labeled.rows(view.run.truth_table("2d"))
+    frame3d, solid = view.labeled.rows(view.run.truth_table("3d"))
     flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
     solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
     rows = join_sides(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
@@ -135,7 +135,7 @@ def _truth(view: View, camera: str) -> Rows:
 
 
 def _results(view: View, camera: str, table: BoxTable) -> Rows:
-    frame, boxes = view.labelled.rows(table)
+    frame, boxes = view.labeled.rows(table)
     nothing = np.zeros(0, np.int64)
     if isinstance(boxes, Boxes2D):
         return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
@@ -150,7 +150,7 @@ def _place(view: View, camera: str, rows: Rows) -> Rows:
     solid = rows.found.solid[rows.found.solid_rows[alone]]
     sane = finite(solid)[0]
     outline, kept = np.full((len(solid), 4), np.nan), ~sane & (camera == view.cameras[0])
-    for rig, own in view.labelled.rigs(rows.frame[alone]):
+    for rig, own in view.labeled.rigs(rows.frame[alone]):
         good = np.flatnonzero(own & sane)
         outline[good], kept[good] = project_boxes(rig, camera, solid[good])
     xyxy, seen = np.array(rows.found.xyxy_px), np.ones(len(rows), bool)
@@ -163,7 +163,7 @@ def _alphas(view: View, camera: str, rows: Rows) -> Float64:
     angles = np.full(len(rows), np.nan)
     has = np.flatnonzero(rows.found.solid_rows >= 0)
     solid, owner = rows.found.solid[rows.found.solid_rows[has]], view.run.manifest.log.metadata.get(CAMERA0, camera)
-    for rig, own in view.labelled.rigs(rows.frame[has]):
+    for rig, own in view.labeled.rigs(rows.frame[has]):
         body_T = body_T_level(owner, rig) if owner else None
         center, yaw = solid[own].center_m, solid[own].yaw_rad
         if body_T is not None and len(yaw):

@@ -26,28 +26,28 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
     with the lowest scores. Velocities that a pipeline doesn't tell count as 0, as there. Raises MetricError where the
     run has no 3D truth (GT001), or no poses and `needs_world`.
     """
-    labelled = Labelled.of(run, "3d")
+    labeled = Labelled.of(run, "3d")
     if TOKENS in run.manifest.log.metadata:  # only keyframes have a number: between them truth may be interpolated
-        labelled = replace(labelled, frames=tuple(frame for frame in labelled.frames if frame.frame_number is not None))
-    if not labelled.frames:
+        labeled = replace(labeled, frames=tuple(frame for frame in labeled.frames if frame.frame_number is not None))
+    if not labeled.frames:
         what = "truth in 3D" if any(frame.truth_spaces for frame in run.frames) else "truth"
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
     row_of = {frame.index: row for row, frame in enumerate(run.frames)}
-    found = run.poses[[row_of[frame.index] for frame in labelled.frames]]
+    found = run.poses[[row_of[frame.index] for frame in labeled.frames]]
     has_poses = bool(np.isfinite(found).all())
     if needs_world and not has_poses:
         raise MetricError(
             f"{run.folder}: its log doesn't tell where the body was, without which tracks can't be scored in the world"
         )
     poses = pose_matrices(found[:, :3], found[:, 3:]) if has_poses else np.tile(np.eye(4), (len(found), 1, 1))
-    truth = in_world(*labelled.rows(run.truth_table("3d")), poses, family, is_truth=True)
+    truth = in_world(*labeled.rows(run.truth_table("3d")), poses, family, is_truth=True)
     bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
-        labelled.steps(),
+        labeled.steps(),
         truth[~bad],
-        _best(in_world(*labelled.rows(table), poses, family, is_truth=False)),
-        len(run.frames) - len(labelled.frames),
+        _best(in_world(*labeled.rows(table), poses, family, is_truth=False)),
+        len(run.frames) - len(labeled.frames),
         int(bad.sum()),
         ego_m=poses[:, :3, 3] if has_poses else None,
     )

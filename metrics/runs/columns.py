@@ -71,7 +71,7 @@ def of_steps(sequence: Sequence, kept: Bool) -> Sequence:
         steps=Steps(steps.frame[kept], steps.stamp_ns[kept], steps.stream[kept], camera),
         truth=_renumbered(sequence.truth, kept, number),
         estimates=_renumbered(sequence.estimates, kept, number),
-        num_unlabelled=0,
+        num_unlabeled=0,
         num_invalid_truth=0,
         ego_m=None if sequence.ego_m is None else sequence.ego_m[kept],
     )
@@ -104,7 +104,7 @@ class View:
     @property
     def num_scored(self) -> int:
         """Frames that have truth; none where there is nothing to score."""
-        return 0 if self.reason else self.num_frames - self.sequence.num_unlabelled
+        return 0 if self.reason else self.num_frames - self.sequence.num_unlabeled
 
     def heading(self, class_: str, part: str = "all") -> Heading:
         """Return what rows of one class have in common."""
@@ -120,11 +120,11 @@ class Labelled:
 
     @classmethod
     def of(cls, run: Run, space: str) -> "Labelled":
-        """Frames labelled in `3d` or `2d`."""
+        """Frames labeled in `3d` or `2d`."""
         return cls(run, tuple(frame for frame in run.frames if space in frame.truth_spaces.split()))
 
     @property
-    def num_unlabelled(self) -> int:
+    def num_unlabeled(self) -> int:
         """The others."""
         return len(self.run.frames) - len(self.frames)
 

@@ -43,7 +43,7 @@ there, also holds what shows nothing.
 _UNSEEN, _UNTOLD, _SEEN = 0, 1, 2  # What a kind of sensor tells of a box; of several kinds the highest counts
 
 
-def find_seen(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOptions) -> Bool | None:
+def find_seen(labeled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOptions) -> Bool | None:
     """Tell which truth boxes (N,) at least one sensor of the log sees, whatever the pipeline got; `None` where truth
     doesn't tell.
 
@@ -52,7 +52,7 @@ def find_seen(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOp
     counts as seen unless every kind of sensor that the rig has tells that it doesn't see it.
 
     Args:
-        labelled: The run's frames with 3D truth.
+        labeled: The run's frames with 3D truth.
         frame: (N,) which of these frames each box belongs to.
         truth: The boxes.
         options: How many points it takes.
@@ -62,12 +62,12 @@ def find_seen(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOp
     """
     num = max(options.seen, 1)
     answers = {
-        "camera": _in_images(labelled, frame, truth),
+        "camera": _in_images(labeled, frame, truth),
         "lidar": _by_points(truth.num_lidar_pts, len(truth), num),
         "radar": _by_points(truth.num_radar_pts, len(truth), num),
     }
     found, is_told = np.full(len(truth), _UNTOLD, np.int8), True
-    for rig, rows in labelled.rigs(frame):
+    for rig, rows in labeled.rigs(frame):
         kinds = {mount.kind for mount in rig.mounts.values()}
         own = [answer for kind, answer in answers.items() if kind in kinds]
         found[rows] = np.max([answer[rows] for answer in own], axis=0, initial=_UNTOLD if not own else _UNSEEN)
@@ -76,7 +76,7 @@ def find_seen(labelled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOp
         return np.asarray(found > _UNSEEN)
     if options.seen:
         raise ConfigError(
-            f"log '{labelled.run.manifest.log.name}': its truth doesn't tell of each kind of sensor what that sees "
+            f"log '{labeled.run.manifest.log.name}': its truth doesn't tell of each kind of sensor what that sees "
             "(num_lidar_pts, num_radar_pts, and boxes in images or visibility); score without --seen"
         )
     return None
@@ -92,13 +92,13 @@ def _by_points(points: Int64 | None, num_boxes: int, at_least: int) -> Array:
     return _answers(known >= at_least, known >= 0)
 
 
-def _in_images(labelled: Labelled, frame: Int64, truth: Boxes3D) -> Array:
-    run = labelled.run
+def _in_images(labeled: Labelled, frame: Int64, truth: Boxes3D) -> Array:
+    run = labeled.run
     with_images = [record.index for record in run.frames if "2d" in record.truth_spaces.split()]
     if not with_images:
         share = np.full(len(truth), np.nan) if truth.visibility is None else truth.visibility
         return _answers(share >= SHOWN_FROM, share < SHOWN_FROM)
-    own = np.column_stack([labelled.indices[frame], _ids(truth)])
+    own = np.column_stack([labeled.indices[frame], _ids(truth)])
     table = run.truth_table("2d")
     shown = _ids(table.boxes) >= 0
     if table.boxes.ignore is not None:

@@ -31,42 +31,42 @@ def ground_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     """Return the detections or tracks of a run beside its 3D truth. Raises MetricError where the results are in images.
     Raises ConfigError where the log has no such regions as the options ask for, no poses, or doesn't tell what is seen.
     """
-    labelled = Labelled.of(run, "3d")
+    labeled = Labelled.of(run, "3d")
 
     def place(frame: Int64, boxes: Boxes, seen: Bool | None = None) -> Objects:
         if not isinstance(boxes, Boxes3D):
             raise MetricError("2D boxes can't be scored in 3D")
         centers = np.where(finite(boxes)[0][:, None], boxes.center_m, 0.0)
         inside = _within(centers, options.range_m)
-        for rig, rows in labelled.rigs(frame) if options.in_view else ():
-            if cameras := _modelled_cameras(rig):
+        for rig, rows in labeled.rigs(frame) if options.in_view else ():
+            if cameras := _modeled_cameras(rig):
                 inside[rows] &= np.any([_in_view(rig, name, centers[rows]) for name in cameras], axis=0)
         if options.regions:
-            inside &= on_ground(run, options.regions, labelled.indices[frame], centers)
+            inside &= on_ground(run, options.regions, labeled.indices[frame], centers)
         if options.seen and seen is not None:
             inside &= seen
         return objects_of(boxes, frame, inside, seen=seen)
 
-    truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labelled, "3d", options, place))
-    estimates = place(*labelled.rows(table))
-    sequence = Sequence(run.manifest.log.name, labelled.steps(), truth, estimates, labelled.num_unlabelled, num_invalid)
-    view = ", in view" if options.in_view and _modelled_cameras(run.manifest.rig) else ""
+    truth, num_invalid = once(run, ("truth on the ground", options), lambda: _truth(labeled, "3d", options, place))
+    estimates = place(*labeled.rows(table))
+    sequence = Sequence(run.manifest.log.name, labeled.steps(), truth, estimates, labeled.num_unlabeled, num_invalid)
+    view = ", in view" if options.in_view and _modeled_cameras(run.manifest.rig) else ""
     matching = f"bev {options.distance_m:g} m, within {options.range_m:g} m{view}{_limits(options)}"
-    reason = None if labelled.frames else "no truth"
+    reason = None if labeled.frames else "no truth"
     return View(Match("bev", options.distance_m), matching, sequence, len(run.frames), reason)
 
 
-def _truth(labelled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions, place: Place) -> tuple[Objects, int]:
+def _truth(labeled: Labelled, space: Literal["2d", "3d"], options: ScoreOptions, place: Place) -> tuple[Objects, int]:
     """Truth of `3d` or `2d`, and how many boxes of it aren't finite."""
-    frame, truth = labelled.rows(labelled.run.truth_table(space))
+    frame, truth = labeled.rows(labeled.run.truth_table(space))
     good, _ = finite(truth)
     frame, boxes = frame[good], truth[good]
-    seen = find_seen(labelled, frame, boxes, options) if isinstance(boxes, Boxes3D) else None
+    seen = find_seen(labeled, frame, boxes, options) if isinstance(boxes, Boxes3D) else None
     return place(frame, boxes, seen), int((~good).sum())
 
 
-def _modelled_cameras(rig: Rig) -> list[str]:
-    """Cameras whose view is known: those whose lens distortion is modelled."""
+def _modeled_cameras(rig: Rig) -> list[str]:
+    """Cameras whose view is known: those whose lens distortion is modeled."""
     return [name for name, camera in sorted(rig.cameras.items()) if not_projectable(camera) is None]
 
 
@@ -95,16 +95,16 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
     A pipeline that works in images is judged in those of the cameras that it got.
     """
     images = _Images.of(run, table, options)
-    labelled = images.labelled
-    reason = images.reason or (None if labelled.frames else "no truth")
+    labeled = images.labeled
+    reason = images.reason or (None if labeled.frames else "no truth")
     if reason is None:
         key = ("truth in images", images.cameras, images.derived, options)
-        truth, num_invalid = once(run, key, lambda: _truth(labelled, images.space, options, images.place))
-        estimates, steps = images.place(*labelled.rows(table)), labelled.steps(images.cameras)
+        truth, num_invalid = once(run, key, lambda: _truth(labeled, images.space, options, images.place))
+        estimates, steps = images.place(*labeled.rows(table)), labeled.steps(images.cameras)
     else:
         truth = estimates = Objects(np.zeros(0, np.int64), np.zeros(0, "U1"), np.zeros(0, np.int64), np.zeros(0))
         steps, num_invalid = Steps.of_one_stream(0), 0
-    sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labelled.num_unlabelled, num_invalid)
+    sequence = Sequence(run.manifest.log.name, steps, truth, estimates, labeled.num_unlabeled, num_invalid)
     return View(Match("iou2d", options.iou), images.matching, sequence, len(run.frames), reason)
 
 
@@ -112,7 +112,7 @@ def image_view(run: Run, table: BoxTable, options: ScoreOptions) -> View:
 class _Images:
     """Which images, and where truth in them comes from."""
 
-    labelled: Labelled
+    labeled: Labelled
     options: ScoreOptions
     cameras: tuple[str, ...]
     derived: bool  # Whether truth is 3D truth, projected
@@ -131,9 +131,9 @@ class _Images:
         if isinstance(table.boxes, Boxes2D):  # in images that it didn't get a pipeline can find nothing
             names = rig.sensors("camera", "lidar", "radar")
             cameras -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
-        labelled = Labelled.of(run, "3d" if derived else "2d")
+        labeled = Labelled.of(run, "3d" if derived else "2d")
         projects = derived or isinstance(table.boxes, Boxes3D)
-        return cls(labelled, options, tuple(sorted(cameras)), derived, ranged, projects)
+        return cls(labeled, options, tuple(sorted(cameras)), derived, ranged, projects)
 
     @property
     def space(self) -> Literal["2d", "3d"]:
@@ -147,9 +147,9 @@ class _Images:
             return "no cameras"
         if self.options.regions and not self.derived:
             return "boxes of truth in images have no place in a region"
-        known = self.labelled.run.manifest.rig.cameras
+        known = self.labeled.run.manifest.rig.cameras
         bent = [name for name in self.cameras if name in known and not_projectable(known[name]) is not None]
-        return f"lens distortion of '{bent[0]}' isn't modelled" if self.projects and bent else None
+        return f"lens distortion of '{bent[0]}' isn't modeled" if self.projects and bent else None
 
     @property
     def matching(self) -> str:
@@ -177,10 +177,10 @@ class _Images:
 
     def _project(self, camera: int, frame: Int64, boxes: Boxes3D) -> tuple[Int64, Int64, Bool, Float64]:
         """Steps, rows, region and outlines of the boxes in one camera."""
-        name, labelled, options = self.cameras[camera], self.labelled, self.options
+        name, labeled, options = self.cameras[camera], self.labeled, self.options
         sane = finite(boxes)[0] & np.all(boxes.size_lwh_m >= 0, axis=1)
         outline, seen, inside = np.full((len(boxes), 4), np.nan), np.zeros(len(boxes), bool), np.ones(len(boxes), bool)
-        for rig, rows in labelled.rigs(frame):
+        for rig, rows in labeled.rigs(frame):
             good = np.flatnonzero(rows & sane)
             outline[good], seen[good] = project_boxes(rig, name, boxes[good])
             centers = np.where(sane[rows, None], boxes.center_m[rows], 0.0)
@@ -189,7 +189,7 @@ class _Images:
             if self.derived and options.in_view:
                 inside[rows] &= _in_view(rig, name, centers)
             if options.regions:
-                inside[rows] &= on_ground(labelled.run, options.regions, labelled.indices[frame[rows]], centers)
+                inside[rows] &= on_ground(labeled.run, options.regions, labeled.indices[frame[rows]], centers)
         # What isn't finite, or has a negative size, can't be projected; it counts once, in the first image.
         kept = np.flatnonzero(seen | (~sane & (camera == 0)))
         return frame[kept] * len(self.cameras) + camera, kept, inside[kept], outline[kept]

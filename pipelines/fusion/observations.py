@@ -28,7 +28,7 @@ class AssociationParams(CheckedParams, prefix="fusion.association"):
     """Which measurements of different sensors are taken for one object.
 
     Each pair of them has a log-likelihood ratio: how likely their difference is for one object against for two that
-    have nothing to do with each other, of which there is one in so many square metres.
+    have nothing to do with each other, of which there is one in so many square meters.
     """
 
     lidar_area_m2: float = bounded(100.0, 0.01, 1e6)

@@ -31,9 +31,9 @@ def crop(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], scale: float,
     """Cut a window of `size_wh` out of an image (H, W, 3) BGR scaled by `scale`, mostly around an object."""
     height, width = pixels.shape[:2]
     wanted = np.array(size_wh) / scale
-    centre = _centre(sample, (width, height), draw) + draw.uniform(-0.35, 0.35, 2) * wanted
+    center = _center(sample, (width, height), draw) + draw.uniform(-0.35, 0.35, 2) * wanted
     room = np.array([width, height]) - wanted
-    corner = np.where(room > 0, np.clip(centre - wanted / 2, 0, np.maximum(room, 0)), room * draw.uniform(0, 1, 2))
+    corner = np.where(room > 0, np.clip(center - wanted / 2, 0, np.maximum(room, 0)), room * draw.uniform(0, 1, 2))
     return _view(sample, pixels, corner, scale, size_wh, draw)
 
 
@@ -45,7 +45,7 @@ def whole(sample: Sample, pixels: Pixels, size_wh: tuple[int, int], draw: np.ran
     return _view(sample, pixels, corner, scale, size_wh, draw)
 
 
-def _centre(sample: Sample, size_wh: tuple[int, int], draw: np.random.Generator) -> Float64:
+def _center(sample: Sample, size_wh: tuple[int, int], draw: np.random.Generator) -> Float64:
     objects = sample.xyxy[~sample.is_ignored]
     if len(objects) and draw.random() < _NEAR_OBJECT:
         one = objects[draw.integers(len(objects))]
@@ -95,11 +95,11 @@ def _window(
 
 
 def _in_other_light(rgb: Pixels, draw: np.random.Generator) -> Pixels:
-    """Change brightness, contrast, gamma and colour a little, and add noise to some."""
+    """Change brightness, contrast, gamma and color a little, and add noise to some."""
     gain, gamma = draw.uniform(0.75, 1.3), draw.uniform(0.8, 1.25)
-    tint, colour = draw.uniform(0.93, 1.07, 3), draw.uniform(0.6, 1.4)
+    tint, color = draw.uniform(0.93, 1.07, 3), draw.uniform(0.6, 1.4)
     table = np.clip((np.arange(256) / 255.0) ** gamma * gain * 255.0, 0, 255)
-    towards_grey = colour * np.eye(3) + (1 - colour) / 3
+    towards_grey = color * np.eye(3) + (1 - color) / 3
     values = cv2.transform(cv2.LUT(rgb, table.astype(np.float32)), tint[:, None] * towards_grey)
     if draw.random() < 0.3:
         values += np.float32(draw.uniform(1, 6)) * draw.standard_normal(values.shape, np.float32)

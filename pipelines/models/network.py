@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from fbench.pipelines.models.samples import CLASSES, INPUT_WH
 
-STRIDES = (8, 16, 32)  # Pixels of the input between neighbouring cells, level by level
+STRIDES = (8, 16, 32)  # Pixels of the input between neighboring cells, level by level
 _STEM, _WIDTHS, _NECK = 24, (56, 96, 160), 64
 _PRIOR = 0.01
 """Score that every cell starts with, so that the many empty ones don't drown the others (Lin et al., ICCV 2017)."""
@@ -21,7 +21,7 @@ Levels: TypeAlias = Sequence[Tensor]
 
 
 class Unit(nn.Sequential):
-    """Convolution, batch normalisation, SiLU (or nothing)."""
+    """Convolution, batch normalization, SiLU (or nothing)."""
 
     def __init__(self, num_in: int, num_out: int, side: int, stride: int = 1, groups: int = 1) -> None:
         super().__init__(
@@ -105,7 +105,7 @@ class Neck(nn.Module):
 class Head(nn.Module):
     """Of every cell of a level the scores of all classes, and how far the box's four sides are.
 
-    Each level has its own: the statistics that normalisation keeps differ between them.
+    Each level has its own: the statistics that normalization keeps differ between them.
     """
 
     def __init__(self, num_classes: int) -> None:
@@ -147,7 +147,7 @@ def cell_strides(width: int, height: int) -> Tensor:
 
 
 def cells(width: int, height: int) -> Tensor:
-    """Centres (2, N) of all cells of an input [px]."""
+    """Centers (2, N) of all cells of an input [px]."""
     parts = []
     for stride in STRIDES:
         x = (torch.arange(width // stride, dtype=torch.float32) + 0.5) * stride
@@ -164,7 +164,7 @@ are often wholly inside the rectangle of a near one, so containment doesn't make
 
 
 class _Exported(nn.Module):
-    """Boxes and scores as YOLOv8 gives them: (B, 4 + C, N) with centre, size and scores."""
+    """Boxes and scores as YOLOv8 gives them: (B, 4 + C, N) with center, size and scores."""
 
     def __init__(self, network: CityDetector) -> None:
         super().__init__()

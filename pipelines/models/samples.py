@@ -63,7 +63,7 @@ class Sample:
 def samples(logs: Sequence[Path]) -> list[Sample]:
     """Read all images of logs that have 2D truth at their stamps; JPEG stays encoded.
 
-    Cameras in which a log has no truth at all are left out: nobody labelled them. Raises LogError where there are none,
+    Cameras in which a log has no truth at all are left out: nobody labeled them. Raises LogError where there are none,
     or nothing in them is to be found.
     """
     found = [sample for path in logs for sample in _of_log(path)]
@@ -77,9 +77,9 @@ def samples(logs: Sequence[Path]) -> list[Sample]:
 def _of_log(path: Path) -> Iterator[Sample]:
     log = open_log(path, FaultLog())
     truths = {truth.stamp_ns: truth.boxes2d for truth in log.truths() if truth.boxes2d is not None}
-    labelled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
+    labeled = {str(camera) for boxes in truths.values() for camera in boxes.camera}
     for message in log.messages():
-        if isinstance(message, Image) and message.sensor in labelled and message.stamp_ns in truths:
+        if isinstance(message, Image) and message.sensor in labeled and message.stamp_ns in truths:
             yield _sample(f"{log.info.name} {log.info.log_id}", message, truths[message.stamp_ns])
 
 

@@ -69,7 +69,7 @@ class Tracker3DParams(TrackerParams):
 
 
 def steady_tracking() -> Tracker3DParams:
-    """Return parameters for what fbench's own 3D pipelines detect: places are half a metre off now and then, road users
+    """Return parameters for what fbench's own 3D pipelines detect: places are half a meter off now and then, road users
     change their speed slowly, and what was measured often is still there after up to five steps without a measurement.
     """
     return Tracker3DParams(

@@ -103,4 +103,4 @@ class Lidar3D(TrackingPipeline[Boxes3D]):
 
     def _detect(self, frame: Frame, clock: StageClock) -> Detected[Boxes3D]:
         boxes = self._lidar.view(frame, clock).boxes
-        return Detected(report_boxes(boxes, self._params.min_score, Source.L, self._lidar.labelled))
+        return Detected(report_boxes(boxes, self._params.min_score, Source.L, self._lidar.labeled))

@@ -36,7 +36,7 @@ class Track:
 
     track_id: int
     stamp_ns: Int64  # (N,)
-    shape: Float64  # (N, 5) centre x and y, length, width [m], yaw [rad], which jumps by less than a quarter turn
+    shape: Float64  # (N, 5) center x and y, length, width [m], yaw [rad], which jumps by less than a quarter turn
 
     def at(self, stamps_ns: Int64) -> Float64 | None:
         """Footprints (K, 5) at these ascending stamps, between those of the truth; `None` where one isn't known."""
@@ -57,7 +57,7 @@ class Fit:
     stamp_ns: int
     track_id: int
     score: Float64  # (K,) 0 to 1: agreement with the sides of the box that the sensor sees
-    num_inside: Int64  # (K,) places in the footprint; `num_around` are within two metres of it
+    num_inside: Int64  # (K,) places in the footprint; `num_around` are within two meters of it
     num_around: Int64
     moved_m: Float64  # (K,) how far the box is from where it is without an offset [m]
 

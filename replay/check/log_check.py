@@ -83,8 +83,8 @@ class CheckResult:
     streams: tuple[StreamStats, ...]
     topics: tuple[Topic, ...]
     frames: FrameStats | None  # `None` where no sensor can be the reference
-    num_truths: int  # Messages of ground truth; `num_labelled` frames have some
-    num_labelled: int
+    num_truths: int  # Messages of ground truth; `num_labeled` frames have some
+    num_labeled: int
     findings: tuple[Finding, ...]
 
     @property
@@ -189,11 +189,11 @@ class _Check:
         found = list(self._judge_content(list(stats.values())))
         for name, line in lines.items():
             found += time_findings(stats[name], line, stats.get(self._reference or ""))
-        num_labelled = 0
+        num_labeled = 0
         if self._frames is not None:
             stamps = self._frames.stamps
             found += self._truth.findings(*stamps)
-            num_labelled = int(self._truth.labelled(*stamps).sum())
+            num_labeled = int(self._truth.labeled(*stamps).sum())
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
         if self._trial is not None:
             found += self._trial.problems
@@ -204,7 +204,7 @@ class _Check:
         found = [replace(f, severity="info") if f.code in ignored else f for f in found]
         return CheckResult(
             reader.info, storage(reader.container, reader.container.log_times()), self._reference,
-            tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labelled,
+            tuple(stats.values()), topics_of(reader), frames, self._truth.num_messages, num_labeled,
             tuple(sorted(found, key=sort_key)),
         )  # fmt: skip
 

@@ -153,7 +153,7 @@ _MANY_LOST, _MANY_IRREGULAR = 0.05, 0.1
 _FEW = 10  # Fewer messages say nothing about a period
 _MAX_PERIODS = 2
 """A sweep that is stamped as it begins and recorded when it is over is a period old, and what sending it took."""
-_MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronised clock be
+_MAX_EARLY_NS = 20_000_000  # So far ahead of the recorder may a synchronized clock be
 
 
 def time_findings(stats: StreamStats, line: Timeline, reference: StreamStats | None) -> Iterator[Finding]:
@@ -212,7 +212,7 @@ def _judge_clock(stats: StreamStats, reference: StreamStats | None) -> Iterator[
         side = "behind" if skew > other else "before"
         text = f"its clock is {_s(abs(other - skew))} {side} that of {reference.sensor}"
         offset = mending_offset(stats.sensor, -skew, reference.sensor, -other)
-        advice = f"synchronise the clocks, or give {offset} or --stamps log"
+        advice = f"synchronize the clocks, or give {offset} or --stamps log"
         yield finding("TIM008", stats.sensor, text, stats.num_messages, advice=advice)
     elif period is not None and (skew > _MAX_PERIODS * period or skew < -_MAX_EARLY_NS):
         age, beyond = "newer", ": measured after it was recorded?"

@@ -54,7 +54,7 @@ class TruthCheck:
         """Messages so far."""
         return len(self._stamps)
 
-    def labelled(self, stamps: Int64, numbers: Int64) -> Bool:
+    def labeled(self, stamps: Int64, numbers: Int64) -> Bool:
         """Tell which frames, by stamp and number (-1: none), have truth."""
         return _have_partner(stamps, numbers, np.array(self._stamps, np.int64), np.array(self._numbers, np.int64))
 
@@ -107,7 +107,7 @@ _MAX_PLACES = 8000
 
 def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float32:
     """Places (M, 2) [m] in body coordinates of points (N, 3) in the sensor's: the mean of those in each quarter of a
-    metre, at most 8000, evenly spread over all.
+    meter, at most 8000, evenly spread over all.
 
     Without the ground only points well above the lowest one of their 4 m count: so neither the mounting nor the heights
     of boxes matter.

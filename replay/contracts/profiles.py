@@ -9,8 +9,8 @@ from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence, Space
 
 Likeness = Literal["iou2d", "ioubev", "iou3d", "bev", "center3d", "plane"]
-"""How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centres in
-the ground plane, centres in space, or the two corners nearest to the ego (plane distance)."""
+"""How alike two boxes are: intersection over union in the image, from above, in space; or how far apart: centers in
+the ground plane, centers in space, or the two corners nearest to the ego (plane distance)."""
 LIKENESSES: tuple[Likeness, ...] = get_args(Likeness)
 _DISTANCES: tuple[Likeness, ...] = ("bev", "center3d", "plane")
 

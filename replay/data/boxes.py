@@ -100,7 +100,7 @@ class Boxes3D(_Rows):
 
     @property
     def geometry(self) -> Float64:
-        """(N, 7 to 9) centre, size, and the angles that are there."""
+        """(N, 7 to 9) center, size, and the angles that are there."""
         angles = [a for a in (self.yaw_rad, self.roll_rad, self.pitch_rad) if a is not None]
         return np.column_stack([self.center_m, self.size_lwh_m, *angles])
 
@@ -117,7 +117,7 @@ class Boxes2D(_Rows):
     camera: Text
     """(N,) name of the camera."""
     xyxy_px: Float64
-    """(N, 4) left, top, right, bottom [px]; pixel centres are at integers, the image spans -0.5 to size - 0.5."""
+    """(N, 4) left, top, right, bottom [px]; pixel centers are at integers, the image spans -0.5 to size - 0.5."""
     visible_xyxy_px: Float64 | None = None
     label: Text | None = None
     score: Float64 | None = None

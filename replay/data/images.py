@@ -25,7 +25,7 @@ class Layout:
     even: tuple[int, int] = (1, 1)
     """Width and height are multiples of these [px]."""
     rows: tuple[int, int] = (1, 1)
-    """Rows in memory a row of the image, as a fraction: planes of colour follow that of brightness."""
+    """Rows in memory a row of the image, as a fraction: planes of color follow that of brightness."""
 
     @property
     def pixel_bytes(self) -> int:

@@ -131,7 +131,7 @@ BOXES = "boxes"
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Ground truth at one instant, or in the same form what another system found there; `None` means not labelled,
+    """Ground truth at one instant, or in the same form what another system found there; `None` means not labeled,
     empty boxes mean that nothing was there.
     """
 

@@ -20,9 +20,9 @@ class ScoreOptions:
     range_m: float = 50.0
     """Region of interest: distance in the ground plane from the body's origin."""
     in_view: bool = True
-    """Region of interest: only objects whose centre a camera of the rig sees, where the rig has cameras."""
+    """Region of interest: only objects whose center a camera of the rig sees, where the rig has cameras."""
     distance_m: float = 2.0
-    """3D boxes match when their centres are this near in the ground plane."""
+    """3D boxes match when their centers are this near in the ground plane."""
     iou: float = 0.5
     """2D boxes match from this intersection over union on."""
     regions: tuple[str, ...] = ()

@@ -114,14 +114,14 @@ class Steps:
 class Sequence:
     """What one log, sequence or scene holds for one kind of results.
 
-    Only labelled frames are there: those without truth are left out, and counted in `num_unlabelled`.
+    Only labeled frames are there: those without truth are left out, and counted in `num_unlabeled`.
     """
 
     name: str  # As its source calls it: unique within an evaluation
     steps: Steps
     truth: Objects  # All of it: also what a profile excuses or leaves out
     estimates: Objects
-    num_unlabelled: int = 0  # Frames with results, or of the run, that have no truth
+    num_unlabeled: int = 0  # Frames with results, or of the run, that have no truth
     num_invalid_truth: int = 0  # Truth boxes that aren't finite or have no size; they aren't in `truth`
     tags: Mapping[str, str] = field(default_factory=dict)
     """Scenario, condition and other words that results can be split by."""

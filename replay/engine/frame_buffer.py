@@ -2,7 +2,7 @@
 
 Instants are the stamps of a reference sensor as recorded. Other messages join by frame number where the log has
 one, else by nearest stamp within a tolerance. A frame is released whole when every expected sensor has delivered,
-or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronisation).
+or partial when the time-out, counted in log time from its first arrival, has passed (thesis, Synchronization).
 """
 
 from collections import Counter
@@ -111,7 +111,7 @@ class _Open:
 
 
 class _Released(NamedTuple):
-    """What is remembered of a frame, to recognise messages that come too late for it."""
+    """What is remembered of a frame, to recognize messages that come too late for it."""
 
     frame: int
     stamp_ns: int

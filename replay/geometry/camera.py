@@ -70,7 +70,7 @@ _SAMPLES = 17  # Points along each edge of a box where a lens bends it
 
 def is_pinhole(camera: CameraModel) -> bool:
     """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where its distortion isn't
-    modelled.
+    modeled.
     """
     return lens_of(camera) is None
 
@@ -86,7 +86,7 @@ def not_projectable(camera: CameraModel) -> str | None:
 
 def require_projection(rig: Rig, name: str) -> None:
     """Refuse a camera into which points can't be projected. Raises LogError where the rig has no intrinsics of it, or
-    its distortion isn't modelled.
+    its distortion isn't modeled.
     """
     if name not in rig.cameras:
         raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
@@ -100,7 +100,7 @@ def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
 
     u = f X/Z + c (thesis, Calibration), where a lens bends X/Z and Y/Z before. Depth is Z, for a fisheye the distance.
     Points nearer than `NEAR_M`, and those that a lens can't see, get NaN pixels. Raises LogError where the camera's
-    distortion isn't modelled.
+    distortion isn't modeled.
     """
     p = np.asarray(xyz, np.float64)
     lens = lens_of(camera)
@@ -127,7 +127,7 @@ def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
 
 def rays(camera: CameraModel, uv: Array) -> Float64:
     """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does. Raises LogError
-    where the camera's distortion isn't modelled.
+    where the camera's distortion isn't modeled.
     """
     uv = np.asarray(uv, np.float64)
     y = (uv[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
@@ -141,7 +141,7 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
 
 def undistort_pixels(camera: CameraModel, uv: Array) -> Float64:
     """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see. Raises LogError
-    where the camera's distortion isn't modelled.
+    where the camera's distortion isn't modeled.
     """
     if is_pinhole(camera):
         return np.array(uv, np.float64)

@@ -17,7 +17,7 @@ def iou_blocks(
     """Intersection over union of all pairs of each step, flat: step by step, row-major.
 
     Args:
-        a: (N, 7) centre x, y, z, length, width, height [m], heading [rad].
+        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
         b: (M, 7)
         sound_a: (N,) whether a box can be compared; if not, its similarity to all others is -inf.
         sound_b: (M,)

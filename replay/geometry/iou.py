@@ -51,14 +51,14 @@ def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) ->
 
 
 def distance_bev(a: Array, b: Array) -> Float64:
-    """Distance (N, M) [m] in the ground plane between centres (N, 2 or 3) and (M, 2 or 3)."""
+    """Distance (N, M) [m] in the ground plane between centers (N, 2 or 3) and (M, 2 or 3)."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
     return distance
 
 
 def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
-    """Move boxes from coordinate frame `src` to `dst`: centres, rotations and velocities (4, 4).
+    """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4).
 
     A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.
     """
@@ -99,7 +99,7 @@ def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool
     """Intersection over union of the pairs of S steps, flat: step by step, row-major, one row a box of `a`.
 
     Args:
-        a: (N, 7) upright boxes: centre x, y, z, length, width, height [m], heading [rad].
+        a: (N, 7) upright boxes: center x, y, z, length, width, height [m], heading [rad].
         b: (M, 7)
         start_a: (S + 1,) offsets: step s has rows `start_a[s]:start_a[s + 1]` of `a`.
         start_b: (S + 1,)
@@ -118,7 +118,7 @@ def comparable(boxes: Float64) -> Bool:
 
 
 def upright(boxes: Boxes3D) -> Float64:
-    """Centre, size and heading (N, 7) of boxes."""
+    """Center, size and heading (N, 7) of boxes."""
     return np.column_stack([boxes.center_m, boxes.size_lwh_m, boxes.yaw_rad])
 
 

@@ -66,7 +66,7 @@ def _pair(rig: Rig, left: str, right: str) -> Pair | None:
 
 
 def rectified(rig: Rig, pair: Pair) -> Rectified:
-    """Compute how a pair is rectified. Raises LogError where the lens distortion of one isn't modelled, or images are
+    """Compute how a pair is rectified. Raises LogError where the lens distortion of one isn't modeled, or images are
     too small to be matched.
     """
     import cv2

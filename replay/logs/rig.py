@@ -30,7 +30,7 @@ class RigState:
     logged: TransformTree = field(default_factory=TransformTree)  # Transforms of the log
     cameras: dict[str, CameraModel] = field(default_factory=dict)
     """By sensor as the channel's metadata say, else by coordinate frame."""
-    neighbours: dict[str, CameraModel] = field(default_factory=dict)
+    neighbors: dict[str, CameraModel] = field(default_factory=dict)
     """By the part of the topic before the last slash, which camera drivers share between image and calibration."""
     by_topic: dict[str, CameraModel] = field(default_factory=dict)  # By topic of the calibration
     calibrated: set[int] = field(default_factory=set)  # Channels that gave a calibration
@@ -64,7 +64,7 @@ class RigState:
         """Return an independent copy."""
         return replace(
             self, logged=TransformTree(dict(self.logged.edges)), cameras=dict(self.cameras),
-            neighbours=dict(self.neighbours), by_topic=dict(self.by_topic), calibrated=set(self.calibrated),
+            neighbors=dict(self.neighbors), by_topic=dict(self.by_topic), calibrated=set(self.calibrated),
         )  # fmt: skip
 
     def rig(self) -> Rig:
@@ -121,7 +121,7 @@ class RigState:
     def _take_camera(self, entry: Entry, role: Role, frame: str, camera: CameraModel) -> bool:
         key = role.frame_id or frame
         old = self.cameras.get(key)
-        self.cameras[key] = self.neighbours[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
+        self.cameras[key] = self.neighbors[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
         self.calibrated.add(entry.channel)
         return old is None or not old.equals(camera)
 
@@ -153,7 +153,7 @@ class RigState:
         if setup is not None and setup.calibration:
             camera = self.by_topic.get(setup.calibration)
         else:
-            camera = self.cameras.get(frame, self.neighbours.get(folder))
+            camera = self.cameras.get(frame, self.neighbors.get(folder))
         camera = self.patch.cameras.get(name, camera)
         if camera is not None:
             return camera

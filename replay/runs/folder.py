@@ -45,10 +45,10 @@ class FrameRecord:
     chain: str
     failed: str | None = None  # Why the pipeline gave nothing
     truth_stamp_ns: int | None = None
-    """Stamp of the truth that belongs to the frame, or its own where that lies between truths; `None`: not labelled,
+    """Stamp of the truth that belongs to the frame, or its own where that lies between truths; `None`: not labeled,
     and so not scored.
     """
-    truth_spaces: str = ""  # What is labelled: `3d`, `2d` or `3d 2d`
+    truth_spaces: str = ""  # What is labeled: `3d`, `2d` or `3d 2d`
 
 
 class RunWriter:
@@ -260,7 +260,7 @@ class Run:
 
     @cached_property
     def _spaces(self) -> dict[int, str]:
-        """What is labelled, by frame index; a run of a part of a log doesn't begin with 0."""
+        """What is labeled, by frame index; a run of a part of a log doesn't begin with 0."""
         return {frame.index: frame.truth_spaces for frame in self.frames}
 
     @cached_property
@@ -284,11 +284,11 @@ class Run:
         return read_boxes(path) if path.is_file() else None
 
     def truth3d(self, index: int) -> Boxes3D | None:
-        """3D truth of frame `index`; `None` where it isn't labelled."""
+        """3D truth of frame `index`; `None` where it isn't labeled."""
         return self._at(index, "3d", Boxes3D)
 
     def truth2d(self, index: int) -> Boxes2D | None:
-        """Recorded 2D truth of frame `index`; `None` where it isn't labelled or has only 3D truth."""
+        """Recorded 2D truth of frame `index`; `None` where it isn't labeled or has only 3D truth."""
         return self._at(index, "2d", Boxes2D)
 
     def truth_table(self, space: Literal["3d", "2d"]) -> BoxTable:

@@ -19,7 +19,7 @@ NO_ID = -1
 
 
 def interpolate(own: B, other: B, share: float) -> tuple[B, Bool]:
-    """Move boxes by `share` of the way to those of the same id at another instant: centre, size, velocity, rectangle,
+    """Move boxes by `share` of the way to those of the same id at another instant: center, size, velocity, rectangle,
     distance and range rate linearly, yaw, pitch and roll along the shorter arc. All else stays as it is.
 
     Args:

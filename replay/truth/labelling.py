@@ -15,7 +15,7 @@ from fbench.replay.data.messages import Truth
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import inverse
 
-LabelledBoxes = TypeVar("LabelledBoxes", Boxes2D, Boxes3D)
+LabeledBoxes = TypeVar("LabeledBoxes", Boxes2D, Boxes3D)
 
 TOLERANCE_NS = 10_000_000  # Truth without a frame number belongs to the nearest frame not farther away than this
 
@@ -147,7 +147,7 @@ def join_truths(nearer: Truth, farther: Truth) -> Truth | None:
     )
 
 
-def alike(parts: list[LabelledBoxes]) -> list[LabelledBoxes]:
+def alike(parts: list[LabeledBoxes]) -> list[LabeledBoxes]:
     """Drop what only some of the parts tell: ids, say."""
     full = [part for part in parts if len(part)]
     unshared: dict[str, Any] = {

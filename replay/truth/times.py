@@ -45,7 +45,7 @@ class TruthTimes:
         self._max_between_ns = max_between_ns
         self._reach_ns = max(MAX_GAP_NS, max_between_ns) + TOLERANCE_NS
         self._window = Window(self._reach_ns)
-        self._labelled: set[int] = set()
+        self._labeled: set[int] = set()
         self._between: set[int] = set()
 
     def match(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
@@ -67,7 +67,7 @@ class TruthTimes:
             is_near = index is None or self._labelling.distance_ns(index, truth) <= self._reach_ns
             self._window.add(Placed(truth, index, is_near))
             if index is not None:
-                self._labelled.add(index)
+                self._labeled.add(index)
             for given in self._window.settle():
                 yield from self._place_truth(*given)
         for given in self._window.rest():
@@ -119,10 +119,10 @@ class TruthTimes:
     def _behind(self, placed: Placed, following: Placed) -> Iterator[Truth]:
         """Truth of the frames between two truths that have none of their own."""
         for index in self._labelling.between(placed.stamp_ns + 1, following.stamp_ns - 1):
-            if index in self._chosen and index not in self._labelled:
+            if index in self._chosen and index not in self._labeled:
                 truth = self._make_truth(self._target(index))
                 if truth is not None:
-                    self._labelled.add(index)
+                    self._labeled.add(index)
                     self._between.add(index)
                     yield truth
 

@@ -73,7 +73,7 @@ def _rows_3d(boxes: Boxes3D, rig: Rig, cameras: list[str]) -> list[dict[str, Any
 
 
 def _add_outlines(seen: Outlines, rig: Rig, name: str, boxes: Boxes3D) -> None:
-    """Add rectangle and wire frame in camera `name`; nothing where its distortion isn't modelled.
+    """Add rectangle and wire frame in camera `name`; nothing where its distortion isn't modeled.
 
     Where a lens bends straight lines, each of the 12 edges is a `curve` of several points.
     """

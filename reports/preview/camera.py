@@ -30,7 +30,7 @@ class Layer:
 
 def layer(sample: Sample, camera: str, kind: Kind) -> Layer:
     """Points of all placed sensors of one kind that lie in the image of a camera. Raises LogError where the lens
-    distortion of the camera isn't modelled.
+    distortion of the camera isn't modeled.
     """
     points = sample.placed(kind)
     xyz = np.concatenate([p.xyz for p in points]) if points else np.zeros((0, 3))
@@ -51,7 +51,7 @@ def _radii(depth_m: Float64) -> Float64:
 
 def wires(sample: Sample, camera: str) -> Iterator[Float64]:
     """Edges of the 3D boxes of the truth as lines (M, 2) of pixels, NaN where they aren't seen. Raises LogError where
-    the lens distortion of the camera isn't modelled.
+    the lens distortion of the camera isn't modeled.
     """
     edges = project_edges(sample.rig, camera, boxes3d(sample.truth))
     yield from edges.reshape(-1, *edges.shape[2:])
@@ -144,7 +144,7 @@ def bare(sample: Sample, camera: str) -> Pixels:
 
 def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
     """The image with the points of all LiDARs or radars, and truth. Raises LogError where the lens distortion of the
-    camera isn't modelled.
+    camera isn't modeled.
     """
     found = layer(sample, camera, kind)
     picture = _draw(sample, camera, found, whole(sample.rig.cameras[camera].size_wh), kind == "radar")
@@ -157,7 +157,7 @@ def overlay(sample: Sample, camera: str, kind: Kind) -> Pixels:
 
 def zoom(sample: Sample, camera: str, kind: Kind) -> Pixels | None:
     """LiDAR or radar around the nearest truth, else where most points are, large; `None` where there is neither. Raises
-    LogError where the lens distortion of the camera isn't modelled.
+    LogError where the lens distortion of the camera isn't modeled.
     """
     found = layer(sample, camera, kind)
     rect = _interesting(sample, camera, found)

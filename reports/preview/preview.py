@@ -177,7 +177,7 @@ def _gaps(material: Material) -> Sequence[str]:
     names = {"camera": "camera", "lidar": "LiDAR", "radar": "radar"}
     gaps = [f"the log has no {names[kind]}" for kind in KINDS if kind not in material.kinds.values()]
     gaps += [f"{why}: it is shown on its own" for _, why in sorted(material.problems.items())]
-    gaps += [] if material.num_labelled else ["no frame has truth"]
+    gaps += [] if material.num_labeled else ["no frame has truth"]
     if sum(kind == "camera" for kind in material.kinds.values()) > 1 and not pairs(material.rig):
         gaps.append("no two cameras are a stereo pair (one size, parallel within 10 deg, 0.05 to 2 m side by side)")
     world = [s for s in material.samples if s.truth is not None and s.truth.in_world and s.truth.boxes3d is not None]
@@ -186,9 +186,9 @@ def _gaps(material: Material) -> Sequence[str]:
 
 def _facts(material: Material) -> Sequence[tuple[str, str]]:
     shown = f"{len(material.samples)} of {material.num_frames}"
-    labelled = f"{material.num_labelled} of {material.num_frames}"
+    labeled = f"{material.num_labeled} of {material.num_frames}"
     return [
-        ("Frames shown", shown), ("Instants by", material.reference), ("With truth", labelled),
+        ("Frames shown", shown), ("Instants by", material.reference), ("With truth", labeled),
         ("Log id", material.info.log_id),
     ]  # fmt: skip
 

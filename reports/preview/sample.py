@@ -197,7 +197,7 @@ class Material:
     samples: Sequence[Sample]  # Frames that are drawn
     kept: Sequence[Sample]  # These and more frames, which are measured but not drawn
     num_frames: int
-    num_labelled: int
+    num_labeled: int
     instants: Sequence[Instant]  # Of frames evenly spread over the log
     arrivals: Mapping[str, Sequence[Arrival]]  # Of messages evenly spread over the log, by sensor or stream of poses
     num_messages: Mapping[str, int]  # Read of each sensor or stream of poses

@@ -53,7 +53,7 @@ def test_short_version_is_both_worlds_in_all_conditions_of_the_thesis():
     assert what.command == "fbench demo"
 
 
-LEARNT = "seeds that fbench's own camera detector learnt from"
+LEARNT = "seeds that fbench's own camera detector learned from"
 
 
 @pytest.mark.parametrize("split", [None, "dev", "test"])

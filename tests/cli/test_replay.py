@@ -35,7 +35,7 @@ class Still:
 
 @pytest.fixture
 def still(tmp_path):
-    """A pipeline that is right; with `shift` it is wrong by so many metres."""
+    """A pipeline that is right; with `shift` it is wrong by so many meters."""
 
     def make(shift=0.0, name="still"):
         path = tmp_path / f"{name}.py"
@@ -370,7 +370,7 @@ def test_camera_with_unknown_distortion_is_left_out_of_the_score(fbench, tmp_pat
     scores = result.json()["scores"]
     assert scores[0]["value"] == 1.0
     assert {s["reason"] for s in scores if s["matching"].startswith("iou")} == {
-        "lens distortion of 'camera' isn't modelled"
+        "lens distortion of 'camera' isn't modeled"
     }
 
 

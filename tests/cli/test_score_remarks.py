@@ -66,7 +66,7 @@ def test_classes_that_arent_scored_are_counted(fbench, files):
     for profile in ("trackeval-kitti", "kitti-object"):
         result = fbench("score", *FILES, "--profile", profile)
         assert (result.code, result.err) == (0, f"results.txt: {told.format(profile)}\n")
-    # AB3DMOT takes sitting people for neighbours of pedestrians.
+    # AB3DMOT takes sitting people for neighbors of pedestrians.
     result = fbench("score", *FILES, "--profile", "kitti-3dmot")
     assert result.err == "results.txt: 8 results are of classes that kitti-3dmot doesn't score: ufo (8)\n"
     result = fbench("score", *FILES, "--profile", "coco")
@@ -122,7 +122,7 @@ def test_the_class_of_ten_columns_is_read_in_results(fbench, tmp_path):
         result = fbench("score", "--truth", "gt.txt", "--detections", "r.txt", "--profile", "trackeval-mot")
         assert (result.code, result.err.count("\n")) == (3, 1)
         assert "results of class 'person on vehicle', expected" in result.err
-    (tmp_path / "r.txt").write_text("1,1,10,20,30,40,1,2.5,1,-1\n")  # a place in metres
+    (tmp_path / "r.txt").write_text("1,1,10,20,30,40,1,2.5,1,-1\n")  # a place in meters
     assert fbench("score", "--truth", "gt.txt", "--detections", "r.txt", "--profile", "trackeval-mot").code == 0
 
 

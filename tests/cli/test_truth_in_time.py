@@ -18,7 +18,7 @@ from fbench.replay.runs.shares import Coverage
 
 @pytest.fixture
 def sparse(tmp_path):
-    """A car that drives away at 10 m/s, labelled in frames 0, 2 and 5 of 6."""
+    """A car that drives away at 10 m/s, labeled in frames 0, 2 and 5 of 6."""
     return write_log(tmp_path / "sparse.mcap", [*messages(), *(t for i, t in enumerate(truths()) if i in (0, 2, 5))])
 
 
@@ -39,7 +39,7 @@ def coverage_line(result):
 
 
 @pytest.mark.slow
-def test_frames_between_truths_are_labelled_where_that_is_wanted(fbench, sparse):
+def test_frames_between_truths_are_labeled_where_that_is_wanted(fbench, sparse):
     result = fbench("replay", sparse, "-p", "lidar3d", "-o", "plain")
     assert coverage_line(result) == "truth: 50.0 % of outputs had truth (3 of 6 frames)"
     assert places("plain") == {0: 12, 2: 14, 5: 17}

@@ -75,7 +75,7 @@ def test_what_is_ignored(make_run: MakeRun) -> None:
 def test_what_no_camera_sees(make_run: MakeRun) -> None:
     behind = boxes3d((-10, 0), label="car")
     run = make_run(Case(behind, behind), rig=front_camera())
-    assert said(run)[0] == [("ignored", "outside of the region: no camera sees its centre")]
+    assert said(run)[0] == [("ignored", "outside of the region: no camera sees its center")]
 
 
 def test_other_labels_and_classes(make_run: MakeRun) -> None:
@@ -95,7 +95,7 @@ def test_what_is_invalid(make_run: MakeRun) -> None:
     run = make_run(Case(replace(bad, size_lwh_m=size, yaw_rad=yaw), boxes3d((np.nan, 0), label="car")))
     assert explain_frame(run, OPTIONS, 0).num_invalid_truth == 1
     assert Counter(said(run)[1]) == Counter([
-        ("invalid", "its centre isn't finite"), ("invalid", "its score isn't finite"),
+        ("invalid", "its center isn't finite"), ("invalid", "its score isn't finite"),
         ("invalid", "its size is negative"), ("invalid", "its heading isn't finite"),
     ])  # fmt: skip
 

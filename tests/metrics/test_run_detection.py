@@ -113,7 +113,7 @@ class TestEmpty:
         assert name == [(r.metric, r.class_, r.matching) for r in without]
         assert {r.reason for r in without if "bev" in r.matching and r.metric != "coverage"} == {"no truth"}
 
-    def test_unlabelled_frames_arent_scored_and_coverage_says_so(self, make_run: MakeRun) -> None:
+    def test_unlabeled_frames_arent_scored_and_coverage_says_so(self, make_run: MakeRun) -> None:
         car = boxes3d((10, 0), label="car")
         run = make_run(Case(car, car), Case(boxes3d((30, 0))), Case(car, car), Case(car))
         assert counts(run) == (2, 0, 0, 0)
@@ -140,7 +140,7 @@ class TestClasses:
     def test_estimates_of_other_classes_are_left_out(self, make_run: MakeRun) -> None:
         assert counts(make_run(Case(boxes3d((20, 0), label="pedestrian"), self.TRUTH))) == (0, 0, 1, 0)
 
-    def test_single_unlabelled_estimates_of_a_labelling_pipeline_are_agnostic(self, make_run: MakeRun) -> None:
+    def test_single_unlabeled_estimates_of_a_labelling_pipeline_are_agnostic(self, make_run: MakeRun) -> None:
         run = make_run(Case(boxes3d((10, 0), (20, 0), label=["", ""]), self.TRUTH))
         assert counts(run) == (1, 0, 0, 1)
 
@@ -173,7 +173,7 @@ class TestIgnored:
         truth = boxes3d((10, 0), label="car", ignore=[True])
         assert counts(make_run(Case(boxes3d((10, 0), (10.5, 0)), truth))) == (0, 1, 0, 1)
 
-    def test_an_ignore_region_without_class_excuses_labelled_estimates(self, make_run: MakeRun) -> None:
+    def test_an_ignore_region_without_class_excuses_labeled_estimates(self, make_run: MakeRun) -> None:
         for label, expected in (("other", (0, 0, 0, 1)), ("pedestrian", (0, 1, 0, 0))):
             truth = boxes3d((10, 0), label=label, ignore=[True])
             assert counts(make_run(Case(boxes3d((10, 0), label="car"), truth))) == expected
@@ -280,13 +280,13 @@ class TestImage:
         assert counts(run, space="iou", options=ScoreOptions(iou=0.999)) == (1, 0, 0, 0)
         assert counts(make_run(Case(truth, truth), rig=rig), space="bev") == (1, 0, 0, 1)
 
-    def test_lens_distortion_that_isnt_modelled_gives_no_scores_in_the_image(self, make_run: MakeRun) -> None:
+    def test_lens_distortion_that_isnt_modeled_gives_no_scores_in_the_image(self, make_run: MakeRun) -> None:
         straight = front_camera()
         camera = replace(straight.cameras["front"], distortion_model="ds", distortion=np.array([0.1, 0.5]))
         car = boxes3d((10, 0), label="car")
         run = make_run(Case(car, car), rig=Rig(straight.mounts, {"front": camera}))
         assert scores(run, space="iou")["f1"].value is None
-        assert scores(run, space="iou")["f1"].reason == "lens distortion of 'front' isn't modelled"
+        assert scores(run, space="iou")["f1"].reason == "lens distortion of 'front' isn't modeled"
         assert counts(run, space="bev") == (1, 0, 0, 0)
 
     def test_recorded_2d_truth_is_preferred_and_said(self, make_run: MakeRun) -> None:
@@ -303,7 +303,7 @@ class TestImage:
         run = make_run(Case(boxes2d(a, b, c, distance=[51, np.nan, 70]), truth2d=truth), rig=front_camera())
         assert counts(run, space="iou 0.5, within 50 m") == (1, 0, 0, 2)
 
-    def test_truth_cut_by_the_border_is_ignored_where_its_centre_isnt_seen(self, make_run: MakeRun) -> None:
+    def test_truth_cut_by_the_border_is_ignored_where_its_center_isnt_seen(self, make_run: MakeRun) -> None:
         edge = boxes3d((3, 3.2), label="car")
         run = make_run(Case(edge, edge), rig=front_camera())
         assert counts(run, space="iou") == (0, 0, 0, 1)

@@ -32,10 +32,10 @@ MOVER = np.dtype([
 kind: of its lanes. factor: on speed limits. headway_s, standing_gap_m, acceleration_mps2, braking_mps2: T, s0, a, b of
 the IDM. margin_m: before a line to stop at. keeps_right: never uses the leftmost lane. cycle_m: how far a cycle of gait
 or pedals goes, 0 for none. at_m: the middle of its footprint along the lane `HERE` of its way. base_m: distance
-travelled up to the beginning of that lane. side_m: how far left of its lane it was when it began
-a change of lanes, which each of its axles makes from `side_from_m` of the distance travelled on, over `side_for_m`.
+traveled up to the beginning of that lane. side_m: how far left of its lane it was when it began
+a change of lanes, which each of its axles makes from `side_from_m` of the distance traveled on, over `side_for_m`.
 accel_mps2: constant, until it stands. frozen: was stopped at once.
-right_to_m: distance travelled up to which it may enter gates. waited_s: at a gate, where only others are in its way.
+right_to_m: distance traveled up to which it may enter gates. waited_s: at a gate, where only others are in its way.
 """
 
 

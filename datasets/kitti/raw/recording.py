@@ -127,7 +127,7 @@ def _box_lines(drive: Drive, findings: Findings) -> Iterator[str]:
     interpolated = findings.states["interpolated"]
     yield (
         f"boxes: {findings.boxes.total()}{f' ({kinds})' if kinds else ''} of {tracklets.num_tracks} tracklets, "
-        f"{interpolated} of them interpolated between labelled ones"
+        f"{interpolated} of them interpolated between labeled ones"
     )
     there = drive.series[drive.reference].paths
     sensor = drive.reference
@@ -284,7 +284,7 @@ class RawRecording:
         if not os.path.lexists(path):
             return None
         if not self._drive.is_rectified:
-            self._findings.odd.append(f"{TRACKLETS}: left out, it counts the frames of the synchronised drive")
+            self._findings.odd.append(f"{TRACKLETS}: left out, it counts the frames of the synchronized drive")
             return None
         body_T_velo = self._calibration.body_T_velo
         if body_T_velo is None:

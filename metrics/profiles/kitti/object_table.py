@@ -34,16 +34,16 @@ class Difficulty:
 
 @dataclass(frozen=True)
 class ObjectClass:
-    """A class, its neighbour that is neither a hit nor a miss, and from which overlap on boxes match."""
+    """A class, its neighbor that is neither a hit nor a miss, and from which overlap on boxes match."""
 
     label: str
-    neighbour: str
+    neighbor: str
     matches: tuple[Match, ...]
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels of truth that can take a result."""
-        return (self.label, self.neighbour) if self.neighbour else (self.label,)
+        return (self.label, self.neighbor) if self.neighbor else (self.label,)
 
 
 def _matches(strict: float, loose: float) -> tuple[Match, ...]:
@@ -75,7 +75,7 @@ class ObjectTable:
     """N truth boxes and M results at D difficulties."""
 
     pairs: Pairs
-    truth_ignored: Array  # (D, N) bool: of a neighbouring class, or too low, occluded or truncated for the difficulty
+    truth_ignored: Array  # (D, N) bool: of a neighboring class, or too low, occluded or truncated for the difficulty
     state: Array  # (D, M) int64: `COUNTS`, `IGNORED` or `LEFT_OUT`
     score: Float64  # (M,)
     covered: Float64  # (M,) share that a "don't care" region covers; 0 where they don't matter
@@ -157,7 +157,7 @@ def _may_match(results: Objects, kind: ObjectClass, difficulties: Many[Difficult
 
 
 def _ignored(truth: Objects, kind: ObjectClass, difficulty: Difficulty) -> Bool:
-    ignored: Bool = (truth.label == kind.neighbour) | (_heights(truth) <= difficulty.min_height_px)
+    ignored: Bool = (truth.label == kind.neighbor) | (_heights(truth) <= difficulty.min_height_px)
     ignored |= fill_unknown(truth.occlusion, truth, -1.0) > difficulty.max_occlusion
     ignored |= fill_unknown(truth.truncation, truth, -1.0) > difficulty.max_truncation
     return ignored | outside(truth)

@@ -31,12 +31,12 @@ class TrackClass:
     """A class, and the one that is neither a hit nor a miss beside it."""
 
     label: str
-    neighbour: str = ""
+    neighbor: str = ""
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Labels whose boxes are matched."""
-        return (self.label, self.neighbour) if self.neighbour else (self.label,)
+        return (self.label, self.neighbor) if self.neighbor else (self.label,)
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class TrackTable:
 
     num_frames: int
     pairs: Pairs
-    truth_ignored: Bool  # (N,) occluded, truncated or of a neighbouring class
+    truth_ignored: Bool  # (N,) occluded, truncated or of a neighboring class
     track_start: Int64
     """(K + 1,) track k has the truth rows `track_rows[track_start[k]:track_start[k + 1]]`, in the order of time."""
     track_rows: Int64  # (N,)
     estimate_track: Int64  # (M,)
     excusable: Bool
-    """(M,) low, of a neighbouring class or in a "don't care" region: no false positive where it matches nothing."""
+    """(M,) low, of a neighboring class or in a "don't care" region: no false positive where it matches nothing."""
     track_size: Int64  # (T,) boxes of the track
     track_score: Float64  # (T,) mean score of the track
     num_bad_truth: int  # Left out; what the source left out already is of any class
@@ -128,14 +128,14 @@ def _ignored(truth: Objects, kind: TrackClass, rules: TrackRules) -> Bool:
     """Levels are whole numbers, cut off as AB3DMOT cuts them; what nobody knows is no reason to ignore."""
     occlusion, truncation = (np.trunc(fill_unknown(v, truth, -1.0)) for v in (truth.occlusion, truth.truncation))
     ignored = (occlusion > rules.max_occlusion) | (truncation > rules.max_truncation)
-    return np.asarray(ignored | (truth.label == kind.neighbour) | outside(truth), np.bool_)
+    return np.asarray(ignored | (truth.label == kind.neighbor) | outside(truth), np.bool_)
 
 
 def _excusable(results: Objects, sequence: Sequence, kind: TrackClass, rules: TrackRules) -> Bool:
     rectangle = rectangles(results)
     low: Bool = np.abs(rectangle[:, 1] - rectangle[:, 3]) <= rules.min_height_px
     covered = share_in_regions(results, sequence.truth, len(sequence.steps))
-    excusable = low | (results.label == kind.neighbour) | (covered > rules.max_covered) | outside(results)
+    excusable = low | (results.label == kind.neighbor) | (covered > rules.max_covered) | outside(results)
     return np.asarray(excusable, np.bool_)
 
 

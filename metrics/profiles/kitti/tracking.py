@@ -174,7 +174,7 @@ class Kitti3dMot:
 
     Its rules, also the odd ones, are kept: a result that matched at any earlier threshold is never excused at a later
     one; scores of a track are averaged anew in each pass; recall and MOTP count ignored matches; a first frame that is
-    ignored counts as tracked; the tracking labels' `Person` isn't a neighbour of pedestrians, only `Person_sitting` is.
+    ignored counts as tracked; the tracking labels' `Person` isn't a neighbor of pedestrians, only `Person_sitting` is.
 
     What differs: overlaps are exact, where AB3DMOT's clipping divides by nearly 0 if edges of both boxes lie on one
     line (a box and its copy: anything from -116 to 3484 in 500 random ones; other pairs agree to 4e-12). Its Munkres

@@ -85,7 +85,7 @@ def solids(boxes: Objects) -> Solids:
 
 
 def content_order(boxes: Objects) -> Int64:
-    """Return the order (N,) by step, then centre x, y, z, yaw, size, score, velocity, label, attribute; never by id.
+    """Return the order (N,) by step, then center x, y, z, yaw, size, score, velocity, label, attribute; never by id.
 
     nuscenes-devkit goes by the order in the file where this one decides: between equal scores, between truth boxes
     at equal distances, and between tracks that both want to go on with the same partner.
@@ -221,7 +221,7 @@ def _distance_m(sequence: Sequence, boxes: Objects, invalid: Bool) -> Float64:
 
 
 def _inside(boxes: Objects, racks: Objects) -> Bool:
-    """Which centres (N,) are inside a rack of their step, border included."""
+    """Which centers (N,) are inside a rack of their step, border included."""
     inside = np.zeros(len(boxes), bool)
     centers = solids(boxes).center_m
     for step, center, size, yaw in zip(racks.step, *solids(racks), strict=True):
@@ -251,7 +251,7 @@ def sort_groups(side: Side, num_classes: int, num_steps: int, by_score: bool = F
 
 
 def centers_xy(side: Side) -> Float64:
-    """Return centres (N, 2) in the ground plane [m]."""
+    """Return centers (N, 2) in the ground plane [m]."""
     return np.ascontiguousarray(solids(side.boxes).center_m[:, :2])
 
 

@@ -122,7 +122,7 @@ _FACTS = Facts(
 
 @dataclass(frozen=True)
 class NuscenesDetection:
-    """nuScenes' detection benchmark (AP by centre distance, five errors, NDS) as nuscenes-devkit 1.2.0 counts it.
+    """nuScenes' detection benchmark (AP by center distance, five errors, NDS) as nuscenes-devkit 1.2.0 counts it.
 
     A sequence is a scene, its steps are samples; boxes are in coordinates that don't move with the ego. Where the
     devkit goes by the order in the file (equal scores, truth at equal distances), this one goes by content.
@@ -144,7 +144,7 @@ class NuscenesDetection:
 
     def with_match(self, match: Match) -> Self:
         """Return the profile with one distance for AP and errors. Raises ConfigError where it isn't a distance between
-        centres in the ground plane.
+        centers in the ground plane.
         """
         distance_m = center_distance(self.name, match)
         settings = replace(self.settings, distances_m=(distance_m,), error_distance_m=distance_m)

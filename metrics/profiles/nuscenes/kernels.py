@@ -22,9 +22,9 @@ def match_nearest(
     """Return the truth row (M, D) of each estimate at each of D largest distances, -1 where there is none.
 
     Args:
-        truth_xy: (N, 2) centres [m], sorted by group (one class of one sample); the first of equally near ones wins.
+        truth_xy: (N, 2) centers [m], sorted by group (one class of one sample); the first of equally near ones wins.
         truth_start: (G + 1,) offsets of the groups.
-        estimate_xy: (M, 2) centres [m], sorted by group, then best score first.
+        estimate_xy: (M, 2) centers [m], sorted by group, then best score first.
         estimate_start: (G + 1,)
         invalid: (M,) estimates that match nothing.
         limits_m: (D,) pairs match below this distance.
@@ -159,7 +159,7 @@ def sweep(  # noqa: C901  # apart it compiles twice as long
 
 @kernel
 def _match_step(  # noqa: C901  # apart it compiles twice as long
-    first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, metres: Array, column: Array
+    first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, meters: Array, column: Array
 ) -> None:  # fmt: skip
     """Pair truth of one step with the track that it had last, if that is near and free, in the order of truth rows.
 
@@ -168,11 +168,11 @@ def _match_step(  # noqa: C901  # apart it compiles twice as long
     """
     pair_start, pair_estimate, pair_m = near.pair_start, near.pair_estimate, near.pair_m
     for t in range(first, end):
-        partner[t], metres[t] = -1, 0.0
+        partner[t], meters[t] = -1, 0.0
         for p in range(pair_start[t], pair_start[t + 1]):
             e = pair_estimate[p]
             if not taken[e] and near.estimate_track[e] == last[near.truth_track[t]]:
-                partner[t], metres[t], taken[e] = e, pair_m[p], True
+                partner[t], meters[t], taken[e] = e, pair_m[p], True
                 break
     n, m, total_m = 0, 0, 0.0
     for t in range(first, end):
@@ -204,7 +204,7 @@ def _match_step(  # noqa: C901  # apart it compiles twice as long
         if partner[t] < 0:
             j = column_of[i]
             if j >= 0:
-                partner[t], metres[t], taken[name[j]] = name[j], cost[i, j], True
+                partner[t], meters[t], taken[name[j]] = name[j], cost[i, j], True
             i += 1
     for j in range(m):
         column[name[j]] = 0

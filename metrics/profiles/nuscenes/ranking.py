@@ -177,7 +177,7 @@ def _norm(xy: Array) -> Float64:
 
 
 def _scale_iou(a: Array, b: Array) -> Float64:
-    """Intersection over union (K,) of boxes with one centre and heading."""
+    """Intersection over union (K,) of boxes with one center and heading."""
     shared = np.minimum(a, b).prod(axis=1)
     iou: Float64 = shared / (a.prod(axis=1) + b.prod(axis=1) - shared)
     return iou

@@ -15,7 +15,7 @@ class BoxRules:
     max_boxes: int = 500  # Results with more boxes than this in one sample are refused
     rack_label: str = "static_object.bicycle_rack"
     rack_classes: tuple[str, ...] = ("bicycle", "motorcycle")
-    """Their boxes don't count where the centre is in a bicycle rack of the truth."""
+    """Their boxes don't count where the center is in a bicycle rack of the truth."""
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class DetectionSettings:
 
     rules: BoxRules = DETECTION_RULES
     distances_m: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0)
-    """Boxes match below each of these distances between centres in the ground plane."""
+    """Boxes match below each of these distances between centers in the ground plane."""
     error_distance_m: float = 2.0
     """One of `distances_m`: boxes that match at it have the errors that count."""
     min_recall: float = 0.1
@@ -91,7 +91,7 @@ class TrackingSettings:
 
     rules: BoxRules = TRACKING_RULES
     distance_m: float = 2.0
-    """Boxes match below this distance between centres in the ground plane."""
+    """Boxes match below this distance between centers in the ground plane."""
     min_recall: float = 0.1
     num_thresholds: int = 40
     """Recalls from `min_recall` to 1 for which scores are looked for."""
@@ -110,9 +110,9 @@ class TrackingSettings:
 
 
 def center_distance(profile: str, match: Match) -> float:
-    """Return the distance [m] of a match by centre distance in the ground plane. Raises ConfigError for any other
+    """Return the distance [m] of a match by center distance in the ground plane. Raises ConfigError for any other
     match.
     """
     if match.likeness != "bev":
-        raise ConfigError(f"{profile} matches by centre distance only, such as bev:2, not {match}")
+        raise ConfigError(f"{profile} matches by center distance only, such as bev:2, not {match}")
     return match.threshold

@@ -39,12 +39,12 @@ def sweep_class(clips: Sequence[Clip], settings: TrackingSettings) -> Sweep:
     threshold = _thresholds(clips, settings)
     distinct, index = np.unique(threshold, return_inverse=True)
     counts = np.zeros((len(distinct), len(COUNTS)), np.int64)
-    metres = []
+    meters = []
     for clip in clips:
         own, own_m, _ = sweep(distinct, clip.candidates, clip.num_truth_tracks)
         counts += own
-        metres.append(own_m)
-    total_m = np.array([fsum(column) for column in zip(*metres, strict=True)])  # exact, so their order is no matter
+        meters.append(own_m)
+    total_m = np.array([fsum(column) for column in zip(*meters, strict=True)])  # exact, so their order is no matter
     return Sweep(threshold, counts[index], total_m[index])
 
 
@@ -250,7 +250,7 @@ class NuscenesTracking:
         return frozenset(self.settings.rules.classes)
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another distance. Raises ConfigError where it isn't a distance between centres in the
+        """Return the profile with another distance. Raises ConfigError where it isn't a distance between centers in the
         ground plane.
         """
         return replace(self, settings=replace(self.settings, distance_m=center_distance(self.name, match)))

@@ -156,7 +156,7 @@ class DensityParams(CheckedParams, prefix="fusion.density"):
     """Largest reach of radar echoes [m]; it follows the spacing of moving echoes where that is less. Of two sensors
     the mean of both reaches counts."""
     seconds: float = bounded(1.0, 0, 100)
-    """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
+    """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
     cell_m: float = bounded(0.2, 0.05, 10)
     """Points in one cell of this edge [m] are taken together, moving echoes with others of about their velocity."""
 

@@ -56,7 +56,7 @@ MAX_BOXES = 1000  # Candidates beyond the best 1000 of one image are dropped, so
 def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
     """The whole image, and, where its longer side exceeds `aspect` times the shorter one, windows of that aspect.
 
-    Windows lie along the longer side, evenly spread; neighbours overlap by at least the share `overlap`. They are
+    Windows lie along the longer side, evenly spread; neighbors overlap by at least the share `overlap`. They are
     longer than `aspect` says where more than `MAX_WINDOWS` were needed otherwise.
     """
     width, height = size_wh
@@ -76,7 +76,7 @@ def windows(size_wh: Size, aspect: float, overlap: float) -> list[Window]:
 def to_image(boxes: Candidates, window: Window, size_wh: Size, margin_px: float = 3.0) -> Candidates:
     """Move boxes from a window to the image, without those that the window's inner border cuts.
 
-    A cut box is only a part of an object, which a neighbouring window or the whole image shows in full.
+    A cut box is only a part of an object, which a neighboring window or the whole image shows in full.
     """
     left, top, right, bottom = window
     inner = np.array([left > 0, top > 0, right < size_wh[0], bottom < size_wh[1]])
@@ -140,7 +140,7 @@ class CameraParams:
     tile_aspect: float = 2.0
     """Longer by shorter side of such a window; images up to this aspect are looked at as a whole only."""
     tile_overlap: float = 0.1
-    """Least share of a window by which neighbours overlap."""
+    """Least share of a window by which neighbors overlap."""
     input_wh: tuple[int, int] | None = None
     """Width and height of the model's input [px], for models that leave it free."""
     threads: int = 2
@@ -162,7 +162,7 @@ class CameraParams:
 class CameraDetections:
     """N boxes of one image, by falling score."""
 
-    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]; pixel centres at integers
+    xyxy_px: Float64  # (N, 4) left, top, right, bottom [px]; pixel centers at integers
     score: Float64  # (N,) 0 to 1
     label: Text  # (N,) of `LABELS`
     min_score: float = 0.0

@@ -108,7 +108,7 @@ class Ultralytics:
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Letterbox each image to the middle of the input."""
         placed = [
-            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centred=True), self.input_wh)
+            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centered=True), self.input_wh)
             for image in images
         ]
         return {self.image_input: planes(placed, rgb=True, unit=True)}
@@ -118,7 +118,7 @@ class Ultralytics:
         results = []
         for raw, size in zip(outputs[0], sizes_wh, strict=True):
             boxes = self._boxes(self._rows(raw, min_score), min_score)
-            results.append(letterbox(size, self.input_wh, centred=True).back(boxes))
+            results.append(letterbox(size, self.input_wh, centered=True).back(boxes))
         return results
 
     def _rows(self, raw: Array, min_score: float) -> Float64:
@@ -151,7 +151,7 @@ class YoloX:
     def feeds(self, images: Sequence[Pixels]) -> dict[str, Array]:
         """Letterbox each image to the upper left corner of the input."""
         placed = [
-            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centred=False), self.input_wh)
+            place(image, letterbox((image.shape[1], image.shape[0]), self.input_wh, centered=False), self.input_wh)
             for image in images
         ]
         return {self.image_input: planes(placed, rgb=False, unit=False)}
@@ -162,7 +162,7 @@ class YoloX:
         results = []
         for raw, size in zip(outputs[0], sizes_wh, strict=True):
             boxes = self._boxes(np.asarray(raw, np.float64), cells, min_score)
-            results.append(letterbox(size, self.input_wh, centred=False).back(boxes))
+            results.append(letterbox(size, self.input_wh, centered=False).back(boxes))
         return results
 
     def _boxes(self, raw: Float64, cells: Float64, min_score: float) -> Candidates:
@@ -178,7 +178,7 @@ class YoloX:
 def is_decoded(raw: Float64, input_wh: Size) -> bool:
     """Tell whether the export did the grid's arithmetic itself (YOLOX's `--decode_in_inference`).
 
-    Centres then reach all parts of the input, while plain outputs stay within a few cells.
+    Centers then reach all parts of the input, while plain outputs stay within a few cells.
     """
     return bool((raw[:, :2].max(axis=0) > np.array(input_wh) / 2).all())
 
@@ -193,7 +193,7 @@ def grid(input_wh: Size, strides: tuple[int, ...]) -> Float64:
 
 
 def decode_grid(raw: Float64, cells: Float64) -> Float64:
-    """Centre and size (N, 4) [input px]: (offset + cell) * stride, exp(size) * stride (YOLOX, arXiv 2107.08430)."""
+    """Center and size (N, 4) [input px]: (offset + cell) * stride, exp(size) * stride (YOLOX, arXiv 2107.08430)."""
     stride = cells[:, 2:3]
     # An exponent of 20 is far beyond any image; more would overflow on damaged weights.
     size = np.exp(np.minimum(raw[:, 2:4], 20.0)) * stride
@@ -206,7 +206,7 @@ MAX_CALL_PX = 1 << 26  # Pixels of all images of one call: 800 MB as float32
 _FLOATS = ("tensor(float)",)
 
 
-def recognise(header: ModelHeader, input_wh: Size | None = None) -> Layout:
+def recognize(header: ModelHeader, input_wh: Size | None = None) -> Layout:
     """Return the layout of a model; `input_wh` sets the input's size where the header leaves it free. Raises ModelError
     where inputs or outputs aren't understood, or `input_wh` contradicts the header.
     """

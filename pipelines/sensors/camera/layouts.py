@@ -82,12 +82,12 @@ def squash(size_wh: tuple[int, int], input_wh: tuple[int, int]) -> Placement:
     return Placement((input_wh[0] / size_wh[0], input_wh[1] / size_wh[1]), (0.0, 0.0))
 
 
-def letterbox(size_wh: tuple[int, int], input_wh: tuple[int, int], *, centred: bool) -> Placement:
+def letterbox(size_wh: tuple[int, int], input_wh: tuple[int, int], *, centered: bool) -> Placement:
     """Keep the aspect ratio (to a rounded pixel); the border is on both sides or at right and bottom."""
     ratio = min(input_wh[0] / size_wh[0], input_wh[1] / size_wh[1])
     inner = [max(1, round(size * ratio)) for size in size_wh]
     space = [outer - size for outer, size in zip(input_wh, inner, strict=True)]
-    x, y = (float(s // 2) if centred else 0.0 for s in space)
+    x, y = (float(s // 2) if centered else 0.0 for s in space)
     return Placement((inner[0] / size_wh[0], inner[1] / size_wh[1]), (x, y))
 
 
@@ -229,6 +229,6 @@ def usable(rows: Array) -> Bool:
 
 
 def corners_of(cxcywh: Array) -> Array:
-    """Turn centre and size (N, 4) into left, top, right, bottom."""
-    centre, half = cxcywh[:, :2], cxcywh[:, 2:4] / 2
-    return np.concatenate([centre - half, centre + half], axis=1)
+    """Turn center and size (N, 4) into left, top, right, bottom."""
+    center, half = cxcywh[:, :2], cxcywh[:, 2:4] / 2
+    return np.concatenate([center - half, center + half], axis=1)

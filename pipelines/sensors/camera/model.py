@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import onnxruntime
 
-from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, recognise
+from fbench.pipelines.sensors.camera.families import DEFAULT_SIDE_PX, recognize
 from fbench.pipelines.sensors.camera.layouts import PAD_VALUE, Candidates, ModelHeader, Port, Size
 from fbench.replay.contracts.errors import ConfigError, ModelError
 from fbench.replay.data.arrays import Array
@@ -174,7 +174,7 @@ class Model:
         try:
             self._session = load(path, threads)
             header = read_header(self._session)
-            self._layout = recognise(header, input_wh)
+            self._layout = recognize(header, input_wh)
         except ModelError as error:
             raise ModelError(f"{path}: {error}") from error
         self._size = self._layout.input_wh or (DEFAULT_SIDE_PX, DEFAULT_SIDE_PX)

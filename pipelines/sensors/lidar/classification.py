@@ -71,7 +71,7 @@ FEATURES = (
 - filling_m: mean distance of the points from the nearest edge of the rectangle [m]: vegetation fills it
 - upper_share: share of the points above the middle between the lowest and the highest
 - over_share: of the cluster's points and those over its rectangle, the share of the latter: poles and trees go on
-- near_share: of all points on and beside its rectangle, the share of others: parts of something larger have neighbours
+- near_share: of all points on and beside its rectangle, the share of others: parts of something larger have neighbors
 """
 _OVER_MARGIN_M = 0.3
 _NEAR_MARGIN_M = 0.6
@@ -107,7 +107,7 @@ def features(standing: Standing, rectangles: Float64) -> Float64:
 
 
 def _widest_gaps(height: Float64, begin: Int64) -> Float64:
-    """Widest gap (M,) between neighbouring ones of 0 and the heights (N,) of each cluster [m]."""
+    """Widest gap (M,) between neighboring ones of 0 and the heights (N,) of each cluster [m]."""
     cluster = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(height)))
     ordered = height[np.lexsort((height, cluster))]
     gap = np.diff(ordered, prepend=0.0)

@@ -22,7 +22,7 @@ _LEAST_SCORE = 0.2  # What is less likely a road user doesn't take other cluster
 _GAP_M = 1.8  # Stripes of one side are at most this far apart
 _COLUMN_RAD = np.radians(1.3)
 """Columns of points are at most this far apart, seen from the LiDAR: farther ahead, or from nearly behind, such columns
-hit a side many metres apart. There a vehicle ends where it was last seen to be as high as a truck, or right behind."""
+hit a side many meters apart. There a vehicle ends where it was last seen to be as high as a truck, or right behind."""
 _OFF_SIDE_M = 0.5  # Such columns lie at most this far off the side that is seen
 _HIGH_M = 2.0  # No car is as high above the ground
 _ASIDE_M = 0.3  # Points of a vehicle lie at most this far beside the box that what is seen of it was completed to
@@ -92,7 +92,7 @@ def _strip(view: LidarView, high: Bool, own: Bool, box: _Box, viewpoint: Float64
 def _end(along: Float64, on_side: Bool, high: Bool, far: float, side: float) -> float:
     """Where a vehicle that was seen up to `far` ends [m], by points (N,) from there on.
 
-    It goes on over gaps up to `_GAP_M`, or along its side over those between neighbouring columns. Behind the first of
+    It goes on over gaps up to `_GAP_M`, or along its side over those between neighboring columns. Behind the first of
     these it ends that near to the last point that is high. What is seen through it doesn't matter.
     """
     last = end = last_high = far
@@ -159,7 +159,7 @@ class LidarStage:
 
     def __init__(self, rig: Rig, log_info: LogInfo, params: LidarParams, settings: SensorSettings) -> None:
         self._rig, self._params = rig, judging(params, log_info)
-        self.labelled = self._params.judge == "model"
+        self.labeled = self._params.judge == "model"
         """Whether boxes have labels."""
         own = settings.own("lidar", params, OWN)
         self._ranges_m = {name: (p.min_range_m, p.max_range_m or np.inf) for name, p in own.items()}

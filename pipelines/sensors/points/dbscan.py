@@ -32,7 +32,7 @@ def _near(points: Float64, i: int, j: int) -> bool:
 
 @kernel
 def _count(points: Float64, first: Int64, a: int, b: int, count: Int64) -> None:
-    """Count neighbours between two cells."""
+    """Count neighbors between two cells."""
     for i in range(first[a], first[a + 1]):
         for j in range(first[b], first[b + 1]):
             near = np.int64(_near(points, i, j))  # added without a branch, which would be hard to predict
@@ -53,9 +53,9 @@ def _count_one(points: Float64, first: Int64, a: int, b: int, count: Int64, enou
 
 @kernel
 def core_points(points: Float64, first: Int64, pairs: Pairs, min_points: int) -> Bool:
-    """Tell which points (N, 4), sorted by cell, have at least `min_points` neighbours, themselves included.
+    """Tell which points (N, 4), sorted by cell, have at least `min_points` neighbors, themselves included.
 
-    `first` (M + 1,) is the row of each cell's first point; `pairs` (P, 2) of cells may hold neighbours.
+    `first` (M + 1,) is the row of each cell's first point; `pairs` (P, 2) of cells may hold neighbors.
     """
     count = np.empty(len(points), np.int64)
     for c in range(len(first) - 1):
@@ -93,7 +93,7 @@ def _reaches(points: Float64, i: int, bounds: Float64, b: int) -> bool:
 
 @kernel
 def _linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, b: int) -> bool:
-    """Tell whether a core point of one cell is a neighbour of one of the other."""
+    """Tell whether a core point of one cell is a neighbor of one of the other."""
     is_small = first[b + 1] - first[b] <= SMALL
     for i in range(first[a], first[a + 1]):
         if not core[i] or not (is_small or _reaches(points, i, bounds, b)):
@@ -106,7 +106,7 @@ def _linked(points: Float64, core: Bool, first: Int64, bounds: Float64, a: int, 
 
 @kernel
 def cluster_cells(points: Float64, core: Bool, first: Int64, bounds: Float64, pairs: Pairs) -> tuple[Int64, Int64]:
-    """Join cells whose core points are neighbours.
+    """Join cells whose core points are neighbors.
 
     Returns the root of each cell's cluster (M,), -1 where the cell has no core point, and the lexicographically
     smallest core point of each root (M,), -1 elsewhere.
@@ -150,7 +150,7 @@ def _is_smaller(points: Float64, i: int, j: int) -> bool:
 
 @kernel
 def labels(points: Float64, core: Bool, first: Int64, number: Int64, pairs: Pairs) -> Int64:
-    """Give points the number of their cell (M,), or the lowest of neighbouring core points; -1 where there is none."""
+    """Give points the number of their cell (M,), or the lowest of neighboring core points; -1 where there is none."""
     result = np.empty(len(points), np.int64)
     for c in range(len(first) - 1):
         for i in range(first[c], first[c + 1]):
@@ -166,7 +166,7 @@ def labels(points: Float64, core: Bool, first: Int64, number: Int64, pairs: Pair
 
 @kernel
 def _lower(points: Float64, core: Bool, first: Int64, a: int, b: int, number: int, result: Int64) -> None:
-    """Give points of `a` that aren't core the number of `b` where it is lower and a core point there is a neighbour."""
+    """Give points of `a` that aren't core the number of `b` where it is lower and a core point there is a neighbor."""
     for i in range(first[a], first[a + 1]):
         if core[i] or 0 <= result[i] <= number:
             continue
@@ -187,7 +187,7 @@ def dbscan(points: Array, eps: float | Float64, min_points: int) -> Int64:
     As defined by Ester et al., KDD 1996: a point is core when at least `min_points` points, itself included, lie
     within `eps` (closed ball); clusters are the connected components of core points. Clusters are numbered by their
     lexicographically smallest core point, and a border point belongs to the lowest-numbered cluster that reaches it.
-    With a radius for each point, `eps` (N,), two points are neighbours where their distance is at most the smaller
+    With a radius for each point, `eps` (N,), two points are neighbors where their distance is at most the smaller
     of their radii. Points that aren't finite are noise.
 
     The grid is that of Gunawan, 2013, and de Berg et al., ISAAC 2017: in cells with a diagonal of `eps` at least
@@ -230,7 +230,7 @@ def _grid(rows: Float64, numbers: Int64) -> tuple[Int64, Float64, Int64, Int64, 
     bounds, is_small = cell_bounds(points, first)
     if is_small.all():
         return order, points, cells, first, bounds
-    # Far out, where a cell is no wider than rounding, only equal points are sure to be neighbours.
+    # Far out, where a cell is no wider than rounding, only equal points are sure to be neighbors.
     part, wide = np.zeros(len(rows), np.int64), order[np.repeat(~is_small, np.diff(first))]
     part[wide] = np.unique(rows[wide, :3], axis=0, return_inverse=True)[1].ravel()
     numbers = np.column_stack([numbers, part])
@@ -240,7 +240,7 @@ def _grid(rows: Float64, numbers: Int64) -> tuple[Int64, Float64, Int64, Int64, 
 
 
 def _pairs(cells: Int64, bounds: Float64, edge: float) -> Pairs:
-    """Pairs of cells (P, 2) that may hold neighbours."""
+    """Pairs of cells (P, 2) that may hold neighbors."""
     pairs = np.empty((6 * len(cells), 2), np.int32)
     found = _find_pairs(cells, bounds, edge, pairs)
     if found > len(pairs):

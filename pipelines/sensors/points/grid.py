@@ -1,6 +1,6 @@
 """Compiled grid of cells whose points are always neighbors, and sorting of rows by several columns.
 
-Points are rows (x, y, z, r): coordinates and radius [same unit]; two are neighbours where their distance is at most the
+Points are rows (x, y, z, r): coordinates and radius [same unit]; two are neighbors where their distance is at most the
 smaller of their radii. Those with radii in [least * 2^k, least * 2^(k + 1)) are level k, whose cells have the edge
 `edge_0 * 2^k`.
 """
@@ -94,7 +94,7 @@ def row_starts(cells: Int64) -> Int64:
 def cell_bounds(points: Float64, first: Int64) -> tuple[Float64, Bool]:
     """Return lowest and highest x, y, z and the largest radius squared of each cell (M, 7).
 
-    And whether all points of a cell are neighbours (M,), which rounding prevents where coordinates are huge.
+    And whether all points of a cell are neighbors (M,), which rounding prevents where coordinates are huge.
     """
     bounds, small = np.empty((len(first) - 1, 7)), np.empty(len(first) - 1, np.bool_)
     for c in range(len(first) - 1):
@@ -119,7 +119,7 @@ ROUNDING = 0.25  # The numbers of two points' cells are off by less than this to
 
 @kernel
 def may_touch(bounds: Float64, a: int, b: int) -> bool:
-    """Tell whether two cells may hold neighbours, by the distance of their bounds, computed as that of points is."""
+    """Tell whether two cells may hold neighbors, by the distance of their bounds, computed as that of points is."""
     x = max(bounds[a, 0] - bounds[b, 3], bounds[b, 0] - bounds[a, 3], 0.0)
     y = max(bounds[a, 1] - bounds[b, 4], bounds[b, 1] - bounds[a, 4], 0.0)
     z = max(bounds[a, 2] - bounds[b, 5], bounds[b, 2] - bounds[a, 5], 0.0)
@@ -156,9 +156,9 @@ def _add_run(z: Int64, bounds: Float64, c: int, at: int, end: int, last: int, pa
 
 @kernel
 def find_in_level(cells: Int64, bounds: Float64, rows: Int64, reach: int, pairs: Pairs, num: int) -> int:
-    """Append the pairs of cells (M, 4) of one level that may hold neighbours, each once, to `num` pairs.
+    """Append the pairs of cells (M, 4) of one level that may hold neighbors, each once, to `num` pairs.
 
-    Rows of cells along z begin and end at `rows` (R + 1,). Neighbours are at most `reach` cells apart along each axis.
+    Rows of cells along z begin and end at `rows` (R + 1,). Neighbors are at most `reach` cells apart along each axis.
     Fills `pairs` (P, 2), and returns how many there are, which may be more than it has room for.
     """
     x, y, z = cells[rows[:-1], 1], cells[rows[:-1], 2], cells[:, 3].copy()

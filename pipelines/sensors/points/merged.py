@@ -260,10 +260,10 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     )  # fmt: skip
 
 
-def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labelled: bool = False) -> Boxes3D:
+def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labeled: bool = False) -> Boxes3D:
     """Keep boxes with at least `min_score`, highest first, with the same fields in every frame.
 
-    Velocities are NaN where none were measured. Equal scores are ordered by place. `labelled` tells whether boxes of
+    Velocities are NaN where none were measured. Equal scores are ordered by place. `labeled` tells whether boxes of
     this pipeline have labels, also where there are no boxes.
     """
     num = len(boxes)
@@ -271,7 +271,7 @@ def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labelled: boo
     full = replace(
         boxes,
         velocity_mps=np.full((num, 3), np.nan) if boxes.velocity_mps is None else boxes.velocity_mps,
-        label=np.zeros(0, np.str_) if labelled and not num else boxes.label,
+        label=np.zeros(0, np.str_) if labeled and not num else boxes.label,
         score=score,
         sources=np.full(num, int(source), np.uint8),
     )

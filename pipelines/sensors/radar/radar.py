@@ -47,7 +47,7 @@ class RadarClusterParams:
     """Beyond this distance from the body's origin [m] the radius grows in proportion to it; none: it is the same
     everywhere."""
     seconds: float = 1.0
-    """A difference in radial velocity of 1 m/s counts as a distance of this many metres [s]."""
+    """A difference in radial velocity of 1 m/s counts as a distance of this many meters [s]."""
 
     def __post_init__(self) -> None:
         ranges = {"eps_m": (0.01, 100.0), "min_points": (1, 1e6), "seconds": (0.0, 100.0)}
@@ -199,14 +199,14 @@ def _boxes(echoes: Compensated, cluster: Int64, params: RadarParams) -> Boxes3D:
 
 
 def _scores(num: Int64, center_m: Float64, params: RadarParams) -> Float64:
-    """Scores (N,) of clusters with so many echoes (N,) around centres (N, 3)."""
+    """Scores (N,) of clusters with so many echoes (N,) around centers (N, 3)."""
     from_m = params.full_score_within_m
     growth = 1.0 if from_m is None else np.maximum(1.0, np.hypot(center_m[:, 0], center_m[:, 1]) / from_m) ** 2
     return np.asarray(1 - np.exp(-num * growth / params.full_score_echoes), np.float64)
 
 
 def _place(echoes: Compensated, rows: Int64, size: VehicleSize) -> tuple[Float64, float, float]:
-    """Centre (3,) [m], direction from the radar [rad] and length [m] of one cluster.
+    """Center (3,) [m], direction from the radar [rad] and length [m] of one cluster.
 
     The cluster's near end is the near side of the vehicle, which reaches from there along the line of sight at
     least as far as a car does on average over its headings, (length + width) / 4 to its middle. The tenths of the

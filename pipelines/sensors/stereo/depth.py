@@ -135,7 +135,7 @@ class DisparityParams:
     speckle_px: int = 60
     """Patches of like disparity with fewer pixels are dropped."""
     texture: float = 1.0
-    """Mean step between horizontal neighbours [grey levels] in a block twice as wide: flatter places, such as the sky,
+    """Mean step between horizontal neighbors [grey levels] in a block twice as wide: flatter places, such as the sky,
     can't be matched.
     """
 

@@ -62,7 +62,7 @@ class Rectifier:
 
 
 def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
-    """Compute how the images of a pair are shrunk and rectified. Raises LogError where lens distortion isn't modelled,
+    """Compute how the images of a pair are shrunk and rectified. Raises LogError where lens distortion isn't modeled,
     or images are too small to be matched.
     """
     small = Rig(rig.mounts, {name: _shrunk(rig.cameras[name], shrink) for name in (pair.left, pair.right)})
@@ -74,7 +74,7 @@ def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
 
 
 def _shrunk(camera: CameraModel, shrink: int) -> CameraModel:
-    """Return the model of images that are made smaller; pixel centres stay at integers."""
+    """Return the model of images that are made smaller; pixel centers stay at integers."""
     size = np.array(camera.size_wh)
     small = np.maximum(size // shrink, 1)
     K = camera.K.copy()

@@ -137,7 +137,7 @@ class StereoClusterParams:
     eps_m: float = 0.5
     """Least radius along the line of sight [m]: it is eps_m + 2 r^2 / (f B) sigma_px."""
     sigma_px: float = 0.1
-    """Error of disparity [px] of the shrunk image that is bridged; errors of neighbours are alike."""
+    """Error of disparity [px] of the shrunk image that is bridged; errors of neighbors are alike."""
     eps_rad: float = 0.04
     """Radius across the line of sight [rad]: 0.8 m at 20 m."""
     min_points: int = 5

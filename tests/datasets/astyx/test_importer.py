@@ -127,7 +127,7 @@ def test_summary_says_what_was_found(astyx_folder: Path) -> None:
         "missing files: camera_front 1, radar_6455 1, groundtruth_obj3d 1",
         "left out, without LiDAR points and so without time: frames 12",
         "boxes: 4 (Car 1, Person 1, Towed Object 1, Tram 1), without track ids",
-        "unlabelled frames: 1",
+        "unlabeled frames: 1",
         "classes that the set's specification lacks, taken as 'other': Tram",
         "time ran backwards before frames 8: whole hours were added",
         "stamps: all messages of a frame have the LiDAR's, the set records no time for camera, radar and boxes",

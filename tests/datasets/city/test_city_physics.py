@@ -16,7 +16,7 @@ FOG_PER_M, CLEAR_PER_M = np.log(20) / 100, np.log(20) / 20_000
 """Koschmieder: contrast falls to 5 % at the visibility of 100 m or 20 km."""
 
 
-def labelled(log):
+def labeled(log):
     """Clouds and scans with truth at their stamp: (stamp, message in body coordinates, boxes)."""
     for stamp_ns, cloud in log.clouds().items():
         if stamp_ns in log.truths:
@@ -67,7 +67,7 @@ def test_points_of_what_stands_lie_on_the_first_surface(log):
     """Against the world's own triangles, intersected in numpy, for 250 beams to up to 40 m."""
     world = log.info.metadata["scenario"]
     static = scenery(layout(world, SEEDS[world]), SEEDS[world])
-    stamp_ns, xyz, boxes = next(labelled(log))
+    stamp_ns, xyz, boxes = next(labeled(log))
     world_T_body = log.poses()[stamp_ns].world_T_body
     origin = moved(world_T_body, np.array([[0, 0, 2.0]]))[0]
     corners = static.vertices_m[static.triangles].astype(float)
@@ -85,7 +85,7 @@ def test_points_of_what_stands_lie_on_the_first_surface(log):
 
 def test_points_of_bodies_are_in_their_boxes(log):
     told, counted = 0, 0
-    for _, xyz, boxes in labelled(log):
+    for _, xyz, boxes in labeled(log):
         within = in_boxes(xyz, boxes, 3 * SIGMA_M).sum(axis=1)
         assert (boxes.num_lidar_pts <= within).all()
         above = xyz[xyz[:, 2] > 0.25]  # without the ground that they stand on

@@ -203,8 +203,8 @@ def test_real_3d_detections_of_the_validation_sequences(tracking: Path, tmp_path
     assert sum(len(t.boxes2d) for t in results(out, "/results/boxes_2d")) == len(rows)
 
 
-def test_real_detections_lie_on_the_labelled_cars(tracking: Path, tmp_path: Path) -> None:
-    """Independent of the axes: the nearest labelled car or van is less than 1 m away from most detections that the
+def test_real_detections_lie_on_the_labeled_cars(tracking: Path, tmp_path: Path) -> None:
+    """Independent of the axes: the nearest labeled car or van is less than 1 m away from most detections that the
     detector is sure of.
     """
     out = tmp_path / "out.mcap"

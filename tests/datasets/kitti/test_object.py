@@ -64,11 +64,11 @@ def test_a_frame_without_an_image_has_a_size_from_its_boxes(object_folder: Path,
     assert "missing files: image_02 1 (frames 5)" in log.lines
 
 
-def test_unlabelled_frames_are_not_empty_ones(object_folder: Path, tmp_path: Path) -> None:
+def test_unlabeled_frames_are_not_empty_ones(object_folder: Path, tmp_path: Path) -> None:
     (object_folder / "label_2/000000.txt").unlink()
     reader, log = imported(object_folder, tmp_path / "out.mcap")
     assert [t.frame_number for t in reader.truths()] == [1, 5]
-    assert "unlabelled frames: 1" in log.lines
+    assert "unlabeled frames: 1" in log.lines
 
 
 def test_gaps_between_frames_are_no_finding(object_folder: Path, tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def matrices(path: Path) -> dict[str, np.ndarray]:
 
 
 def plain_counts(folder: Path, number: int) -> list[int]:
-    """Points inside each labelled box, in the coordinates of camera 0, where labels are."""
+    """Points inside each labeled box, in the coordinates of camera 0, where labels are."""
     found = matrices(folder / f"calib/{number:06d}.txt")
     R, velo = found["R0_rect"].reshape(3, 3), found["Tr_velo_to_cam"].reshape(3, 4)
     points = np.fromfile(folder / f"velodyne/{number:06d}.bin", np.float32).reshape(-1, 4)[:, :3].astype(float)

@@ -129,7 +129,7 @@ def test_labels_alone_make_a_log_with_the_camera_they_belong_to(tracking_folder:
     assert reader.rig.cameras["image_02"].size_wh == (61, 32)
     assert list(reader.messages()) == []
     assert "reference" not in reader.info.metadata
-    assert "image_02: 61x32 px, without images: the smallest that holds all labelled boxes" in log.lines
+    assert "image_02: 61x32 px, without images: the smallest that holds all labeled boxes" in log.lines
 
 
 def test_without_a_list_the_last_row_is_the_end(tracking_folder: Path, tmp_path: Path) -> None:

@@ -221,17 +221,17 @@ def real_frame(shared: Path) -> RealFrame:
     return RealFrame(folder, json.loads((folder / "frame.json").read_text()))
 
 
-def wrap(frame: RealFrame, root: Path, neighbours: bool) -> Tables:
-    """Put the real keyframe into the set's layout: one scene, and one sample, or three where there are `neighbours`.
+def wrap(frame: RealFrame, root: Path, neighbors: bool) -> Tables:
+    """Put the real keyframe into the set's layout: one scene, and one sample, or three where there are `neighbors`.
 
-    Neighbours have the same sweep half a second before and after, and the boxes where their velocity puts them.
+    Neighbors have the same sweep half a second before and after, and the boxes where their velocity puts them.
     """
     tables = Tables(root)
     tables.fixed()
     content = frame.content
     key_us = round(content["timestamp"] * 1e6)
-    names = ["before", "key", "after"] if neighbours else ["key"]
-    stamps_us = [key_us + STEP_US * i for i in ((-1, 0, 1) if neighbours else (0,))]
+    names = ["before", "key", "after"] if neighbors else ["key"]
+    stamps_us = [key_us + STEP_US * i for i in ((-1, 0, 1) if neighbors else (0,))]
     samples = tables.scene("scene-0061", stamps_us)
     key = samples[names.index("key")]
     world_T_ego = frame.world_T_ego
@@ -285,13 +285,13 @@ def _add_boxes(tables: Tables, frame: RealFrame, samples: dict[str, str]) -> Non
 @pytest.fixture(scope="session")
 def real_tables(real_frame: RealFrame, tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """The real keyframe in the set's layout: one scene with one sample."""
-    return wrap(real_frame, tmp_path_factory.mktemp("real") / "nuscenes", neighbours=False)
+    return wrap(real_frame, tmp_path_factory.mktemp("real") / "nuscenes", neighbors=False)
 
 
 @pytest.fixture(scope="session")
-def real_neighbours(real_frame: RealFrame, tmp_path_factory: pytest.TempPathFactory) -> Tables:
+def real_neighbors(real_frame: RealFrame, tmp_path_factory: pytest.TempPathFactory) -> Tables:
     """The same with an invented sample before and after it, from which velocities come."""
-    return wrap(real_frame, tmp_path_factory.mktemp("real3") / "nuscenes", neighbours=True)
+    return wrap(real_frame, tmp_path_factory.mktemp("real3") / "nuscenes", neighbors=True)
 
 
 SCENE_S = (0.0, 0.5, 1.0, 1.5, 3.2, 5.0)

@@ -108,8 +108,8 @@ def test_positions(keyframe, real_frame) -> None:
     assert np.isnan(keyframe.boxes.velocity_mps).all()
 
 
-def test_velocities(real_neighbours, real_frame, tmp_path: Path) -> None:
-    boxes = imported(real_neighbours.root, tmp_path / "three.mcap", sample=1).boxes
+def test_velocities(real_neighbors, real_frame, tmp_path: Path) -> None:
+    boxes = imported(real_neighbors.root, tmp_path / "three.mcap", sample=1).boxes
     velocity = np.array([[*instance["velocity"], 0] for instance in real_frame.instances])
     told = np.isfinite(velocity).all(axis=1)
     assert told.sum() == 67

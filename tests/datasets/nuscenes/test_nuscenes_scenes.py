@@ -231,7 +231,7 @@ def test_categories_with_plain_names(nuscenes) -> None:
     assert named["car"] == "car"
 
 
-def test_labelled_samples_without_boxes_and_sets_without_labels(nuscenes) -> None:
+def test_labeled_samples_without_boxes_and_sets_without_labels(nuscenes) -> None:
     log = imported(nuscenes.root, "scene-0002")
     assert [len(truth.boxes3d) for truth in log.truths] == [0, 0]
     assert [truth.frame_number for truth in log.truths] == [0, 1]

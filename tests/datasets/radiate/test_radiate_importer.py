@@ -206,7 +206,7 @@ def test_summary_tells_what_is_odd(sequence: Path) -> None:
         "gps_imu: 1 fixes left out, taken over 2 s away from what is imported (they start 0.50 s before",
         "boxes: 3 (car 2, group_of_pedestrians 1), 2 tracks",
         "labels: slots for 5 radar frames, there are 3; slot k belongs to frame k + 1",
-        "radar: of 2 labelled vehicles 2 (100.0%) have a radar point, 0 (0.0%) three or more",
+        "radar: of 2 labeled vehicles 2 (100.0%) have a radar point, 0 (0.0%) three or more",
     ):
         assert line in text
 
@@ -217,13 +217,13 @@ def test_cameras_that_start_late_are_told(sequence: Path) -> None:
     assert "left out, without a time in zed_left.txt: 1 files (frame 1)" in summary(sequence)
 
 
-def test_frames_beyond_the_labels_are_not_labelled(sequence: Path) -> None:
+def test_frames_beyond_the_labels_are_not_labeled(sequence: Path) -> None:
     path = sequence / "annotations/annotations.json"
     path.write_text('[{"id": 1, "class_name": "tram", "bboxes": [[], {"position": [1, 2, 3, 4], "rotation": 0}]}]')
     truths = list(imported(sequence).truths())
     assert [len(t.boxes3d or ()) for t in truths] == [0, 1]
     text = summary(sequence)
-    assert "unlabelled radar frames: 1, beyond the slots of the labels" in text
+    assert "unlabeled radar frames: 1, beyond the slots of the labels" in text
     assert "classes that the set lacks, taken as 'other': tram" in text
 
 
@@ -299,7 +299,7 @@ def test_bad_files_can_be_skipped(sequence: Path) -> None:
     assert {name: len(found) for name, found in messages(log).items()} == {
         "navtech": 2, "velo_lidar": 1, "zed_left": 2, "zed_right": 2, "gps_imu": 1,
     }  # fmt: skip
-    first = next(iter(log.truths()))  # what was labelled is known, whether the scan can be read or not
+    first = next(iter(log.truths()))  # what was labeled is known, whether the scan can be read or not
     assert first.boxes3d is not None
     assert len(first.boxes3d) == 1
     assert first.boxes3d.num_radar_pts is None

@@ -52,7 +52,7 @@ def test_defects_are_told(written: ImportedLog) -> None:
         "gps_imu: 125 of 250 fixes repeat a time, left out",
         "gps_imu: 125 fixes left out, taken over 2 s away from what is imported (they start 64.01 s after the radar",
         "labels: slots for 714 radar frames, there are 18; slot k belongs to frame k + 1",
-        "radar: of 42 labelled vehicles 42 (100.0%) have a radar point, 42 (100.0%) three or more",
+        "radar: of 42 labeled vehicles 42 (100.0%) have a radar point, 42 (100.0%) three or more",
     ):
         assert line in text
 

@@ -157,7 +157,7 @@ def test_object_benchmark_is_one_sequence_of_images(write, tmp_path):
     found, pair = sequences(tmp_path / "truth", tmp_path / "results")
     assert (pair.truth.form, pair.estimates.form) == ("kitti", "kitti")
     assert found[0].steps.frame.tolist() == [3, 10]
-    assert (found[0].estimates.step.tolist(), found[0].num_unlabelled) == ([0], 1)
+    assert (found[0].estimates.step.tolist(), found[0].num_unlabeled) == ([0], 1)
 
 
 def test_tables_by_column_and_by_file(write, tmp_path):
@@ -189,7 +189,7 @@ def test_tables_with_stamps_say_which_frames_there_are(write):
     found, _ = sequences(truth, results)
     one = found[0]
     assert one.steps.stamp_ns.tolist() == [1_000_000_000, 1_100_000_000]
-    assert (one.truth.label.tolist(), one.estimates.step.tolist(), one.num_unlabelled) == (["car"], [0], 1)
+    assert (one.truth.label.tolist(), one.estimates.step.tolist(), one.num_unlabeled) == (["car"], [0], 1)
     frames = write("f.csv", f"{COLUMNS}\n0,car,1,,10,20,30,40\n")
     with pytest.raises(ConfigError, match=r"t.csv has stamps, .*f.csv has frames; give both the same"):
         sequences(truth, frames)

@@ -87,9 +87,9 @@ def test_the_order_of_runs_changes_nothing(tmp_path: Path) -> None:
 
 def test_what_only_some_runs_have_is_kept(tmp_path: Path) -> None:
     van = boxes3d((10, 0), label="van", ids=[1])
-    labelled = boxes3d((10, 0), label="car", ids=[7])
-    runs = measured(written(tmp_path, "a", [Case(labelled, CAR)]), written(tmp_path, "b", [Case(labelled, van)]),
-                    written(tmp_path, "c", [Case(labelled)]))  # fmt: skip
+    labeled = boxes3d((10, 0), label="car", ids=[7])
+    runs = measured(written(tmp_path, "a", [Case(labeled, CAR)]), written(tmp_path, "b", [Case(labeled, van)]),
+                    written(tmp_path, "c", [Case(labeled)]))  # fmt: skip
     rows = table(combine_runs(runs))
     assert (rows["recall", "car", "all"].value, rows["recall", "van", "all"].value) == (1.0, 0.0)
     assert rows["f1", "vehicle", "log c"].reason == "no truth"

@@ -88,7 +88,7 @@ def test_projected_boxes_are_in_regions_too(tmp_path: Path) -> None:
 def test_2d_results_arent_blamed_for_what_is_elsewhere(tmp_path: Path) -> None:
     """Nobody knows where they are; on projected truth beside the road they are excused."""
     truth = boxes3d((10, 0), (10, 8), label="car")
-    # Front faces at x = 8 m: 400 / 8 = 50 px a metre; the second from y = 7 to 9 m, its image ends at u = -0.5.
+    # Front faces at x = 8 m: 400 / 8 = 50 px a meter; the second from y = 7 to 9 m, its image ends at u = -0.5.
     found = boxes2d((349.5, 262, 449.5, 337), (-0.5, 262, 49.5, 337))
     run = regional_run(tmp_path / "run", [Case(found, truth)], [EAST], front_camera())
     tp, fp, fn, _ = counts(run, ScoreOptions(regions=("road",)), space="iou")

@@ -187,7 +187,7 @@ class TestEvidence:
         assert "seen" not in {r.slice for r in score_run(run, ALL, (Detection(), Tracking()))}
 
     def test_truth_of_which_one_kind_sees_all_tells_enough(self, make_run: MakeRun) -> None:
-        """As in KITTI, where every object is labelled in the image, too."""
+        """As in KITTI, where every object is labeled in the image, too."""
         cars = truth((10, 0), (20, 0))
         assert must_find(make_run(Case(cars, cars, shown(1, 2)), rig=rig("lidar", "camera"))) == 2
         with pytest.raises(ConfigError, match="without --seen"):
@@ -213,7 +213,7 @@ def test_truth_projected_into_images(make_run: MakeRun) -> None:
 
 
 def test_2d_results_on_projected_truth_have_the_slice(make_run: MakeRun) -> None:
-    """Front faces at x = 8 and 18 m: 400 / 8 = 50 and 400 / 18 = 22.2 px a metre."""
+    """Front faces at x = 8 and 18 m: 400 / 8 = 50 and 400 / 18 = 22.2 px a meter."""
     cars = truth((10, 0), (20, 8), lidar=[0, 7], visibility=[0.2, 0.2])
     found = replace(boxes2d((349.5, 262, 449.5, 337)), track_id=np.array([1]))
     run = make_run(Case(found, cars), rig=rig("lidar", "camera"))

@@ -42,8 +42,8 @@ def test_images_come_with_the_boxes_of_their_camera(tmp_path):
     first, second, *rest = samples([write(tmp_path / "a.mcap", (100, 200))])
     assert len(rest) == 2
     assert (first.image.sensor, second.image.sensor) == ("front", "rear")
-    assert first.class_id.tolist() == [CLASSES.index("bus"), -1, -1], "ignored, and a class that isn't learnt"
-    assert first.xyxy[0].tolist() == [10.5, 20.5, 30.5, 40.5], "from pixel centres to the upper left corner"
+    assert first.class_id.tolist() == [CLASSES.index("bus"), -1, -1], "ignored, and a class that isn't learned"
+    assert first.xyxy[0].tolist() == [10.5, 20.5, 30.5, 40.5], "from pixel centers to the upper left corner"
     assert second.class_id.tolist() == [CLASSES.index("car")]
     assert second.is_ignored.tolist() == [False]
 
@@ -58,7 +58,7 @@ def test_logs_without_any_are_refused(tmp_path):
         samples([write(tmp_path / "a.mcap", ())])
 
 
-def test_a_camera_that_nobody_labelled_is_no_background(tmp_path):
+def test_a_camera_that_nobody_labeled_is_no_background(tmp_path):
     found = samples([write(tmp_path / "a.mcap", (100, 200), slice(0, 1))])
     assert [(sample.image.sensor, sample.image.stamp_ns) for sample in found] == [("front", 100), ("front", 200)]
 

@@ -17,9 +17,9 @@ FIELDS = {
 }  # fmt: skip
 
 
-def cars(*centres: tuple[float, float], yaw: float = 0.0) -> Boxes3D:
-    num = len(centres)
-    xy = np.array(centres, np.float64).reshape(-1, 2)
+def cars(*centers: tuple[float, float], yaw: float = 0.0) -> Boxes3D:
+    num = len(centers)
+    xy = np.array(centers, np.float64).reshape(-1, 2)
     return Boxes3D(
         center_m=np.column_stack([xy, np.full(num, 0.8)]), size_lwh_m=np.tile([4.0, 1.8, 1.6], (num, 1)),
         yaw_rad=np.full(num, yaw), label=np.full(num, "car"), score=np.full(num, 0.9),
@@ -87,7 +87,7 @@ def test_a_measured_velocity_keeps_the_gate_narrow(tracker: Tracker3D) -> None:
     assert ids(tracker.step(cars((7.5, 0.0)), 400 * MS, np.eye(4))) == []
 
 
-def test_neighbours_in_close_lanes_do_not_swap(tracker: Tracker3D) -> None:
+def test_neighbors_in_close_lanes_do_not_swap(tracker: Tracker3D) -> None:
     for i in range(10):
         shown = tracker.step(cars((2.0 * i, 0.0), (40 - 2.0 * i, 3.5)), (i + 1) * 100 * MS, None)
         assert ids(shown) == [1, 2]

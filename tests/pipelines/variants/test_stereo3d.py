@@ -119,7 +119,7 @@ def test_named_cameras_that_are_no_pair():
         started(None, "stereo.left=right")
 
 
-def test_lenses_that_are_not_modelled_are_refused():
+def test_lenses_that_are_not_modeled_are_refused():
     sensors = rig()
     odd = CameraModel(K, SIZE, "double_sphere", np.ones(6))
     with pytest.raises(LogError, match=r"camera 'left'.*rectify the images"):

@@ -37,7 +37,7 @@ def test_clean_log_is_clean(path):
     assert result.findings == ()
     assert result.num_problems == 0
     assert (result.reference, result.frames.num_frames, result.frames.num_complete) == ("lidar", 20, 20)
-    assert (result.num_truths, result.num_labelled) == (20, 20)
+    assert (result.num_truths, result.num_labeled) == (20, 20)
 
 
 def test_numbers_of_a_stream(path):
@@ -129,14 +129,14 @@ def test_boot_time_beside_unix_time(path):
     one = found(result, "TIM008")
     assert (one.source, one.severity) == ("radar", "error")
     assert one.text == "its clock is 1699999899.992 s behind that of lidar"
-    assert one.advice == "synchronise the clocks, or give --offset radar=1699999899992 or --stamps log"
+    assert one.advice == "synchronize the clocks, or give --offset radar=1699999899992 or --stamps log"
 
 
 def test_offset_puts_a_clock_right(path):
     items = changed(delayed("radar", -(START - 100 * S)), clean())
     assert checked(path, items, stamps=StampParams(offsets_ns={"radar": START - 100 * S})).num_problems == 0
     result = checked(path, stamps=StampParams(source="log"))
-    assert (result.num_problems, result.num_labelled) == (0, 20)  # truth goes by the stamps that were recorded
+    assert (result.num_problems, result.num_labeled) == (0, 20)  # truth goes by the stamps that were recorded
     with pytest.raises(ConfigError, match="--offset radr: no such sensor; did you mean 'radar'"):
         checked(path, stamps=StampParams(offsets_ns={"radr": 1}))
 

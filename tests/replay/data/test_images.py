@@ -65,16 +65,16 @@ def test_resized_keeps_the_aspect_and_never_enlarges():
     assert scale_down(PIXELS, 100) is PIXELS
 
 
-def test_grey_is_the_brightness_of_the_colours():
-    """Within rounding: a JPEG stores brightness, from which colours follow."""
+def test_grey_is_the_brightness_of_the_colors():
+    """Within rounding: a JPEG stores brightness, from which colors follow."""
     v, u = np.indices((48, 64))
     bgr = np.stack([2 * u + 40, 3 * v + 50, 3 * (u + v) // 2 + 30], axis=2).astype(np.uint8)
     data = encode_jpeg(bgr, 95)
     grey = decode_grey(Image("cam", 0, 0, data, "jpeg", (64, 48)))
-    colours = decode(Image("cam", 0, 0, data, "jpeg", (64, 48)))
+    colors = decode(Image("cam", 0, 0, data, "jpeg", (64, 48)))
     assert grey is not None
-    assert colours is not None
-    assert np.abs(grey.astype(int) - cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)).max() <= 2
+    assert colors is not None
+    assert np.abs(grey.astype(int) - cv2.cvtColor(colors, cv2.COLOR_BGR2GRAY)).max() <= 2
     raw = decode_grey(Image("cam", 0, 0, bgr.tobytes(), "bgr8", (64, 48)))
     np.testing.assert_array_equal(raw, cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY))
 

@@ -15,8 +15,8 @@ def bgr(data, encoding, size_wh):
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_bayer_patterns_give_the_colour_that_was_seen(pattern, bits):
-    """A sensor under a red light: each pixel has the value of the colour of its filter, named row by row."""
+def test_bayer_patterns_give_the_color_that_was_seen(pattern, bits):
+    """A sensor under a red light: each pixel has the value of the color of its filter, named row by row."""
     cell = np.array([RED[c] for c in pattern.upper()]).reshape(2, 2)
     mosaic = np.tile(cell, (4, 4)).astype(np.uint8)
     data = mosaic if bits == 8 else (mosaic.astype("<u2") << 8 | 0x55)
@@ -44,7 +44,7 @@ def test_single_pixels(encoding):
     np.testing.assert_array_equal(bgr(data, encoding, (1, 1)), [[expected]])
 
 
-GREY = [[[130, 130, 130]] * 2]  # Y = 128 of the range 16 to 235, no colour
+GREY = [[[130, 130, 130]] * 2]  # Y = 128 of the range 16 to 235, no color
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_yuv(encoding, data, size_wh, expected):
 @pytest.mark.parametrize(
     ("encoding", "data"), [("uyvy", [90, 81, 240, 81]), ("yuyv", [81, 90, 81, 240]), ("nv21", [81] * 4 + [240, 90])]
 )
-def test_order_of_the_colours_in_yuv(encoding, data):
+def test_order_of_the_colors_in_yuv(encoding, data):
     """BT.601 codes pure red as Y, U, V = 81, 90, 240."""
     pixels = bgr(data, encoding, (2, len(data) // 4 if encoding != "nv21" else 2))
     np.testing.assert_allclose(pixels[0, 0], [0, 0, 255], atol=3)

@@ -101,7 +101,7 @@ def test_check_sees_the_same_frames(log):
     reader = open_log(log, FaultLog())
     result = check_log(reader, FaultLog(), CheckOptions())
     assert result.reference == "boxes"
-    assert result.frames.num_frames == result.num_labelled == 10
+    assert result.frames.num_frames == result.num_labeled == 10
     assert [(f.code, f.severity) for f in result.findings] == [("CHK005", "info")]
 
 

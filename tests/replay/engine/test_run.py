@@ -85,7 +85,7 @@ def test_truth_joins_by_frame_number_before_stamps(tmp_path):
     assert [f.truth_stamp_ns for f in run.frames] == [None, 0, None]
 
 
-def test_frame_with_empty_truth_is_labelled(tmp_path):
+def test_frame_with_empty_truth_is_labeled(tmp_path):
     run = play(FakeLog([cloud(0), cloud(100 * MS)], [Truth(0, 0, Boxes3D.empty())]), tmp_path / "run")
     assert len(run.truth3d(0)) == 0
     assert run.truth3d(1) is None

@@ -183,8 +183,8 @@ def test_projections_of_real_boxes_agree_with_their_2d_labels(shared):
         known = calibrated(calib)
         source = BoxSource(root / "label_2" / calib.name, frame="cam0", camera="cam2")
         [truth] = open_boxes(source, known, FaultLog()).truths()
-        labelled = truth.boxes2d[truth.boxes2d.source_label != "DontCare"]
-        overlaps += np.diag(iou_2d(projected(truth.boxes3d, known), labelled.xyxy_px)).tolist()
+        labeled = truth.boxes2d[truth.boxes2d.source_label != "DontCare"]
+        overlaps += np.diag(iou_2d(projected(truth.boxes3d, known), labeled.xyxy_px)).tolist()
     assert len(overlaps) >= 6
     assert np.mean(overlaps) > 0.9
     assert min(overlaps) > 0.85

@@ -18,7 +18,7 @@ def sequence(folder, text, inner="gt/gt.txt", info="[Sequence]\nname=MOT17-02\ns
 
 
 def test_ground_truth_by_hand(tmp_path):
-    """Frames and pixels count from 1 there; frames of the sequence without rows are labelled, too."""
+    """Frames and pixels count from 1 there; frames of the sequence without rows are labeled, too."""
     path = sequence(tmp_path, GT)
     assert form(path) == form(path / "gt/gt.txt") == "mot"
     truths = read(path)

@@ -67,7 +67,7 @@ def test_2d_boxes_and_empty_instants(table):
 
 
 def test_both_kinds_in_one_table(table):
-    """A row may have both; an instant with boxes of one kind isn't labelled in the other, an empty row labels both."""
+    """A row may have both; an instant with boxes of one kind isn't labeled in the other, an empty row labels both."""
     path = table(
         f"stamp_s,{SOLID},left,top,right,bottom\n1,{BOX},1,2,3,4\n2,{BOX},,,,\n3,,,,,,,,1,2,3,4\n4,,,,,,,,,,,\n"
     )

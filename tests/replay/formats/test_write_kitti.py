@@ -96,7 +96,7 @@ def test_truth_without_ids_is_paired_in_order_within_a_class(tmp_path):
 
 
 def test_a_result_by_hand(tmp_path):
-    """A car 10 m ahead, 4 long, 1.8 wide, 1.5 high: its rear is 8 m away, f is 700 px, the centre at (600, 180)."""
+    """A car 10 m ahead, 4 long, 1.8 wide, 1.5 high: its rear is 8 m away, f is 700 px, the center at (600, 180)."""
     log = write_log(tmp_path / "0007.mcap", sweeps(2))
     run = run_of(log, lambda i: solids([10.0], score=[0.75], track_id=[5]) if i else solids([]))
     exported("kitti-tracking", tmp_path / "out", run)

@@ -57,7 +57,7 @@ def degenerate(num: int, seed: int) -> dict[str, tuple[Float64, Float64]]:
 def shapely_iou_bev(a: Float64, b: Float64, grid_m: float | None = None) -> Float64:
     """Intersection over union (N,) of pairs (N, 7) by shapely, which may round corners to a grid.
 
-    Coordinates count from the first box's centre: the difference is exact where both are far away, and corners at
+    Coordinates count from the first box's center: the difference is exact where both are far away, and corners at
     1e6 m would be rounded to 1e-10 m before shapely sees them. Without a grid, shapely 2.2.0 with GEOS 3.14.1 finds
     no common area at all in 1 of 500 pairs that are equal but turned by a half.
     """

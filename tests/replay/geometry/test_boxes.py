@@ -25,7 +25,7 @@ def test_corners_follow_yaw_pitch_roll(yaw, pitch, roll):
     np.testing.assert_allclose(corners(box)[0], expected, atol=1e-12)
 
 
-def test_neighbouring_corners_share_an_edge():
+def test_neighboring_corners_share_an_edge():
     found = corners(Boxes3D(np.zeros((1, 3)), np.array([[4.0, 2, 1]]), np.zeros(1)))[0]
     lengths = [np.linalg.norm(found[0] - found[bit]) for bit in (1, 2, 4)]
     assert lengths == [4, 2, 1]

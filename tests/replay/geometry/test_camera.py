@@ -36,7 +36,7 @@ def test_points_behind_are_nan_and_outside():
     assert not in_image(CAMERA, uv).any()
 
 
-def test_image_spans_half_a_pixel_beyond_the_centres():
+def test_image_spans_half_a_pixel_beyond_the_centers():
     uv = np.array([[-0.5, 0], [799.5, 599.5], [-0.6, 0], [799.6, 0], [0, 599.6]])
     assert in_image(CAMERA, uv).tolist() == [True, True, False, False, False]
 

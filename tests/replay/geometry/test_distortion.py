@@ -107,7 +107,7 @@ def test_a_pinhole_is_bit_for_bit_what_it_was():
 
 
 def test_barrel_by_hand():
-    # r = 0.5: 0.5 (1 - 0.2 * 0.25) = 0.475, 190 px right of the centre.
+    # r = 0.5: 0.5 (1 - 0.2 * 0.25) = 0.475, 190 px right of the center.
     uv, _ = project(camera("plumb_bob", (-0.2, 0, 0, 0)), np.array([[1.0, 0, 2]]))
     np.testing.assert_allclose(uv, [[589.5, 299.5]])
 

@@ -28,12 +28,12 @@ def run_of(folder, log=None, **plan):
 
 
 def with_poses(log):
-    """The body drives to the north, its x axis being the world's y, a metre a frame."""
+    """The body drives to the north, its x axis being the world's y, a meter a frame."""
     poses = [Pose("ego", 100 * MS * i, 100 * MS * i, np.array([100.0, i, 0]), TURNED) for i in range(20)]
     return replace(log, items=[*log.items, *poses])
 
 
-def labelled(run, text, name="truth.csv", **source):
+def labeled(run, text, name="truth.csv", **source):
     (run.folder.parent / name).write_text(text)
     found = relabel(run, BoxSource(run.folder.parent / name, **source))
     return found, Run(run.folder)
@@ -48,7 +48,7 @@ def test_truth_is_replaced(tmp_path):
     assert run.manifest.truth is None
     before = json.loads(run.manifest.model_dump_json())
     rows = "".join(f"{100 * MS * i},{i},1,0.5,4,2,1.5,0,Van\n" for i in (1, 3, 25))
-    found, after = labelled(run, f"stamp_ns,{SOLID},label\n{rows}")
+    found, after = labeled(run, f"stamp_ns,{SOLID},label\n{rows}")
     assert (found.num_truths, found.num_matched) == (3, 2)
     assert [f.index for f in after.frames if f.truth_stamp_ns is not None] == [1, 3]
     assert after.truth3d(3).center_m.tolist() == [[3, 1, 0.5]]
@@ -63,7 +63,7 @@ def test_truth_is_replaced(tmp_path):
 
 
 def test_truth_between_is_that_of_a_replay(tmp_path):
-    """Labelled every 250 ms, with poses: frames 0 and 5 and so on are labelled, others lie between."""
+    """Labelled every 250 ms, with poses: frames 0 and 5 and so on are labeled, others lie between."""
     log = with_poses(drive())
     labels = [replace(t, stamp_ns=250 * MS * i, boxes3d=replace(t.boxes3d, velocity_mps=np.array([[1.0, 2, 0]])))
               for i, t in enumerate(log.labels[:7])]  # fmt: skip
@@ -89,7 +89,7 @@ def test_truth_between_is_that_of_a_replay(tmp_path):
 def test_truth_of_another_kind_removes_the_old(tmp_path):
     rig = Rig({**drive().rig.mounts, "cam": Mount("camera", np.zeros(3), UPRIGHT)}, {})
     run = run_of(tmp_path, replace(drive(), rig=rig))
-    _, after = labelled(run, "frame,left,top,right,bottom\n4,1,2,3,4\n")
+    _, after = labeled(run, "frame,left,top,right,bottom\n4,1,2,3,4\n")
     assert not (after.folder / "truth.parquet").exists()
     assert after.truth2d(4).xyxy_px.tolist() == [[1, 2, 3, 4]]
     assert [f.truth_spaces for f in after.frames if f.truth_spaces] == ["2d"]
@@ -100,7 +100,7 @@ def test_world_truth_is_moved_by_the_poses_of_the_frames(tmp_path):
     run = run_of(tmp_path, with_poses(drive()))
     np.testing.assert_allclose(run.poses[4], [100, 4, 0, *TURNED])
     text = f"stamp_s,frame_id,{SOLID},vx,vy\n0.4,world,99,14,0.5,4,2,1.5,{np.pi / 2},0,3\n"
-    _, after = labelled(run, text)
+    _, after = labeled(run, text)
     boxes = after.truth3d(4)
     np.testing.assert_allclose(boxes.center_m, [[10, 1, 0.5]], atol=1e-9)
     np.testing.assert_allclose(boxes.yaw_rad, [0], atol=1e-9)
@@ -112,7 +112,7 @@ def test_replay_moves_world_truth_likewise(tmp_path):
     log = with_poses(drive())
     labels = [replace(truth, in_world=True) for truth in log.labels]
     run = run_of(tmp_path, replace(log, labels=labels))
-    # The labelled car is at (10 + i, 0) in the world; the body at (100, i) looks north.
+    # The labeled car is at (10 + i, 0) in the world; the body at (100, i) looks north.
     np.testing.assert_allclose(run.truth3d(4).center_m, [[-4, 86, 0]], atol=1e-9)
     with pytest.raises(LogError, match="truth is in world coordinates, but the log has no poses"):
         run_of(tmp_path / "none", replace(drive(), labels=labels))
@@ -123,28 +123,28 @@ def test_world_truth_without_poses_is_refused(tmp_path):
     assert np.isnan(run.poses).all()
     before = (run.folder / "frames.parquet").read_bytes()
     with pytest.raises(LogError, match="truth is in world coordinates, but the log has no poses"):
-        labelled(run, f"stamp_s,frame_id,{SOLID}\n0.4,world,99,14,0.5,4,2,1.5,0\n")
+        labeled(run, f"stamp_s,frame_id,{SOLID}\n0.4,world,99,14,0.5,4,2,1.5,0\n")
     assert (run.folder / "frames.parquet").read_bytes() == before
     assert not list(run.folder.glob(".*"))
 
 
-def test_frames_without_a_pose_alone_arent_labelled(tmp_path):
+def test_frames_without_a_pose_alone_arent_labeled(tmp_path):
     log = with_poses(drive())
     kept = [m for m in log.items if not (isinstance(m, Pose) and m.stamp_ns < 300 * MS)]
     run = run_of(tmp_path, replace(log, items=kept))
     text = f"frame,frame_id,{SOLID}\n0,world,99,14,0.5,4,2,1.5,0\n5,world,99,14,0.5,4,2,1.5,0\n"
-    found, after = labelled(run, text)
+    found, after = labeled(run, text)
     assert (found.num_truths, found.num_matched, counts(after)) == (2, 1, {"GT006": 1})
 
 
 def test_what_fits_nowhere_shows_both_ranges(tmp_path):
     run = run_of(tmp_path)
     with pytest.raises(MetricError, match=r"none of its 1 instants, 9000000000 to 9000000000 ns, belongs to a frame"):
-        labelled(run, f"stamp_s,{SOLID}\n9,1,2,3,4,2,1,0\n")
+        labeled(run, f"stamp_s,{SOLID}\n9,1,2,3,4,2,1,0\n")
     with pytest.raises(MetricError, match="none of its 1 frames, 77 to 77, is in the run, which has 0 to 19"):
-        labelled(run, f"frame,{SOLID}\n77,1,2,3,4,2,1,0\n")
+        labeled(run, f"frame,{SOLID}\n77,1,2,3,4,2,1,0\n")
     with pytest.raises(MetricError, match="no boxes in it"):
-        labelled(run, f"frame,{SOLID}\n")
+        labeled(run, f"frame,{SOLID}\n")
 
 
 def test_boxes_that_arent_real_are_counted_by_class(tmp_path):
@@ -152,21 +152,21 @@ def test_boxes_that_arent_real_are_counted_by_class(tmp_path):
     text = (
         f"frame,{SOLID},label\n0,1,2,3,4,0,1,0,car\n0,1,2,3,4,-2,1,0,car\n0,1,2,3,4,nan,1,0,van\n0,1,2,3,4,2,1,0,bus\n"
     )
-    _, after = labelled(run, text)
+    _, after = labeled(run, text)
     assert after.truth3d(0).label.tolist() == ["bus"]
     assert counts(after) == {"GT004": 3}
     assert after.json("faults.json")["lost"] == 3
     assert not after.manifest.complete
     places = next(row["places"] for row in after.json("faults.json")["rows"] if row["code"] == "GT004")
     assert places == ["frame 0: 2 of class 'car'", "frame 0: 1 of class 'van'"]
-    _, good = labelled(after, f"frame,{SOLID},label\n0,1,2,3,4,2,1,0,bus\n")
+    _, good = labeled(after, f"frame,{SOLID},label\n0,1,2,3,4,2,1,0,bus\n")
     assert good.manifest.complete
 
 
 def test_classes_that_arent_known_are_told_and_may_be_mapped(tmp_path):
     run = run_of(tmp_path)
     text = f"frame,{SOLID},label\n0,1,2,3,4,2,1,0,Kfz\n"
-    _, after = labelled(run, text)
+    _, after = labeled(run, text)
     assert (after.truth3d(0).label.tolist(), counts(after)) == (["other"], {"GT007": 1})
     relabel(after, BoxSource(tmp_path / "truth.csv"), {"Kfz": "car"})
     assert Run(run.folder).truth3d(0).label.tolist() == ["car"]
@@ -175,13 +175,13 @@ def test_classes_that_arent_known_are_told_and_may_be_mapped(tmp_path):
 def test_truth_refers_to_stamps_as_recorded(tmp_path):
     run = run_of(tmp_path, stamps=StampParams(offsets_ns={"lidar": 30 * MS}), sync=SyncParams(reference="lidar"))
     assert run.frames[2].stamp_ns == 230 * MS
-    _, after = labelled(run, f"stamp_s,{SOLID}\n0.2,1,2,3,4,2,1,0\n")
+    _, after = labeled(run, f"stamp_s,{SOLID}\n0.2,1,2,3,4,2,1,0\n")
     assert [f.index for f in after.frames if f.truth_spaces] == [2]
 
 
 def test_a_part_of_a_log_ignores_what_is_outside(tmp_path):
     run = run_of(tmp_path, excerpt=Excerpt(first=5, stop=10))
     rows = "".join(f"{i},{i},1,0.5,4,2,1.5,0\n" for i in range(25))
-    found, after = labelled(run, f"frame,{SOLID}\n{rows}")
+    found, after = labeled(run, f"frame,{SOLID}\n{rows}")
     assert (found.num_truths, found.num_matched, counts(after)) == (25, 5, {})
     assert after.truth3d(7).center_m[0, 0] == 7

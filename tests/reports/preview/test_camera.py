@@ -36,7 +36,7 @@ def test_a_point_ahead_lands_in_the_middle_of_the_image():
     assert pixel(picture, 520, 300) == (100, 100, 100)
 
 
-def test_radar_points_have_the_colours_of_their_speed():
+def test_radar_points_have_the_colors_of_their_speed():
     # u = 159.5 - 200 y / 10 for points 10 m ahead; three picture pixels a pixel
     xyz = [[10.0, 2.0, 0], [10.0, 0.0, 0], [10.0, -2.0, 0]]
     seen = sample(street_rig(), scans={"radar": (xyz, [10.0, 0.0, -10.0])}, images={"cam": gray()})

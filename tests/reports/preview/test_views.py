@@ -19,7 +19,7 @@ def test_forward_is_up_and_left_is_left():
     assert GROUND.to_picture(np.array([[20.0, 20], [-20, -20], [0, 0]])).tolist() == [[0, 0], [800, 800], [400, 400]]
 
 
-def test_points_have_the_colours_of_lidar_and_speed():
+def test_points_have_the_colors_of_lidar_and_speed():
     scans = {"radar": ([[15.0, -5, 0], [12.0, -6, 0]], [10.0, -10.0])}
     picture = from_above(sample(street_rig(), clouds={"lidar": [[7.0, -13.0, 0]]}, scans=scans), GROUND, ["a", "lidar"])
     assert color_at(picture, 7, -13) == of_sensor(1)

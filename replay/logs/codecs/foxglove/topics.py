@@ -55,7 +55,7 @@ def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
     K = np.array(list(proto.K)).reshape(3, 3)
     distortion = np.array(list(proto.D))
     if not (np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 and K[1, 1] > 0):
-        raise DecodeError(f"camera '{proto.frame_id}' has no valid focal length, centre and distortion")
+        raise DecodeError(f"camera '{proto.frame_id}' has no valid focal length, center and distortion")
     if not (proto.width and proto.height):
         raise DecodeError(f"camera '{proto.frame_id}' has an image size of {proto.width}x{proto.height}")
     return proto.frame_id, CameraModel(K, (proto.width, proto.height), proto.distortion_model, np.array(list(proto.D)))

@@ -44,7 +44,7 @@ B = TypeVar("B", Boxes2D, Boxes3D)
 
 
 def boxes_proto(stamp_ns: int, boxes: Boxes3D | Boxes2D | None, more: dict[str, str] | None = None) -> SceneUpdate:
-    """Encode boxes, `more` being added to the metadata of the frame; `None` means not labelled."""
+    """Encode boxes, `more` being added to the metadata of the frame; `None` means not labeled."""
     scene = SceneUpdate()
     # Viewers keep entities until they are deleted: each message replaces what the one before it drew.
     scene.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(stamp_ns))

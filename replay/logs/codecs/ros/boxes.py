@@ -45,7 +45,7 @@ def detections3d(message: Any) -> Boxes3D:
 def detections2d(message: Any, camera: str) -> Boxes2D:
     """Return the boxes of a Detection2DArray, turned ones as the rectangle around them.
 
-    vision_msgs doesn't say where pixels have their centres: values are taken as they are, centres at integers. Raises
+    vision_msgs doesn't say where pixels have their centers: values are taken as they are, centers at integers. Raises
     DecodeError where a box isn't finite.
     """
     parts = get(message, "detections")

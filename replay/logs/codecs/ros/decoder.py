@@ -104,7 +104,7 @@ _MODELS = {"equidistant": "fisheye", "kannala_brandt": "fisheye"}
 def camera_model(info: Any, frame_id: str) -> CameraModel:
     """Return the intrinsics of the images that are published with a CameraInfo: binning and region are applied.
 
-    A pixel of b x b binned ones has its centre at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
+    A pixel of b x b binned ones has its center at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
     DecodeError where the camera isn't calibrated, or the numbers can't be those of a camera.
     """
     K = np.array(get(info, "k", "K"), np.float64).reshape(3, 3)
@@ -112,7 +112,7 @@ def camera_model(info: Any, frame_id: str) -> CameraModel:
     if not K.any():
         raise DecodeError(f"camera '{frame_id}' isn't calibrated (K is zero)")
     if not (np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 and K[1, 1] > 0):
-        raise DecodeError(f"camera '{frame_id}' has no valid focal length, centre and distortion")
+        raise DecodeError(f"camera '{frame_id}' has no valid focal length, center and distortion")
     model = str(get(info, "distortion_model"))
     size_wh = _apply_region(info, K, frame_id)
     return CameraModel(K, size_wh, _MODELS.get(model, model), distortion)

@@ -113,7 +113,7 @@ def is_radar(cloud: Cloud) -> bool:
 
 
 def lidar(cloud: Cloud, stamp_ns: int, origin: Origin) -> PointCloud:
-    """Return a sweep, row by row for organised clouds, without the points that the cloud declares invalid. Raises
+    """Return a sweep, row by row for organized clouds, without the points that the cloud declares invalid. Raises
     PointsError where sizes don't fit together, or x, y, z aren't there.
     """
     columns = Columns(cloud)

@@ -59,7 +59,7 @@ _BOX_CONTENT = {
     "source_label": Content.TEXTS, "track_id": Content.INTS, "num_lidar_pts": Content.INTS,
     "num_radar_pts": Content.INTS, "sources": Content.SMALL, "predicted": Content.FLAGS, "ignore": Content.FLAGS,
 }  # fmt: skip
-BOXES_NEEDED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")  # Null where nothing is labelled
+BOXES_NEEDED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")  # Null where nothing is labeled
 
 
 def _boxes(kind: type[Boxes2D] | type[Boxes3D]) -> dict[str, Column]:
@@ -95,7 +95,7 @@ def arrow_schema(kind: StreamKind) -> pa.Schema:
 
 
 def _always(kind: StreamKind, name: str) -> bool:
-    # Boxes that are needed are null where nothing is labelled.
+    # Boxes that are needed are null where nothing is labeled.
     return COLUMNS[kind][name].needed and not (kind.startswith("truth") and name in BOXES_NEEDED)
 
 

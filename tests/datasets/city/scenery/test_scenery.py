@@ -160,7 +160,7 @@ def test_a_thing_stands_where_it_is_placed(make_layout: Make) -> None:
     np.testing.assert_allclose(_used(there), np.column_stack([100 - y, -50 + x, z + 0.15]), atol=2e-5)
 
 
-def test_trees_of_one_kind_share_their_shape_but_not_their_colour(make_layout: Make) -> None:
+def test_trees_of_one_kind_share_their_shape_but_not_their_color(make_layout: Make) -> None:
     both = scenery(make_layout([], [Placement("tree", (10.0 * i, 0, 0), 0.0, (4, 4, 8), 2) for i in (0, 1)]), 1)
     first, second = np.split(both.triangles[NUM_GROUND:], 2)
     np.testing.assert_allclose(both.vertices_m[first] + [10, 0, 0], both.vertices_m[second], atol=1e-5)

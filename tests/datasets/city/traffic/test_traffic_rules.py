@@ -66,7 +66,7 @@ def test_brake_lights_shine_while_slowing(urban: Scene) -> None:
     assert braking[rising].mean() < 0.05
 
 
-def test_lamps_show_one_colour_of_each_signal(urban: Scene) -> None:
+def test_lamps_show_one_color_of_each_signal(urban: Scene) -> None:
     for state in urban.states[::10]:
         assert (state.lamps.reshape(-1, 3).sum(axis=1) == 1).all()
 

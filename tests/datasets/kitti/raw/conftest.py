@@ -165,7 +165,7 @@ class MadeDrive:
 
 @pytest.fixture
 def drive(tmp_path: Path) -> MadeDrive:
-    """Three frames of two cameras, LiDAR and IMU, synchronised and rectified."""
+    """Three frames of two cameras, LiDAR and IMU, synchronized and rectified."""
     return MadeDrive(tmp_path / "kitti")
 
 

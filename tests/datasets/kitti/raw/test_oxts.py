@@ -8,7 +8,7 @@ from fbench.replay.contracts.errors import LogError
 
 
 def geodetic(fix, e2):
-    """Earth-centred position [m] on an ellipsoid with the square of eccentricity `e2`; 0 is a sphere."""
+    """Earth-centered position [m] on an ellipsoid with the square of eccentricity `e2`; 0 is a sphere."""
     lat, lon = np.deg2rad([fix.lat_deg, fix.lon_deg])
     n = 6378137.0 / np.sqrt(1 - e2 * np.sin(lat) ** 2)
     p = (n + fix.alt_m) * np.cos(lat)

@@ -145,7 +145,7 @@ def test_lost_sweeps_are_told(drive):
     assert len(found.of("image_00")) == 3
 
 
-def test_a_drive_without_lidar_has_frames_of_the_left_colour_camera(drive):
+def test_a_drive_without_lidar_has_frames_of_the_left_color_camera(drive):
     for path in sorted((drive.folder / "velodyne_points").rglob("*.bin")):
         path.unlink()
     found = drive.imported()
@@ -239,7 +239,7 @@ def test_boxes_of_an_extract_have_no_frames(extract, make_tracklet):
     extract.write_tracklets(make_tracklet([extract.pose.format(10, 1, -1.5, 0, 2, 0, 0)]))
     found = extract.imported()
     assert found.truths == []
-    assert any("counts the frames of the synchronised drive" in line for line in found.lines)
+    assert any("counts the frames of the synchronized drive" in line for line in found.lines)
 
 
 def test_the_importer_keeps_what_its_protocol_promises(drive):

@@ -42,7 +42,7 @@ def label_rows(path):
 
 
 def plain_counts(rows, points, camera_T_velo):
-    """Points in each labelled box, in the camera's coordinates, where boxes turn about y."""
+    """Points in each labeled box, in the camera's coordinates, where boxes turn about y."""
     camera = (camera_T_velo @ np.column_stack([points[:, :3].astype(float), np.ones(len(points))]).T)[:3].T
     counts = []
     for _, v in rows:
@@ -86,7 +86,7 @@ def points_inside(found):
 
 
 @pytest.mark.parametrize("frame", [0, 1, 2])
-def test_points_are_in_the_boxes_that_they_were_labelled_in(shared, drive, make_tracklet, frame):
+def test_points_are_in_the_boxes_that_they_were_labeled_in(shared, drive, make_tracklet, frame):
     source = shared / "data" / "kitti_object"
     numbers = write_calibration(drive.date, source / f"calib/{frame:06d}.txt", SIZES[frame])
     keep_frames(drive, 1)

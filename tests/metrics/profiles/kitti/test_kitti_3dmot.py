@@ -100,7 +100,7 @@ def test_best_threshold_maximises_mota():
     assert own["fp"] == 0
 
 
-def test_neighbouring_classes_are_neutral():
+def test_neighboring_classes_are_neutral():
     truth = [row(0, 1, 0), row(0, 2, 10, "Van"), row(0, 3, 20, "Van")]
     results = [row(0, 1, 0, score=1), row(0, 2, 10, score=1), row(0, 9, -10, "Van", score=1)]
     own = values(truth, results)
@@ -109,7 +109,7 @@ def test_neighbouring_classes_are_neutral():
     assert (own["gt_objects"], own["ignored_gt_objects"], own["ignored_tracker_objects"]) == (3, 2, 1)
 
 
-def test_only_people_who_sit_are_neighbours_of_pedestrians():
+def test_only_people_who_sit_are_neighbors_of_pedestrians():
     # the tracking labels say `Person`, which AB3DMOT doesn't read; `Person_sitting` it does
     for kind, false_alarms in (("Person", 1), ("Person_sitting", 0)):
         truth = [row(0, 1, 0, "Pedestrian"), row(0, 2, 10, kind)]

@@ -85,7 +85,7 @@ def test_difficulties_say_what_must_be_found(height, levels, counted):
         assert found(truth, results, difficulty=name)["ap"].counts["gt"] == (name in counted.split())
 
 
-def test_neighbours_low_results_and_regions_are_neutral():
+def test_neighbors_low_results_and_regions_are_neutral():
     truth = boxes(("car", 0, 0), ("van", 10, 0), ("dontcare", 20, 0))
     tall = boxes(*(("car", x, 0) for x in (0, 10, 20)), score=[1, 3, 2])
     low = boxes(("car", 30, 0), ("cyclist", 40, 0), score=[4, 4], height=24)

@@ -207,7 +207,7 @@ def test_results_in_a_sample_of_which_nobody_knows_where_the_ego_is_are_refused(
 def test_match() -> None:
     one = PROFILE.with_match(Match("bev", 1.0))
     assert (one.settings.distances_m, one.settings.error_distance_m) == ((1.0,), 1.0)
-    with pytest.raises(ConfigError, match="nuscenes-detection matches by centre distance only"):
+    with pytest.raises(ConfigError, match="nuscenes-detection matches by center distance only"):
         PROFILE.with_match(Match("iou3d", 0.5))
 
 

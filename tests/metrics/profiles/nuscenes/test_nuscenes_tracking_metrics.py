@@ -188,7 +188,7 @@ def test_refused() -> None:
     assert caught.value.code == "GT003"
     with pytest.raises(MetricError, match="sample 0: a result without track id"):
         PROFILE.measure(sequence([], [car(0, -1, 0.0)]))
-    with pytest.raises(ConfigError, match="nuscenes-tracking matches by centre distance only"):
+    with pytest.raises(ConfigError, match="nuscenes-tracking matches by center distance only"):
         PROFILE.with_match(Match("ioubev", 0.5))
     assert PROFILE.with_match(Match("bev", 1.0)).settings.distance_m == 1.0
 

@@ -27,14 +27,14 @@ def wall(x_m):
     return np.column_stack([np.full(len(y), x_m), y, z])
 
 
-def labelled(cloud, cameras):
+def labeled(cloud, cameras):
     return label_points(RIG, cameras, cloud, GROUND, SemanticsParams())
 
 
 def test_only_the_car_gets_the_label_not_what_stands_behind_it():
     car, behind = points(L, car_back(20.0, 0.0)), points(L, wall(30.0))
     cloud = joined(car, behind)
-    found = labelled(cloud, seen(BOX))
+    found = labeled(cloud, seen(BOX))
     in_box = np.abs(cloud.xyz[:, 1] / cloud.xyz[:, 0]) < 0.04
     assert in_box[len(car) :].sum() > 50
     assert found.instance[: len(car)].sum() == -(~in_box[: len(car)]).sum()
@@ -45,7 +45,7 @@ def test_only_the_car_gets_the_label_not_what_stands_behind_it():
 def test_how_well_a_camera_would_see_a_car():
     """Where something stands before it, what a camera doesn't see may be there all the same."""
     cloud = joined(points(L, car_back(20.0, 0.0)), points(L, wall(30.0)), points(L, [[-9.0, 0, 0]]))
-    height = labelled(cloud, seen(BOX)).height_px[36:]
+    height = labeled(cloud, seen(BOX)).height_px[36:]
     y, z = cloud.xyz[36:-1, 1:].T
     assert (height[:-1][(np.abs(y) < 1.2) & (z < 0)] == 0).all()
     assert height[:-1][np.abs(y) > 1.6] == pytest.approx(500 * 1.55 / 30, rel=0.02)
@@ -55,7 +55,7 @@ def test_how_well_a_camera_would_see_a_car():
 def test_nor_what_stands_before_it():
     pole = np.column_stack([np.full(30, 8.0), np.full(30, 0.0), np.linspace(-1.2, 0.5, 30)])
     cloud = joined(points(L, pole), points(L, car_back(20.0, 0.0)))
-    found = labelled(cloud, seen(BOX))
+    found = labeled(cloud, seen(BOX))
     assert (found.instance[:30] == -1).all()
     assert (found.instance[30:] == 0).sum() > 25
 
@@ -63,7 +63,7 @@ def test_nor_what_stands_before_it():
 def test_the_nearer_of_two_objects_takes_its_points_first():
     near, far = points(L, car_back(12.0, -0.5)), points(L, car_back(24.0, 1.2, width_m=2.2))
     boxes = [[382.0, 300.0, 457.0, 366.0], [353.0, 300.0, 397.0, 333.0]]
-    found = labelled(joined(near, far), seen(*boxes[::-1]))
+    found = labeled(joined(near, far), seen(*boxes[::-1]))
     assert set(found.instance[: len(near)].tolist()) <= {-1, 0}
     assert set(found.instance[len(near) :].tolist()) <= {-1, 1}
     assert (found.instance == 0).sum() > 20
@@ -72,21 +72,21 @@ def test_the_nearer_of_two_objects_takes_its_points_first():
 
 def test_radar_may_be_wrong_about_height_and_a_little_about_direction():
     beside = [[20.0, 1.0, 0.0], [20.5, 0.0, 3.0], [21.0, -1.0, -3.0]]
-    assert labelled(points(R, beside, rate_mps=3.0), seen(BOX)).instance.tolist() == [0, 0, 0]
-    assert labelled(points(L, beside), seen(BOX)).instance.tolist() == [-1, -1, -1]
+    assert labeled(points(R, beside, rate_mps=3.0), seen(BOX)).instance.tolist() == [0, 0, 0]
+    assert labeled(points(L, beside), seen(BOX)).instance.tolist() == [-1, -1, -1]
 
 
 def test_a_single_point_is_no_object():
-    assert labelled(points(L, [[20.0, 0.0, -0.8]]), seen(BOX)).instance.tolist() == [-1]
-    assert labelled(points(L, []), seen(BOX)).instance.tolist() == []
+    assert labeled(points(L, [[20.0, 0.0, -0.8]]), seen(BOX)).instance.tolist() == [-1]
+    assert labeled(points(L, []), seen(BOX)).instance.tolist() == []
 
 
-def test_without_cameras_nothing_is_labelled():
-    found = labelled(points(L, car_back(20.0, 0.0)), {})
+def test_without_cameras_nothing_is_labeled():
+    found = labeled(points(L, car_back(20.0, 0.0)), {})
     assert (found.instance == -1).all()
     assert not found.height_px.any()
 
 
 @pytest.mark.parametrize("label", ["other", "train"])
 def test_labels_without_a_typical_size_are_left_out(label: str):
-    assert labelled(points(L, car_back(20.0, 0.0)), seen(BOX, label=label)).observations == ()
+    assert labeled(points(L, car_back(20.0, 0.0)), seen(BOX, label=label)).observations == ()

@@ -20,7 +20,7 @@ def detect(detector: CameraDetector, pixels: Pixels) -> CameraDetections:
     return detector.infer(detector.prepare(pixels))
 
 
-def test_boxes_have_pixel_centres_at_integers_and_fall_in_score(one_car: Path) -> None:
+def test_boxes_have_pixel_centers_at_integers_and_fall_in_score(one_car: Path) -> None:
     found = detect(CameraDetector(CameraParams(weights=one_car)), PIXELS)
     assert found.xyxy_px.tolist() == [[9.5, 19.5, 49.5, 59.5], [69.5, 19.5, 79.5, 59.5]]
     assert found.label.tolist() == ["car", "pedestrian"]

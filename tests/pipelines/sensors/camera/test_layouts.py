@@ -33,7 +33,7 @@ def test_yolox_decodes_the_grid() -> None:
     fed = layout.feeds([PIXELS])["images"]
     assert fed[0, :, 0, 0].tolist() == [255, 0, 0]
     assert fed[0, :, 63, 63].tolist() == [114, 114, 114]
-    # Cell 64 + 5 is column 1, row 1 of stride 16: centre (1 + 0.5, 1 + 0.25) * 16, size e^0, e^ln2 times 16.
+    # Cell 64 + 5 is column 1, row 1 of stride 16: center (1 + 0.5, 1 + 0.25) * 16, size e^0, e^ln2 times 16.
     raw = yolox_raw(64 + 5, [0.5, 0.25, 0.0, np.log(2.0), 0.9])
     (found,) = layout.read([raw], [(64, 64)], 0.3)
     np.testing.assert_allclose(found.xyxy, [[16, 4, 32, 36]], rtol=1e-6)

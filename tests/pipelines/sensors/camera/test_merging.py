@@ -74,8 +74,8 @@ def test_a_pedestrian_in_front_of_a_car_stays() -> None:
 
 def test_a_part_of_a_vehicle_is_dropped_a_half_hidden_vehicle_stays() -> None:
     whole = ([0.0, 0.0, 100.0, 50.0], 0.9, "bus")
-    part, neighbour = ([60.0, 10.0, 100.0, 50.0], 0.8, "car"), ([70.0, 10.0, 130.0, 50.0], 0.7, "car")
-    assert merge([candidates(whole, part, neighbour)], 0.5, 0.9).score.tolist() == [0.9, 0.7]
+    part, neighbor = ([60.0, 10.0, 100.0, 50.0], 0.8, "car"), ([70.0, 10.0, 130.0, 50.0], 0.7, "car")
+    assert merge([candidates(whole, part, neighbor)], 0.5, 0.9).score.tolist() == [0.9, 0.7]
 
 
 def test_no_candidates_give_no_boxes() -> None:

@@ -10,12 +10,12 @@ def box(*xyxy: float) -> Candidates:
     return Candidates(np.array([xyxy]), np.ones(1), np.array(["car"]))
 
 
-def test_letterbox_upper_left_and_centred() -> None:
-    corner = letterbox((200, 100), (100, 100), centred=False)
+def test_letterbox_upper_left_and_centered() -> None:
+    corner = letterbox((200, 100), (100, 100), centered=False)
     assert (corner.scale, corner.offset) == ((0.5, 0.5), (0.0, 0.0))
-    centred = letterbox((200, 100), (100, 100), centred=True)
-    assert (centred.scale, centred.offset) == ((0.5, 0.5), (0.0, 25.0))
-    assert centred.back(box(10, 30, 20, 40)).xyxy.tolist() == [[20, 10, 40, 30]]
+    centered = letterbox((200, 100), (100, 100), centered=True)
+    assert (centered.scale, centered.offset) == ((0.5, 0.5), (0.0, 25.0))
+    assert centered.back(box(10, 30, 20, 40)).xyxy.tolist() == [[20, 10, 40, 30]]
 
 
 def test_squash_scales_each_axis_by_itself() -> None:
@@ -24,11 +24,11 @@ def test_squash_scales_each_axis_by_itself() -> None:
     assert placement.back(box(10, 20, 20, 40)).xyxy.tolist() == [[20, 10, 40, 20]]
 
 
-@pytest.mark.parametrize("centred", [True, False])
-def test_a_bright_rectangle_comes_back_to_where_it_was(centred: bool) -> None:
+@pytest.mark.parametrize("centered", [True, False])
+def test_a_bright_rectangle_comes_back_to_where_it_was(centered: bool) -> None:
     pixels = np.zeros((60, 200, 3), np.uint8)
     pixels[20:40, 80:120] = 255
-    placement = letterbox((200, 60), (100, 100), centred=centred)
+    placement = letterbox((200, 60), (100, 100), centered=centered)
     placed = place(pixels, placement, (100, 100))
     rows, columns = np.nonzero(placed[..., 0] == 255)
     found = box(columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
@@ -37,8 +37,8 @@ def test_a_bright_rectangle_comes_back_to_where_it_was(centred: bool) -> None:
 
 
 @given(st.integers(1, 3000), st.integers(1, 3000), st.booleans())
-def test_any_image_fits(width: int, height: int, centred: bool) -> None:
-    placement = letterbox((width, height), (96, 64), centred=centred)
+def test_any_image_fits(width: int, height: int, centered: bool) -> None:
+    placement = letterbox((width, height), (96, 64), centered=centered)
     right = placement.scale[0] * width + placement.offset[0]
     bottom = placement.scale[1] * height + placement.offset[1]
     assert right <= 96 + 1e-9

@@ -36,7 +36,7 @@ def off_surfaces(xyz: np.ndarray, exact: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 def test_standing_things_are_sharp_again(tmp_path):
-    """At 4.4 m/s and 10 turns a second: the first points of a turn are half a metre off, and more where it turns."""
+    """At 4.4 m/s and 10 turns a second: the first points of a turn are half a meter off, and more where it turns."""
     options = ("--seed", 101, "--seconds", 0.5, "--sensors", "lidar", "--set", "lidar.rate_hz=10")
     finer = ("--set", "lidar.points_per_s=300000", "--set", "lidar.noise_m=0")
     still = simulated(tmp_path, "still", "urban", *options, *finer)

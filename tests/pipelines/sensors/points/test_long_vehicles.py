@@ -113,7 +113,7 @@ def test_points_of_no_cluster_stay_so_but_bridge_gaps():
 
 FLAT = Plane(0.0, 0.0, 0.0)
 RARE = np.array([23.5, 27.5, 33.0])
-"""Where columns a degree apart hit a side 3 m to the left that begins at 20 m: four to six metres apart."""
+"""Where columns a degree apart hit a side 3 m to the left that begins at 20 m: four to six meters apart."""
 
 
 def with_height(seen: LidarView, number: int, top_m: float) -> LidarView:

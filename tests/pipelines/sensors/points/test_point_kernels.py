@@ -198,8 +198,8 @@ def test_lexicographic_order_of_any_numbers(seed, num_columns):
 @pytest.mark.slow
 @often
 @given(seeds)
-def test_cells_may_touch_where_points_are_neighbours(seed):
-    """As the distance of their bounds says, and so wherever two of their points are neighbours."""
+def test_cells_may_touch_where_points_are_neighbors(seed):
+    """As the distance of their bounds says, and so wherever two of their points are neighbors."""
     rng = np.random.default_rng(seed)
     clouds = [rng.uniform(0, 1, (int(rng.integers(1, 6)), 3)) + rng.integers(-2, 3, 3) for _ in range(2)]
     radius = rng.uniform(0.05, 3, 2)

@@ -41,7 +41,7 @@ def test_equidistant_is_called_fisheye():
     assert model(model="equidistant")[1].distortion_model == "fisheye"
 
 
-def test_region_moves_the_centre():
+def test_region_moves_the_center():
     camera = model(region=(100, 50, 200, 150))[1]
     assert camera.size_wh == (200, 150)
     assert (camera.K[0, 2], camera.K[1, 2], camera.K[0, 0], camera.K[0, 1]) == (220.0, 190.0, 700.0, 0.5)
@@ -50,7 +50,7 @@ def test_region_moves_the_centre():
 def test_binning_scales_about_the_corner_of_the_image():
     camera = model(binning=(2, 4))[1]
     assert camera.size_wh == (320, 120)
-    # Full-resolution pixel 0.5 (the border of pixels 0 and 1) is the centre of the first of the binned ones.
+    # Full-resolution pixel 0.5 (the border of pixels 0 and 1) is the center of the first of the binned ones.
     np.testing.assert_allclose(
         camera.K, [[350, 0.25, (320 - 0.5) / 2], [0, 710 / 4, (240 - 1.5) / 4], [0, 0, 1]], rtol=1e-15
     )

@@ -65,7 +65,7 @@ def test_any_layout(data, height, width, order):
     np.testing.assert_array_equal(sweep.xyz, np.stack(expected, axis=1))
 
 
-def test_organised_clouds_come_row_by_row():
+def test_organized_clouds_come_row_by_row():
     rows = structured(x=np.arange(6, dtype="f4"), y=np.zeros(6, "f4"), z=np.zeros(6, "f4")).reshape(2, 3)
     np.testing.assert_array_equal(read(rows, row_padding=5).xyz[:, 0], [0, 1, 2, 3, 4, 5])
 
@@ -240,7 +240,7 @@ def test_too_many_fields():
 
 @pytest.mark.parametrize("kind", ["lidar", "radar"])
 def test_points_that_a_cloud_declares_invalid_are_left_out(kind):
-    """Organised clouds keep a place for each ray: those without a return are NaN, and `is_dense` is false."""
+    """Organized clouds keep a place for each ray: those without a return are NaN, and `is_dense` is false."""
     x = np.float32([1, np.nan, 3, np.inf])
     rows = structured(x=x, y=x, z=x, velocity=np.float32([5, 6, 7, 8]), intensity=np.float32([1, 2, 3, 4]))
     changes = {"kind": kind, "height": 2, "width": 2, "row_step": 2 * rows.dtype.itemsize}

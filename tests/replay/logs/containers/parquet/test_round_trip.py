@@ -65,7 +65,7 @@ def test_a_drive(tmp_path, compression, rows_per_group):
     ("boxes3d", "boxes2d"),
     [(None, None), (Boxes3D.empty(), None), (None, Boxes2D.empty()), (Boxes3D.empty(), Boxes2D.empty())],
 )
-def test_not_labelled_is_not_the_same_as_empty(boxes3d, boxes2d):
+def test_not_labeled_is_not_the_same_as_empty(boxes3d, boxes2d):
     truth = Truth(5, 6, boxes3d, boxes2d)
     assert kept([truth]) == [b.canonical(truth)]
 
