@@ -1,17 +1,17 @@
 """One import: every chosen sequence of a dataset becomes a log, whole or not at all."""
 
+import fcntl
 import glob
+import os
 import re
 import shutil
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
-
-from filelock import FileLock, Timeout
 
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
@@ -35,23 +35,35 @@ def claim(path: Path, waits: Callable[[], None]) -> Iterator[None]:
     The system gives a claim back when its process ends, however it does. Raises ConfigError where nothing can be
     written beside the log.
     """
-    file = path.with_name(f".{path.name}.importing")
-    lock = FileLock(file)
+    lock = path.with_name(f".{path.name}.importing")
     try:
-        path.parent.stat()  # filelock would make the folder, also one that a typing error names
-        try:
-            lock.acquire(blocking=False)
-        except Timeout:
-            waits()
-            lock.acquire()
+        number = _lock(lock, waits)
     except OSError as error:
         raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
     try:
         _clear_partial(path)
         yield
     finally:
-        file.unlink(missing_ok=True)  # before the release, so that who waits finds the name free and takes it anew
-        lock.release()
+        lock.unlink(missing_ok=True)
+        os.close(number)
+
+
+def _lock(lock: Path, waits: Callable[[], None]) -> int:
+    while True:
+        number = os.open(lock, os.O_RDWR | os.O_CREAT)
+        try:
+            try:
+                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                waits()
+                fcntl.flock(number, fcntl.LOCK_EX)
+            with suppress(FileNotFoundError):  # who had the claim before may have taken the name away
+                if os.path.samestat(os.fstat(number), lock.stat()):
+                    return number
+        except BaseException:
+            os.close(number)
+            raise
+        os.close(number)
 
 
 def _clear_partial(path: Path) -> None:
