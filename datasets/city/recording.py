@@ -171,9 +171,7 @@ class CityRecording:
         """Yield poses, messages and truth in the order of `log_ns`; memory doesn't grow with the length."""
         spec = self.spec
         city = self.cities.of(spec)
-        around = Surroundings(
-            city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig
-        )  # fmt: skip
+        around = Surroundings(city.caster, self._plan.map.street_lamps_m, spec.condition.weather, spec.seed, self.rig)
         counts: Counter[str] = Counter()
         yield from _sort_messages(periods(spec, city, around, self.num_threads or len(os.sched_getaffinity(0))), counts)
         self._lines = [*self._head(), _world_line(city), *_count_lines(spec, counts)]

@@ -163,9 +163,7 @@ def _num_points(values: Values) -> Array:
 
 _SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
 _FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
-_OPTIONAL = (
-    "center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points"
-)  # fmt: skip
+_OPTIONAL = ("center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points")
 _IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
     "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
 }  # fmt: skip

@@ -89,9 +89,7 @@ class DefaultProfile:
 
     def _entry(self, sequence: Sequence, group: Group) -> Entry[Both]:
         require_unique_ids(_of_class(sequence, group))
-        counts = Both(
-            detection_counts(sequence, group, self.match), tracking_counts(sequence, group, self.match)
-        )  # fmt: skip
+        counts = Both(detection_counts(sequence, group, self.match), tracking_counts(sequence, group, self.match))
         return Entry(Heading(group.name, "all", str(self.match), None, len(sequence.steps)), counts)
 
     def _rows(self, entry: Entry[Both], part: str) -> list[Score]:

@@ -12,7 +12,7 @@ from fbench.metrics.core.slices import (
     by_seen,
     by_source,
     by_visibility,
-)  # fmt: skip
+)
 from fbench.metrics.detection.outcomes import compare_class, judge_detections
 from fbench.metrics.detection.scores import (
     DetectionCounts,
@@ -20,7 +20,7 @@ from fbench.metrics.detection.scores import (
     detection_counts,
     detection_rows,
     deviation_rows,
-)  # fmt: skip
+)
 from fbench.metrics.runs.places import ground_points, has_poses, regions_of
 from fbench.metrics.runs.spaces import measure_classes, views
 from fbench.replay.contracts.profiles import Match

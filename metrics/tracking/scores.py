@@ -164,9 +164,7 @@ def tracking_rows(n: TrackingCounts, head: Heading, unit: str) -> list[Score]:
     return [*rows, *_hota_rows(n.hota, head, undefined), *survival_rows(n.survival, head, undefined)]
 
 
-def _clear_rows(
-    n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str
-) -> list[Score]:  # fmt: skip
+def _clear_rows(n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str) -> list[Score]:
     boxes, clear = n.boxes, n.clear
     counts = {**boxes.as_dict(), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
     gt, why = (0 if undefined else boxes.gt), undefined or ""

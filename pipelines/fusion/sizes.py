@@ -31,12 +31,12 @@ LOW_TRUCK_M = 2.5  # A truck or bus that turns out lower than this [m] is a van
 
 SIZES = {
     #                        length width height spread  image  LiDAR            limits
-    "car": ObjectSize(          4.2, 1.8, 1.55, 0.15,    1.55, (4.2, 1.8, 1.6), LONG_CAR_M, 2.1),
-    "van": ObjectSize(          5.0, 2.0, 2.1, 0.2,      2.1,  (5.3, 2.1, 2.2), LONG_M, 2.8),
-    "truck": ObjectSize(        8.0, 2.5, 3.0, 0.4,      3.3,  (8.5, 2.6, 3.3)),
-    "bus": ObjectSize(          12.0, 2.6, 3.0, 0.4,     3.1),
-    "trailer": ObjectSize(      8.0, 2.5, 3.2, 0.4,      3.3),
-    "motorcycle": ObjectSize(   2.1, 0.8, 1.5, 0.2,      1.5,  (2.1, 0.8, 1.6)),
-    "bicycle": ObjectSize(      1.8, 0.6, 1.6, 0.2,      1.6,  (1.8, 0.6, 1.7)),
-    "pedestrian": ObjectSize(   0.6, 0.6, 1.7, 0.15,     1.7,  (0.6, 0.6, 1.7)),
-}  # fmt: skip
+    "car": ObjectSize(4.2, 1.8, 1.55, 0.15, 1.55, (4.2, 1.8, 1.6), LONG_CAR_M, 2.1),
+    "van": ObjectSize(5.0, 2.0, 2.1, 0.2, 2.1, (5.3, 2.1, 2.2), LONG_M, 2.8),
+    "truck": ObjectSize(8.0, 2.5, 3.0, 0.4, 3.3, (8.5, 2.6, 3.3)),
+    "bus": ObjectSize(12.0, 2.6, 3.0, 0.4, 3.1),
+    "trailer": ObjectSize(8.0, 2.5, 3.2, 0.4, 3.3),
+    "motorcycle": ObjectSize(2.1, 0.8, 1.5, 0.2, 1.5, (2.1, 0.8, 1.6)),
+    "bicycle": ObjectSize(1.8, 0.6, 1.6, 0.2, 1.6, (1.8, 0.6, 1.7)),
+    "pedestrian": ObjectSize(0.6, 0.6, 1.7, 0.15, 1.7, (0.6, 0.6, 1.7)),
+}

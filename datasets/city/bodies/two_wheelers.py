@@ -56,8 +56,7 @@ def sit_pose(height_m: float, pelvis: Array, lean_rad: float, wrists: Array, ank
     knees, elbows = np.empty((2, 3)), np.empty((2, 3))
     for i, side in enumerate(SIDES):
         knees[i] = bend_limb(hips[i], ankles[i], THIGH * h, SHANK * h, np.array([1.0, 0.25 * side, 0.3]))
-        elbows[i] = bend_limb(shoulders[i], wrists[i], UPPER_ARM * h, FOREARM * h,
-                              np.array([-0.3, 0.7 * side, -0.7]))  # fmt: skip
+        elbows[i] = bend_limb(shoulders[i], wrists[i], UPPER_ARM * h, FOREARM * h, np.array([-0.3, 0.7 * side, -0.7]))
     head = neck + np.array([0.03 + 0.06 * np.sin(lean_rad), 0.0, 0.11]) * h
     return Pose(h, np.asarray(pelvis, np.float64), neck, head, shoulders, elbows, wrists, hips, knees, ankles, toes)
 

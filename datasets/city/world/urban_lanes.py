@@ -115,9 +115,8 @@ def _bike(grid: Grid, ring: list[Arm], k: int, groups: Groups) -> list[Draft]:
     onto = ("bike turn", *key)
     return [
         Draft(("bike", *key), lift(along, 0.0), "bike", BIKE_M, _BIKE_MPS, (onto,), signal=groups[key]),
-        Draft(onto, lift(turn, 0.0), "bike", BIKE_M, turn_mps, (("bike", before.node, before.way),),
-              in_junction=True),
-    ]  # fmt: skip
+        Draft(onto, lift(turn, 0.0), "bike", BIKE_M, turn_mps, (("bike", before.node, before.way),), in_junction=True),
+    ]
 
 
 SIDEWALK_Z_M = 0.12

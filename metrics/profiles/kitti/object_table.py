@@ -7,15 +7,15 @@ import numpy as np
 
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
-    by_content,  # fmt: skip
-    fill_unknown,  # fmt: skip
-    has_label,  # fmt: skip
-    outside,  # fmt: skip
+    by_content,
+    fill_unknown,
+    has_label,
+    outside,
     pairs_within,
-    rectangles,  # fmt: skip
-    share_in_regions,  # fmt: skip
-    sound_results,  # fmt: skip
-    sound_truth,  # fmt: skip
+    rectangles,
+    share_in_regions,
+    sound_results,
+    sound_truth,
 )
 from fbench.replay.contracts.profiles import Likeness, Match
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields

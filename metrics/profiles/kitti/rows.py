@@ -112,7 +112,7 @@ class Pairs:
         steps, one = ("i8", ("S1",)), ("f8", ("P",))
         freeze_fields(
             self, truth_start=steps, estimate_start=steps, start=("i8", ("N1",)), estimate=("i8", ("P",)), likeness=one
-        )  # fmt: skip
+        )
 
 
 def pairs_within(truth: Objects, estimates: Objects, num_steps: int, likeness: Likeness, least: float) -> Pairs:

@@ -8,18 +8,18 @@ import numpy as np
 
 from fbench.metrics.profiles.kitti.rows import (
     Pairs,
-    by_content,  # fmt: skip
-    fill_unknown,  # fmt: skip
-    has_label,  # fmt: skip
-    outside,  # fmt: skip
+    by_content,
+    fill_unknown,
+    has_label,
+    outside,
     pairs_within,
     recall_thresholds,
-    rectangles,  # fmt: skip
-    share_in_regions,  # fmt: skip
-    sound_results,  # fmt: skip
-    sound_truth,  # fmt: skip
-    track_numbers,  # fmt: skip
-    unique_ids,  # fmt: skip
+    rectangles,
+    share_in_regions,
+    sound_results,
+    sound_truth,
+    track_numbers,
+    unique_ids,
 )
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.arrays import Bool, Float64, Int64, freeze_fields

@@ -160,7 +160,7 @@ def sweep(  # noqa: C901  # apart it compiles twice as long
 @kernel
 def _match_step(  # noqa: C901  # apart it compiles twice as long
     first: int, end: int, near: Candidates, last: Array, taken: Bool, partner: Array, meters: Array, column: Array
-) -> None:  # fmt: skip
+) -> None:
     """Pair truth of one step with the track that it had last, if that is near and free, in the order of truth rows.
 
     Then make as many pairs as possible of what is left, among these with the least sum of distances.

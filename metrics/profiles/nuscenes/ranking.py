@@ -65,9 +65,7 @@ def class_rankings(statistics: DetectionStatistics, num_classes: int) -> list[Cl
     order = np.lexsort((place, frame, sequence, first, kind))
     ends = np.searchsorted(kind[order], np.arange(num_classes + 1))
     rows = [order[ends[c] : ends[c + 1]] for c in range(num_classes)]
-    return [
-        ClassRanking(int(num_truth[c]), _fill(score[own]), hit[own], error[own]) for c, own in enumerate(rows)
-    ]  # fmt: skip
+    return [ClassRanking(int(num_truth[c]), _fill(score[own]), hit[own], error[own]) for c, own in enumerate(rows)]
 
 
 def _spread(part: Ranking) -> Float64:

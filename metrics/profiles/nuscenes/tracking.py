@@ -264,9 +264,7 @@ class NuscenesTracking:
         check_tracked(sequence, "a result", boxes.estimates.boxes)
         truth, estimates = track_points(sequence, boxes.truth), track_points(sequence, boxes.estimates)
         num_classes = len(self.settings.rules.classes)
-        clips = clips_of(
-            sequence.name, truth, estimates, len(sequence.steps), num_classes, self.settings.distance_m
-        )  # fmt: skip
+        clips = clips_of(sequence.name, truth, estimates, len(sequence.steps), num_classes, self.settings.distance_m)
         return TrackingStatistics(clips, boxes.left_out)
 
     def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:

@@ -60,7 +60,7 @@ def of_lidar(found: Obstacles | None, viewpoint: Float64) -> Cloud:
     unknown = np.full(len(found.xyz), np.nan)
     return Cloud(
         found.plane, found.xyz, found.height_m, found.tall, viewpoint, unknown > 0, unknown, unknown, 0 * found.height_m
-    )  # fmt: skip
+    )
 
 
 def of_radar(echoes: Compensated | None, viewpoint: Float64, min_speed_mps: float, params: RadarImageParams) -> Cloud:

@@ -255,9 +255,7 @@ def _echoes(rig: Rig, scan: RadarScan, period_mps: float) -> Echoes:
     columns = (velocity.astype(np.float64), magnitude.astype(np.float64))
     order = lexicographic_order(*xyz.T, *columns)
     velocity, magnitude = (column[order] for column in columns)
-    return Echoes(
-        xyz.take(order, axis=0), direction.take(order, axis=0), velocity, magnitude, period_mps, scan.sensor
-    )  # fmt: skip
+    return Echoes(xyz.take(order, axis=0), direction.take(order, axis=0), velocity, magnitude, period_mps, scan.sensor)
 
 
 def report_boxes(boxes: Boxes3D, min_score: float, source: Source, labeled: bool = False) -> Boxes3D:

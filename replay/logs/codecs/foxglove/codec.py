@@ -21,12 +21,12 @@ from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.boxes import scene_boxes
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart, part_of
 from fbench.replay.logs.codecs.foxglove.messages import (
-    pose_frame,  # fmt: skip
-    read_cloud,  # fmt: skip
-    read_compressed_image,  # fmt: skip
-    read_pose,  # fmt: skip
-    read_radar,  # fmt: skip
-    read_raw_image,  # fmt: skip
+    pose_frame,
+    read_cloud,
+    read_compressed_image,
+    read_pose,
+    read_radar,
+    read_raw_image,
 )
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
 from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration, read_transform

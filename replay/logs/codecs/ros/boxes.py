@@ -153,7 +153,7 @@ def derived_objects(message: Any) -> Boxes3D:
             score=np.array([get(part, "classification_certainty") for part in parts], np.float64) / 255,
             track_id=track_ids([get(part, "id") for part in parts]),
         )
-    )  # fmt: skip
+    )
 
 
 def select_cubes(message: Any) -> list[Any]:
@@ -175,7 +175,7 @@ def marker_boxes(markers: Sequence[Any]) -> Boxes3D:
             **labels([str(get(marker, "text") or get(marker, "ns")) for marker in markers]),
             track_id=track_ids(ids) if len(set(ids)) == len(ids) else None,
         )
-    )  # fmt: skip
+    )
 
 
 def _class(classification: Sequence[Any]) -> str:

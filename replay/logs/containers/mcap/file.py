@@ -27,15 +27,15 @@ from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merg
 from fbench.replay.logs.containers.limits import Held, crc32, looks_like
 from fbench.replay.logs.containers.mcap.index import Block, Index, NoIndexError, has_end, read_index
 from fbench.replay.logs.containers.mcap.records import (
-    HEAD,  # fmt: skip
-    MAGIC,  # fmt: skip
-    Chunk,  # fmt: skip
-    RecordError,  # fmt: skip
-    check_size,  # fmt: skip
-    parse_chunk,  # fmt: skip
+    HEAD,
+    MAGIC,
+    Chunk,
+    RecordError,
+    check_size,
+    parse_chunk,
     parse_record,
-    records,  # fmt: skip
-    unpack,  # fmt: skip
+    records,
+    unpack,
 )
 from fbench.replay.logs.containers.mcap.walk import MESSAGE, check_compression, walk
 

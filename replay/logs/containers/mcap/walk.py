@@ -12,7 +12,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.containers.limits import crc32
 from fbench.replay.logs.containers.mcap.index import Block, Index, check_chunks, check_definitions, own_metadata
-from fbench.replay.logs.containers.mcap.records import (  # fmt: skip
+from fbench.replay.logs.containers.mcap.records import (
     COMPRESSIONS,
     HEAD,
     MAGIC,

@@ -33,9 +33,7 @@ from fbench.replay.logs.containers.rosbag.bag1_records import Op, Record, connec
 MAX_CHANNELS = 2**16 - 1
 
 
-def walk(
-    file: BinaryIO, name: str, header: BagHeader, size: int, chunks: Sequence[int], faults: FaultLog
-) -> Index:  # fmt: skip
+def walk(file: BinaryIO, name: str, header: BagHeader, size: int, chunks: Sequence[int], faults: FaultLog) -> Index:
     """Index a bag from its records; counts what is damaged or cut off.
 
     After damage it goes on at the next of `chunks`, offsets that a damaged index told, where there is one. Raises

@@ -14,13 +14,13 @@ from fbench.replay.logs.container import Channel
 from fbench.replay.logs.containers.limits import Held, looks_like
 from fbench.replay.logs.containers.mcap.records import RecordError, check_size
 from fbench.replay.logs.containers.rosbag.bag1_records import (
-    Op,  # fmt: skip
-    Record,  # fmt: skip
-    connection,  # fmt: skip
-    read_record,  # fmt: skip
-    records,  # fmt: skip
-    time_ns,  # fmt: skip
-    uint,  # fmt: skip
+    Op,
+    Record,
+    connection,
+    read_record,
+    records,
+    time_ns,
+    uint,
     unpack,
 )
 
