@@ -80,7 +80,7 @@ def test_boxes_of_frames_that_lack_are_counted(drive, make_tracklet):
     found = drive.imported()
     assert [len(t.boxes3d) for t in found.truths] == [1, 1, 1]
     assert "boxes left out: 2 in frames 3 to 4, which velodyne hasn't" in found.lines
-    assert "boxes: 3 (Car 3) of 1 tracklets, 0 of them interpolated between labelled ones" in found.lines
+    assert "boxes: 3 (Car 3) of 1 tracklets, 0 of them interpolated between labeled ones" in found.lines
 
 
 def test_a_range_of_frames_has_its_boxes(drive, make_tracklet):
