@@ -42,7 +42,7 @@ FAULTS: dict[str, FaultKind] = {
     "DEC003": FaultKind("count", "cloud whose sizes don't fit together, or without coordinates"),
     "DAT001": FaultKind("count", "cloud with mostly non-finite points skipped"),
     "DAT002": FaultKind("degrade", "empty point cloud"),
-    "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units meters?"),
+    "DAT003": FaultKind("degrade", "points farther away than 1 km; are the units metres?"),
     "DAT004": FaultKind("degrade", "non-finite points dropped"),
     "LIM001": FaultKind("fatal", "record is larger than the limit"),
     "LIM002": FaultKind("fatal", "decompression bomb"),
