@@ -1,4 +1,4 @@
-"""Boxes of vision_msgs, radar_msgs, Autoware, derived_object_msgs and RViz markers."""
+"""Boxes of vision_msgs, radar_msgs, Autoware, derived_object_msgs, foxglove_msgs and RViz markers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -9,11 +9,11 @@ from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import labels
-from fbench.replay.data.messages import Message, Pose, Truth
+from fbench.replay.data.messages import Truth
 from fbench.replay.logs.codecs.boxes import check_boxes, matrix, orientation, rotate, scene_boxes, track_ids
 from fbench.replay.logs.codecs.codec import Origin, Probe, TruthPart, part_of
-from fbench.replay.logs.codecs.ros.cursor import ROS1, Header, nanoseconds, plain_frame
-from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, find, get, header
+from fbench.replay.logs.codecs.ros.cursor import ROS1, Header, nanoseconds
+from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader, find, get, header, probe_header
 
 
 def frame_of(message: Any, whole: Header, encoding: str) -> str:
@@ -98,19 +98,68 @@ def _rectangle(box: Any) -> tuple[float, float, float, float]:
     return x - w / 2, y - h / 2, x + w / 2, y + h / 2
 
 
+def _part_2d_or_3d(found: Boxes3D | Boxes2D, head: Header, frame_id: str, origin: Origin) -> TruthPart:
+    stamp_ns, is_2d = head.stamp_ns, isinstance(found, Boxes2D)
+    columns: dict[str, Any] = {"boxes2d" if is_2d else "boxes3d": found}
+    truth = Truth(stamp_ns, origin.log_ns, **columns, frame_number=origin.frame_number)
+    return TruthPart(truth, is_2d, frame_id=frame_id)
+
+
+def detections3d_reader(decode: Decode, encoding: str) -> MessageReader:
+    """Detection3DArray."""
+
+    def truth(data: memoryview, origin: Origin) -> TruthPart:
+        message = decode(data)
+        head = header(message, encoding)
+        return _part_2d_or_3d(detections3d(message), head, frame_of(message, head, encoding), origin)
+
+    return MessageReader(("truth",), probe_header("truth", decode, encoding), truth=truth)
+
+
+def detections2d_reader(decode: Decode, encoding: str) -> MessageReader:
+    """Detection2DArray; the coordinate frame is that of the camera."""
+
+    def truth(data: memoryview, origin: Origin) -> TruthPart:
+        message = decode(data)
+        head = header(message, encoding)
+        frame_id = frame_of(message, head, encoding)
+        return _part_2d_or_3d(detections2d(message, frame_id), head, frame_id, origin)
+
+    return MessageReader(("truth",), probe_header("truth", decode, encoding), truth=truth)
+
+
+def radar_tracks_reader(decode: Decode, encoding: str) -> MessageReader:
+    """RadarTracks."""
+
+    def truth(data: memoryview, origin: Origin) -> TruthPart:
+        message = decode(data)
+        head = header(message, encoding)
+        return _part_2d_or_3d(radar_tracks(message), head, head.frame_id, origin)
+
+    return MessageReader(("truth",), probe_header("truth", decode, encoding), truth=truth)
+
+
 _AUTOWARE = ("unknown", "car", "truck", "bus", "trailer", "motorcycle", "bicycle", "pedestrian", "animal", "hazard",
              "over_drivable", "under_drivable")  # fmt: skip
 """Labels of `ObjectClassification` by number."""
+
+
 _POLYGON = 2  # Of Autoware's `Shape.type`; cylinders have their diameter for length and width
+
+
 _DERIVED = ("unknown", "unknown_small", "unknown_medium", "unknown_big", "pedestrian", "bike", "car", "truck",
             "motorcycle", "other_vehicle", "barrier", "sign")  # fmt: skip
 """Classifications of `derived_object_msgs/Object` by number."""
+
+
 _SOLIDS: Mapping[tuple[int, int], tuple[tuple[int, float], ...]] = {
     (1, 3): ((0, 1.0), (1, 1.0), (2, 1.0)), (2, 1): ((0, 2.0),) * 3, (3, 2): ((1, 2.0), (1, 2.0), (0, 1.0)),
 }  # fmt: skip
 """Box, sphere and cylinder of `shape_msgs/SolidPrimitive`, by type and number of its dimensions: which of these, times
 what, are length, width and height. A radius counts twice.
 """
+
+
 _CUBE, _ADD = 1, 0  # Of `visualization_msgs/Marker`
 
 
@@ -220,7 +269,7 @@ def _solid(shape: Any) -> list[float]:
     return [numbers[which] * times for which, times in sides]
 
 
-def autoware_reads(decode: Decode, encoding: str) -> Reads:
+def autoware_objects_reader(decode: Decode, encoding: str) -> MessageReader:
     """DetectedObjects, TrackedObjects, PredictedObjects."""
 
     def truth(data: memoryview, origin: Origin) -> TruthPart:
@@ -228,10 +277,10 @@ def autoware_reads(decode: Decode, encoding: str) -> Reads:
         head = header(message, encoding)
         return _part(autoware_objects(message), (), head, origin)
 
-    return Reads(("truth",), _nowhere("truth"), truth=truth)
+    return MessageReader(("truth",), _nowhere("truth"), truth=truth)
 
 
-def derived_reads(decode: Decode, encoding: str) -> Reads:
+def derived_objects_reader(decode: Decode, encoding: str) -> MessageReader:
     """ObjectArray of derived_object_msgs; objects may have coordinate frames of their own."""
 
     def truth(data: memoryview, origin: Origin) -> TruthPart:
@@ -239,10 +288,10 @@ def derived_reads(decode: Decode, encoding: str) -> Reads:
         frames = [header(part, encoding).frame_id for part in get(message, "objects")]
         return _part(derived_objects(message), frames, header(message, encoding), origin)
 
-    return Reads(("truth",), _nowhere("truth"), truth=truth)
+    return MessageReader(("truth",), _nowhere("truth"), truth=truth)
 
 
-def marker_reads(decode: Decode, encoding: str) -> Reads:
+def marker_reader(decode: Decode, encoding: str) -> MessageReader:
     """MarkerArray: never ground truth unless the user says so, since it only shows what other topics hold."""
 
     def truth(data: memoryview, origin: Origin) -> TruthPart:
@@ -251,10 +300,10 @@ def marker_reads(decode: Decode, encoding: str) -> Reads:
         stamp_ns = max((head.stamp_ns for head in heads), default=0)
         return _part(marker_boxes(markers), [head.frame_id for head in heads], Header(stamp_ns, ""), origin)
 
-    return Reads(("detections",), _nowhere("detections"), truth=truth)
+    return MessageReader(("detections",), _nowhere("detections"), truth=truth)
 
 
-def scene_reads(decode: Decode, encoding: str) -> Reads:
+def scene_update_reader(decode: Decode, encoding: str) -> MessageReader:
     """SceneUpdate of foxglove_msgs."""
 
     def truth(data: memoryview, origin: Origin) -> TruthPart:
@@ -264,39 +313,11 @@ def scene_reads(decode: Decode, encoding: str) -> Reads:
         boxes, frames = scene_boxes(entities)
         return _part(boxes, frames, Header(max(stamps, default=0), ""), origin)
 
-    return Reads(("truth",), _nowhere("truth"), truth=truth)
-
-
-def pose_reads(decode: Decode, encoding: str) -> Reads:
-    """Odometry, PoseStamped, PoseWithCovarianceStamped; only the first says whose pose it is."""
-
-    def probe(data: memoryview) -> Probe:
-        found = decode(data)
-        child = find(found, "child_frame_id")
-        world = header(found, encoding).frame_id
-        return Probe("odometry", "" if child is None else plain_frame(str(child)), world)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        found = decode(data)
-        pose = get(found, "pose")
-        pose = get(pose, "pose") if find(pose, "position") is None else pose
-        position, rotation = get(pose, "position"), get(pose, "orientation")
-        return Pose(
-            origin.sensor, header(found, encoding).stamp_ns, origin.log_ns,
-            np.array([get(position, name) for name in "xyz"], np.float64),
-            np.array([get(rotation, name) for name in "xyzw"], np.float64), origin.frame_number,
-        )  # fmt: skip
-
-    return Reads(("odometry",), probe, message)
+    return MessageReader(("truth",), _nowhere("truth"), truth=truth)
 
 
 def _nowhere(kind: str) -> Callable[[memoryview], Probe]:
     return lambda data: Probe(kind, "")
-
-
-def _part(boxes: Boxes3D, frames: Sequence[str], head: Header, origin: Origin) -> TruthPart:
-    truth = Truth(head.stamp_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
-    return part_of(truth, tuple(frames), head.frame_id)
 
 
 def _time_ns(time: Any, encoding: str) -> int:
@@ -304,20 +325,6 @@ def _time_ns(time: Any, encoding: str) -> int:
     return nanoseconds(sec, get(time, "nanosec"))
 
 
-POSES: Mapping[str, Callable[[Decode, str], Reads]] = {
-    "nav_msgs/msg/Odometry": pose_reads,
-    "geometry_msgs/msg/PoseStamped": pose_reads,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": pose_reads,
-}
-OBJECTS: Mapping[str, Callable[[Decode, str], Reads]] = {
-    **{
-        f"{package}/msg/{name}Objects": autoware_reads
-        for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
-        for name in ("Detected", "Tracked", "Predicted")
-    },
-    "derived_object_msgs/msg/ObjectArray": derived_reads,
-    "foxglove_msgs/msg/SceneUpdate": scene_reads,
-    "visualization_msgs/msg/MarkerArray": marker_reads,
-}
-UNDEFINED = frozenset(name for name in OBJECTS if not name.startswith("visualization_msgs/"))
-"""Types that are read only where the log carries their definition: there are several generations of each."""
+def _part(boxes: Boxes3D, frames: Sequence[str], head: Header, origin: Origin) -> TruthPart:
+    truth = Truth(head.stamp_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
+    return part_of(truth, tuple(frames), head.frame_id)

@@ -1,123 +1,78 @@
 """The codec of channels with ROS messages: CDR (ROS 2) or ROS 1."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from fbench.replay.contracts.errors import DataError, DecodeError
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.data.messages import Message, Truth
+from fbench.replay.data.messages import Message
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart
-from fbench.replay.logs.codecs.ros import boxes
-from fbench.replay.logs.codecs.ros.boxes import OBJECTS, POSES, UNDEFINED
-from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1, Header
-from fbench.replay.logs.codecs.ros.decoder import Decode, Reads, camera_model, decoder, edges, get, header, radar_scan
+from fbench.replay.logs.codecs.ros.boxes import (
+    autoware_objects_reader,
+    derived_objects_reader,
+    detections2d_reader,
+    detections3d_reader,
+    marker_reader,
+    radar_tracks_reader,
+    scene_update_reader,
+)
+from fbench.replay.logs.codecs.ros.camera import (
+    camera_info_reader,
+    compressed_image_reader,
+    image_reader,
+    read_compressed_image,
+    read_raw_image,
+)
+from fbench.replay.logs.codecs.ros.cursor import CDR, ROS1
+from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader, decoder
 from fbench.replay.logs.codecs.ros.definitions import full_name, has_text, types_of
-from fbench.replay.logs.codecs.ros.point_cloud2 import BULK
+from fbench.replay.logs.codecs.ros.point_cloud2 import point_cloud_reader, read_cloud
+from fbench.replay.logs.codecs.ros.poses import pose_reader, transform_reader
+from fbench.replay.logs.codecs.ros.radar_scan import radar_scan_reader
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.coordinate_frames import Edge
 
-
-def calibration_reads(decode: Decode, encoding: str) -> Reads:
-    """CameraInfo."""
-
-    def calibration(data: memoryview) -> tuple[str, CameraModel]:
-        info = decode(data)
-        frame_id = header(info, encoding).frame_id
-        return frame_id, camera_model(info, frame_id)
-
-    return Reads(("calibration",), _probe("calibration", decode, encoding), calibration=calibration)
-
-
-def transform_reads(decode: Decode, encoding: str) -> Reads:
-    """TFMessage, which has no coordinate frame of its own."""
-
-    def probe(data: memoryview) -> Probe:
-        decode(data)
-        return Probe("transform", "")
-
-    def transforms(data: memoryview) -> Sequence[tuple[str, Edge]]:
-        return edges(decode(data))
-
-    def stamps(data: memoryview) -> Sequence[int]:
-        return [header(part, encoding).stamp_ns for part in get(decode(data), "transforms")]
-
-    return Reads(("transform",), probe, transforms=transforms, stamps=stamps)
-
-
-def radar_scan_reads(decode: Decode, encoding: str) -> Reads:
-    """RadarScan."""
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        scan = decode(data)
-        return radar_scan(scan, header(scan, encoding).stamp_ns, origin)
-
-    return Reads(("radar",), _probe("radar", decode, encoding), message)
-
-
-def detections3d_reads(decode: Decode, encoding: str) -> Reads:
-    """Detection3DArray."""
-
-    def truth(data: memoryview, origin: Origin) -> TruthPart:
-        message = decode(data)
-        head = header(message, encoding)
-        return _part(boxes.detections3d(message), head, boxes.frame_of(message, head, encoding), origin)
-
-    return Reads(("truth",), _probe("truth", decode, encoding), truth=truth)
-
-
-def detections2d_reads(decode: Decode, encoding: str) -> Reads:
-    """Detection2DArray; the coordinate frame is that of the camera."""
-
-    def truth(data: memoryview, origin: Origin) -> TruthPart:
-        message = decode(data)
-        head = header(message, encoding)
-        frame_id = boxes.frame_of(message, head, encoding)
-        return _part(boxes.detections2d(message, frame_id), head, frame_id, origin)
-
-    return Reads(("truth",), _probe("truth", decode, encoding), truth=truth)
-
-
-def radar_tracks_reads(decode: Decode, encoding: str) -> Reads:
-    """RadarTracks."""
-
-    def truth(data: memoryview, origin: Origin) -> TruthPart:
-        message = decode(data)
-        head = header(message, encoding)
-        return _part(boxes.radar_tracks(message), head, head.frame_id, origin)
-
-    return Reads(("truth",), _probe("truth", decode, encoding), truth=truth)
-
-
-def _probe(kind: str, decode: Decode, encoding: str) -> Callable[[memoryview], Probe]:
-    return lambda data: Probe(kind, header(decode(data), encoding).frame_id)
-
-
-def _part(found: Boxes3D | Boxes2D, head: Header, frame_id: str, origin: Origin) -> TruthPart:
-    stamp_ns, is_2d = head.stamp_ns, isinstance(found, Boxes2D)
-    columns: dict[str, Any] = {"boxes2d" if is_2d else "boxes3d": found}
-    truth = Truth(stamp_ns, origin.log_ns, **columns, frame_number=origin.frame_number)
-    return TruthPart(truth, is_2d, frame_id=frame_id)
-
-
-SMALL: Mapping[str, Callable[[Decode, str], Reads]] = {
-    "sensor_msgs/msg/CameraInfo": calibration_reads,
-    "tf2_msgs/msg/TFMessage": transform_reads,
-    "tf/msg/tfMessage": transform_reads,
-    "vision_msgs/msg/Detection2DArray": detections2d_reads,
-    "vision_msgs/msg/Detection3DArray": detections3d_reads,
-    "radar_msgs/msg/RadarScan": radar_scan_reads,
-    "radar_msgs/msg/RadarTracks": radar_tracks_reads,
-    **POSES,
-    **OBJECTS,
-}
-"""By type: what a channel can be decoded to, given how its payloads are decoded and their encoding."""
-
-
 P = ParamSpec("P")
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class _Type:
+    """How fbench reads one type of message."""
+
+    make_reader: Callable[[Decode, str], MessageReader]
+    layout: Callable[[memoryview, str], Any] | None = None
+    """Decodes a payload of an encoding by the standard's definition, and no other, without rosbags."""
+    needs_definition: bool = False  # Of the log: there are several generations of the type
+
+
+_TYPES: Mapping[str, _Type] = {
+    "sensor_msgs/msg/PointCloud2": _Type(point_cloud_reader, layout=read_cloud),
+    "sensor_msgs/msg/Image": _Type(image_reader, layout=read_raw_image),
+    "sensor_msgs/msg/CompressedImage": _Type(compressed_image_reader, layout=read_compressed_image),
+    "sensor_msgs/msg/CameraInfo": _Type(camera_info_reader),
+    "radar_msgs/msg/RadarScan": _Type(radar_scan_reader),
+    "tf2_msgs/msg/TFMessage": _Type(transform_reader),
+    "tf/msg/tfMessage": _Type(transform_reader),
+    "nav_msgs/msg/Odometry": _Type(pose_reader),
+    "geometry_msgs/msg/PoseStamped": _Type(pose_reader),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _Type(pose_reader),
+    "vision_msgs/msg/Detection2DArray": _Type(detections2d_reader),
+    "vision_msgs/msg/Detection3DArray": _Type(detections3d_reader),
+    "radar_msgs/msg/RadarTracks": _Type(radar_tracks_reader),
+    **{
+        f"{package}/msg/{name}Objects": _Type(autoware_objects_reader, needs_definition=True)
+        for package in ("autoware_perception_msgs", "autoware_auto_perception_msgs")
+        for name in ("Detected", "Tracked", "Predicted")
+    },
+    "derived_object_msgs/msg/ObjectArray": _Type(derived_objects_reader, needs_definition=True),
+    "foxglove_msgs/msg/SceneUpdate": _Type(scene_update_reader, needs_definition=True),
+    "visualization_msgs/msg/MarkerArray": _Type(marker_reader),
+}
+"""All types that fbench reads."""
 
 
 def ros_codec(channel: Channel) -> Codec | None:
@@ -125,29 +80,27 @@ def ros_codec(channel: Channel) -> Codec | None:
     DecodeError where the definition that the log gives is damaged, or can't be one of this type.
     """
     name, encoding = full_name(channel.schema_name), channel.encoding
-    if encoding not in (CDR, ROS1):
+    known = _TYPES.get(name)
+    if encoding not in (CDR, ROS1) or known is None or (known.needs_definition and not has_text(channel.schema)):
         return None
-    if name in BULK:
-        _check_standard(name, channel)
-        return RosCodec(name, BULK[name](encoding))
-    if name in UNDEFINED and not has_text(channel.schema):
-        return None
-    if name in SMALL:
-        decode = decoder(name, types_of(name, channel.schema, encoding), encoding)
-        return RosCodec(name, SMALL[name](decode, encoding))
-    return None
-
-
-def _check_standard(name: str, channel: Channel) -> None:
-    given = types_of(name, channel.schema, channel.encoding)
-    if given != types_of(name, None, channel.encoding):
+    types = types_of(name, channel.schema, encoding)
+    if known.layout is None:
+        decode = decoder(name, types, encoding)
+    elif types == types_of(name, None, encoding):
+        decode = _bind(known.layout, encoding)
+    else:
         raise DecodeError(f"definition of {name} isn't the standard one")
+    return RosCodec(name, known.make_reader(decode, encoding))
+
+
+def _bind(layout: Callable[[memoryview, str], Any], encoding: str) -> Decode:
+    return lambda data: layout(data, encoding)
 
 
 class RosCodec:
     """Implements `Codec` for one type of message, `pkg/msg/Name`."""
 
-    def __init__(self, name: str, reads: Reads) -> None:
+    def __init__(self, name: str, reads: MessageReader) -> None:
         self._name, self._reads = name, reads
 
     @property
@@ -186,9 +139,8 @@ class RosCodec:
 
     def _call(self, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         try:
-            with np.errstate(
-                all="ignore"
-            ):  # values that aren't finite, or out of range, are dealt with where they matter
+            # Values that aren't finite, or out of range, are dealt with where they matter.
+            with np.errstate(all="ignore"):
                 return function(*args, **kwargs)
         # A definition in the log may give any field another type than the one that is expected.
         except (TypeError, ValueError, OverflowError, DataError) as error:

@@ -1,14 +1,14 @@
-"""PointCloud2, Image and CompressedImage: read without rosbags, so that their bytes are copied once."""
+"""PointCloud2: read without rosbags, so that its bytes are copied once."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
 
-from fbench.replay.contracts.errors import DecodeError, PointsError, UnsupportedError
+from fbench.replay.contracts.errors import DecodeError, PointsError
 from fbench.replay.data.arrays import Array, Float32
-from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
-from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
+from fbench.replay.data.messages import Message, PointCloud, RadarScan
 from fbench.replay.logs.codecs import points as point_fields
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.points import (
@@ -26,19 +26,57 @@ from fbench.replay.logs.codecs.points import (
     only_finite,
     ring_numbers,
 )
-from fbench.replay.logs.codecs.ros.cursor import (
-    Cloud,
-    CompressedImage,
-    PointField,
-    RawImage,
-    read_cloud,
-    read_compressed_image,
-    read_raw_image,
-)
-from fbench.replay.logs.codecs.ros.decoder import Reads
+from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
+from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader
+
+MAX_FIELDS = 256
+
+
+class PointField(NamedTuple):
+    """`sensor_msgs/PointField`."""
+
+    name: str
+    offset: int
+    datatype: int
+    num: int  # Values of this field a point has; only the first one is used
+
+
+class Cloud(NamedTuple):
+    """`sensor_msgs/PointCloud2`."""
+
+    header: Header
+    height: int
+    width: int
+    fields: tuple[PointField, ...]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: memoryview  # View of the payload
+    is_dense: bool  # Whether all points are valid; else those that aren't have NaN for coordinates
+
+
+def read_cloud(data: memoryview, encoding: str) -> Cloud:
+    """Read a PointCloud2. Raises DecodeError where the payload is damaged, or has more than `MAX_FIELDS` fields."""
+    cursor = Cursor(data, encoding)
+    header, height, width, num = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.uint32()
+    if num > MAX_FIELDS:
+        raise DecodeError(f"cloud has {num} fields, at most {MAX_FIELDS} are read")
+    fields = tuple(_field(cursor) for _ in range(num))
+    is_bigendian, point_step, row_step = bool(cursor.uint8()), cursor.uint32(), cursor.uint32()
+    points = cursor.blob()
+    is_dense = bool(cursor.uint8())
+    cursor.end()
+    return Cloud(header, height, width, fields, is_bigendian, point_step, row_step, points, is_dense)
+
+
+def _field(cursor: Cursor) -> PointField:
+    return PointField(cursor.string(), cursor.uint32(), cursor.uint8(), cursor.uint32())
+
 
 _CODES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8", 9: "i8", 10: "u8", 11: "u1"}
 """Of `sensor_msgs/PointField`; 9 to 11 (64-bit integers, bool) are those of ROS 2 Lyrical."""
+
+
 FLOAT32 = 7
 
 
@@ -147,82 +185,16 @@ def _along_ray(columns: Columns, xyz: Float32) -> Float32 | None:
     return None if vx is None or vy is None else along_ray(xyz, vx, vy)
 
 
-def check_format(image: CompressedImage) -> None:
-    """Refuse depth images, whose PNG isn't a picture. Raises DecodeError where it is one."""
-    if "compressedDepth" in image.format:
-        raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
-
-
-def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
-    """Return a raw image, its rows packed and 16 bits little-endian. Raises DecodeError where the layout isn't known,
-    or size and data don't fit together.
-    """
-    name, size_wh = layout_name(image.encoding), (image.width, image.height)
-    if image.width * image.height > MAX_PIXELS:
-        raise DecodeError(f"image of {image.width}x{image.height} px is larger than {MAX_PIXELS} px")
-    pixels = pack_rows(image.data, name, size_wh, image.step, is_bigendian=image.is_bigendian)
-    return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
-
-
-def compressed_image(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
-    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
-    DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
-    """
-    check_format(image)
-    encoding = encoded_format(image.data)
-    data = bytes(image.data)
-    size_wh = encoded_size(data)
-    return Image(origin.sensor, stamp_ns, origin.log_ns, data, encoding, size_wh, origin.frame_number)
-
-
-def cloud_reads(encoding: str) -> Reads:
+def point_cloud_reader(decode: Decode, encoding: str) -> MessageReader:
     """PointCloud2: radar scans where points have Doppler, else LiDAR sweeps."""
 
     def probe(data: memoryview) -> Probe:
-        cloud = read_cloud(data, encoding)
+        cloud = decode(data)
         return Probe("radar" if is_radar(cloud) else "lidar", cloud.header.frame_id)
 
     def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        cloud = read_cloud(data, encoding)
+        cloud = decode(data)
         convert = radar if kind == "radar" else lidar
         return convert(cloud, cloud.header.stamp_ns, origin)
 
-    return Reads(("lidar", "radar"), probe, message)
-
-
-def raw_image_reads(encoding: str) -> Reads:
-    """Image; a layout that can't be shown is refused at the first look."""
-
-    def probe(data: memoryview) -> Probe:
-        image = read_raw_image(data, encoding)
-        layout_name(image.encoding)
-        return Probe("camera", image.header.frame_id)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        image = read_raw_image(data, encoding)
-        return raw(image, image.header.stamp_ns, origin)
-
-    return Reads(("camera",), probe, message)
-
-
-def compressed_image_reads(encoding: str) -> Reads:
-    """CompressedImage; depth images are refused at the first look."""
-
-    def probe(data: memoryview) -> Probe:
-        image = read_compressed_image(data, encoding)
-        check_format(image)
-        return Probe("camera", image.header.frame_id)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        image = read_compressed_image(data, encoding)
-        return compressed_image(image, image.header.stamp_ns, origin)
-
-    return Reads(("camera",), probe, message)
-
-
-BULK: Mapping[str, Callable[[str], Reads]] = {
-    "sensor_msgs/msg/PointCloud2": cloud_reads,
-    "sensor_msgs/msg/Image": raw_image_reads,
-    "sensor_msgs/msg/CompressedImage": compressed_image_reads,
-}
-"""By type: what a channel with messages of an encoding can be decoded to."""
+    return MessageReader(("lidar", "radar"), probe, message)

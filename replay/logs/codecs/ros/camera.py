@@ -1,0 +1,161 @@
+"""Image and CompressedImage, read without rosbags so that their bytes are copied once, and CameraInfo."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fbench.replay.contracts.errors import DecodeError, UnsupportedError
+from fbench.replay.data.arrays import Float64
+from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
+from fbench.replay.data.messages import Image, Message
+from fbench.replay.data.rig import CameraModel
+from fbench.replay.logs.codecs.codec import Origin, Probe
+from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
+from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader, get, header, probe_header
+
+
+class RawImage(NamedTuple):
+    """`sensor_msgs/Image`."""
+
+    header: Header
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: bool
+    step: int
+    data: memoryview  # View of the payload
+
+
+class CompressedImage(NamedTuple):
+    """`sensor_msgs/CompressedImage`."""
+
+    header: Header
+    format: str
+    data: memoryview  # View of the payload
+
+
+def read_raw_image(data: memoryview, encoding: str) -> RawImage:
+    """Read an Image. Raises DecodeError where the payload is damaged."""
+    cursor = Cursor(data, encoding)
+    header, height, width, layout = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.string()
+    is_bigendian, step, pixels = bool(cursor.uint8()), cursor.uint32(), cursor.blob()
+    cursor.end()
+    return RawImage(header, height, width, layout, is_bigendian, step, pixels)
+
+
+def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
+    """Read a CompressedImage. Raises DecodeError where the payload is damaged."""
+    cursor = Cursor(data, encoding)
+    header, form, pixels = cursor.header(), cursor.string(), cursor.blob()
+    cursor.end()
+    return CompressedImage(header, form, pixels)
+
+
+def check_format(image: CompressedImage) -> None:
+    """Refuse depth images, whose PNG isn't a picture. Raises DecodeError where it is one."""
+    if "compressedDepth" in image.format:
+        raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
+
+
+def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
+    """Return a raw image, its rows packed and 16 bits little-endian. Raises DecodeError where the layout isn't known,
+    or size and data don't fit together.
+    """
+    name, size_wh = layout_name(image.encoding), (image.width, image.height)
+    if image.width * image.height > MAX_PIXELS:
+        raise DecodeError(f"image of {image.width}x{image.height} px is larger than {MAX_PIXELS} px")
+    pixels = pack_rows(image.data, name, size_wh, image.step, is_bigendian=image.is_bigendian)
+    return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
+
+
+def compressed_image(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
+    """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
+    DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
+    """
+    check_format(image)
+    encoding = encoded_format(image.data)
+    data = bytes(image.data)
+    size_wh = encoded_size(data)
+    return Image(origin.sensor, stamp_ns, origin.log_ns, data, encoding, size_wh, origin.frame_number)
+
+
+def image_reader(decode: Decode, encoding: str) -> MessageReader:
+    """Image; a layout that can't be shown is refused at the first look."""
+
+    def probe(data: memoryview) -> Probe:
+        image = decode(data)
+        layout_name(image.encoding)
+        return Probe("camera", image.header.frame_id)
+
+    def message(kind: str, data: memoryview, origin: Origin) -> Message:
+        image = decode(data)
+        return raw(image, image.header.stamp_ns, origin)
+
+    return MessageReader(("camera",), probe, message)
+
+
+def compressed_image_reader(decode: Decode, encoding: str) -> MessageReader:
+    """CompressedImage; depth images are refused at the first look."""
+
+    def probe(data: memoryview) -> Probe:
+        image = decode(data)
+        check_format(image)
+        return Probe("camera", image.header.frame_id)
+
+    def message(kind: str, data: memoryview, origin: Origin) -> Message:
+        image = decode(data)
+        return compressed_image(image, image.header.stamp_ns, origin)
+
+    return MessageReader(("camera",), probe, message)
+
+
+_MODELS = {"equidistant": "fisheye", "kannala_brandt": "fisheye"}
+"""What fbench calls a distortion model that ROS calls otherwise."""
+
+
+def camera_model(info: Any, frame_id: str) -> CameraModel:
+    """Return the intrinsics of the images that are published with a CameraInfo: binning and region are applied.
+
+    A pixel of b x b binned ones has its center at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
+    DecodeError where the camera isn't calibrated, or the numbers can't be those of a camera.
+    """
+    K = np.array(get(info, "k", "K"), np.float64).reshape(3, 3)
+    distortion = np.array(get(info, "d", "D"), np.float64).reshape(-1)
+    if not K.any():
+        raise DecodeError(f"camera '{frame_id}' isn't calibrated (K is zero)")
+    if not (np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 and K[1, 1] > 0):
+        raise DecodeError(f"camera '{frame_id}' has no valid focal length, center and distortion")
+    model = str(get(info, "distortion_model"))
+    size_wh = _apply_region(info, K, frame_id)
+    return CameraModel(K, size_wh, _MODELS.get(model, model), distortion)
+
+
+def _apply_region(info: Any, K: Float64, frame_id: str) -> tuple[int, int]:
+    """Change `K` to that of the region, then of the binned image; return the size of the image."""
+    roi, full = get(info, "roi"), (int(get(info, "width")), int(get(info, "height")))
+    offset = (int(get(roi, "x_offset")), int(get(roi, "y_offset")))
+    region = (int(get(roi, "width")) or full[0], int(get(roi, "height")) or full[1])
+    binning = (max(1, int(get(info, "binning_x"))), max(1, int(get(info, "binning_y"))))
+    if any(o + r > f for o, r, f in zip(offset, region, full, strict=True)):
+        raise DecodeError(
+            f"camera '{frame_id}' has a region of {region} at {offset} outside its {full[0]}x{full[1]} px"
+        )
+    for axis in range(2):
+        if offset[axis] or binning[axis] > 1:
+            K[axis, 2] = (K[axis, 2] - offset[axis] + 0.5) / binning[axis] - 0.5
+            K[axis, :2] /= binning[axis]
+    width, height = region[0] // binning[0], region[1] // binning[1]
+    if not (width and height):
+        raise DecodeError(f"camera '{frame_id}' has an image size of {width}x{height}")
+    return width, height
+
+
+def camera_info_reader(decode: Decode, encoding: str) -> MessageReader:
+    """CameraInfo."""
+
+    def calibration(data: memoryview) -> tuple[str, CameraModel]:
+        info = decode(data)
+        frame_id = header(info, encoding).frame_id
+        return frame_id, camera_model(info, frame_id)
+
+    return MessageReader(("calibration",), probe_header("calibration", decode, encoding), calibration=calibration)
