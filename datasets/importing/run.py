@@ -17,6 +17,7 @@ from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.contracts.importing import BadInput, Imported, ImportWish, OtherResult, check_items
 from fbench.replay.contracts.protocols import Importer, Recording
+from fbench.replay.data.arrays import own_arrays
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -270,7 +271,7 @@ def _items(recording: Recording) -> Generator[Item]:
     rig = recording.rig
     yield RigAt(0, rig)
     items = LogItems()
-    with closing(read_ahead(iter(recording.items()))) as ahead:
+    with closing(read_ahead(map(own_arrays, recording.items()))) as ahead:
         for imported in check_items(recording.name, rig, ahead):
             try:
                 yield from items.of(imported)

@@ -1,7 +1,8 @@
 """Checks of the arrays inside the data types: shape and dtype, once, with an error that names the field."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -64,6 +65,25 @@ def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
         if value is not None:
             array = check_array(type(owner).__name__, name, value, dtype, shape, sizes)
             object.__setattr__(owner, name, array)
+
+
+T = TypeVar("T")
+
+
+def own_arrays(value: T) -> T:
+    """Return a frozen dataclass with copies of its arrays, those of dataclasses in it too; anything else as it is.
+
+    What a plug-in hands over may be views of a buffer that it fills again for the next frame.
+    """
+    if isinstance(value, np.ndarray):
+        array = value.copy()
+        array.setflags(write=False)
+        return array
+    if value is None or isinstance(value, type) or not is_dataclass(value):
+        return value
+    own = object.__new__(type(value))
+    vars(own).update({name: own_arrays(part) for name, part in vars(value).items()})
+    return own
 
 
 def _castable(array: Array, dtype: np.dtype[Any]) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DataError, did_you_mean
 from fbench.replay.contracts.faults import FAULTS, FaultLog
-from fbench.replay.data.arrays import Float32
+from fbench.replay.data.arrays import Float32, own_arrays
 from fbench.replay.data.boxes import LABELS, Boxes, Boxes2D, Boxes3D
 from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
@@ -120,7 +120,7 @@ class OutputCheck:
         self._kind: type[Boxes] | None = None
 
     def __call__(self, output: object) -> Output:
-        """Return the output as it is. Raises DataError: saying what is wrong."""
+        """Return the output with arrays of its own. Raises DataError: saying what is wrong."""
         if not isinstance(output, Output):
             raise DataError(f"step() gave {type(output).__name__}, expected Output")
         for name, boxes in (("detections", output.detections), ("tracks", output.tracks)):
@@ -133,7 +133,7 @@ class OutputCheck:
         for fault in output.faults:
             if not isinstance(fault, Fault) or fault.code not in FAULTS:
                 raise DataError(f"Output.faults: {fault!r} isn't a fault of the table")
-        return output
+        return own_arrays(output)
 
     def _check_boxes(self, name: str, boxes: object) -> None:
         if not isinstance(boxes, Boxes2D | Boxes3D):

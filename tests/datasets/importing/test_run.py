@@ -1,9 +1,10 @@
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.datasets.importing.toy import Toy, ToyParams, write_toy
+from tests.datasets.importing.toy import Toy, ToyParams, ToyRecording, write_toy
 
 from fbench.datasets.importing.run import NUM_AHEAD, claim, import_one, import_recordings, read_ahead
 from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError
@@ -80,6 +81,25 @@ def test_one_sequence_is_expected(tmp_path):
     first = next(iter(open_log(log.path, FaultLog()).messages()))
     raw = np.frombuffer((tmp_path / "src/b/000.bin").read_bytes(), np.float32).reshape(-1, 3)
     np.testing.assert_array_equal(first.xyz, raw * 2)
+
+
+def test_buffers_that_an_importer_fills_again_stay_as_they_were(tmp_path):
+    write_toy(tmp_path / "src", ["a"], num_sweeps=20)
+
+    class ReusingRecording(ToyRecording):
+        def items(self):
+            buffer = np.zeros((100, 3), np.float32)
+            for cloud in super().items():
+                buffer[:] = cloud.xyz
+                yield replace(cloud, xyz=buffer)
+
+    class Reusing(Toy):
+        def recordings(self, source, wish):
+            yield ReusingRecording("a", source / "a", wish, ToyParams())
+
+    import_one(Toy(), tmp_path / "src", tmp_path / "fresh.mcap")
+    import_one(Reusing(), tmp_path / "src", tmp_path / "reused.mcap")
+    assert (tmp_path / "reused.mcap").read_bytes() == (tmp_path / "fresh.mcap").read_bytes()
 
 
 @pytest.mark.parametrize("given", [["a", "z"], ["a", "a"], ["a"]])

@@ -395,3 +395,22 @@ def test_cloud_that_was_skipped_is_said_to_be(tmp_path):
     run = play(FakeLog([broken, cloud(100 * MS), scan(0), scan(100 * MS)]), tmp_path / "run")
     assert run.frames[0].missing == {"lidar": "skipped: mostly non-finite points"}
     assert run.frames[1].missing == {}
+
+
+class Reusing(Echo):
+    """Fills one buffer in every step and returns views of it, as bindings of C++ programs do."""
+
+    def __init__(self):
+        super().__init__()
+        self.center, self.yaw = np.zeros((1, 3)), np.zeros(1)
+
+    def step(self, frame):
+        self.center[:] = frame.index
+        boxes = Boxes3D(self.center, np.ones((1, 3)), self.yaw)
+        return Output(boxes, boxes, {})
+
+
+def test_buffers_that_a_pipeline_fills_again_stay_as_they_were(tmp_path):
+    run = play(drive(), tmp_path / "run", Reusing())
+    assert [run.detections.at(i).center_m[0, 0] for i in range(20)] == list(range(20))
+    assert [run.tracks.at(i).center_m[0, 0] for i in range(20)] == list(range(20))
