@@ -1,1 +1,6 @@
 """Camera."""
+
+import os
+
+# Read when onnxruntime is imported: it would keep an id of this machine and send events to its maker.
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"
