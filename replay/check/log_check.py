@@ -4,8 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from fbench.replay.check.findings import Finding, Severity, finding, sort_key
 from fbench.replay.check.survey import Topic, reference_of, topics_of
 from fbench.replay.check.times import StreamStats, Times, stream_stats, time_findings, timeline
@@ -16,7 +14,7 @@ from fbench.replay.contracts.faults import FAULTS, FaultLog
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, encoded_size
-from fbench.replay.data.messages import BOXES, Image, Message, Pose
+from fbench.replay.data.messages import BOXES, Image, Message
 from fbench.replay.data.metadata import GAPS, MEANT
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.engine.cleaning import clean
@@ -133,7 +131,6 @@ class _Check:
             self._frames = FrameCheck((*chosen, *reader.poses), self._reference, options.sync, self._trial)
         self._times = {name: Times() for name in sorted(self._kinds)}
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
-        self._bad_poses: dict[str, tuple[int, int]] = {}
         if self._trial is not None:
             rig: Rig | None = None
             with suppress(LogError):  # what is missing of the rig is a finding already
@@ -163,11 +160,6 @@ class _Check:
     def _take_message(self, entry: Entry, recorded: Message) -> None:
         message = self._options.stamps.restamp(recorded)
         self._times.setdefault(message.sensor, Times()).add(entry, message)
-        if isinstance(message, Pose):
-            finite = np.isfinite(message.translation_m).all() and np.isfinite(message.rotation_xyzw).all()
-            if not (finite and np.any(message.rotation_xyzw)):
-                first, num = self._bad_poses.get(message.sensor, (message.stamp_ns, 0))
-                self._bad_poses[message.sensor] = (first, num + 1)
         if isinstance(message, Image) and (why := _find_damage(message, self._options.decode_images)):
             self._faults.add("DEC002", f"{message.sensor} at {message.stamp_ns} ns: {why}")
         usable = clean(message, self._rig, self._faults)
@@ -220,8 +212,5 @@ class _Check:
                 severity: Severity | None = "info" if self._reference == BOXES else None
                 text = "the rig has it, but the log has no message of it"
                 yield finding("CHK005", s.sensor, text, 0, severity=severity)
-        for sensor, (stamp_ns, num) in sorted(self._bad_poses.items()):
-            text = f"{num} poses aren't finite or have no rotation"
-            yield finding("CHK006", sensor, text, num, f"stamp {stamp_ns} ns")
         if self._reference is None:
             yield finding("CHK007", "", "no frames: neither sensors nor boxes have messages")

@@ -14,6 +14,7 @@ from fbench.replay.data.frames import ClockName, Fault, Output
 from fbench.replay.data.messages import Image, Message, PointCloud, RadarScan
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.codecs.points import C, only_finite
+from fbench.replay.logs.coordinate_frames import invalid
 
 
 class Skipped(NamedTuple):
@@ -65,8 +66,8 @@ MAX_RANGE_M = 1000.0  # Points farther away are taken as they are, but no sensor
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
-    """Drop points with a non-finite coordinate, clouds that consist mostly of them, and images of another size than
-    their camera's; count all of these.
+    """Drop points with a non-finite coordinate, clouds that consist mostly of them, images of another size than their
+    camera's, and poses that aren't finite or have no rotation; count all of these.
     """
     if isinstance(message, PointCloud):
         return _clean_cloud(message, faults)
@@ -74,6 +75,9 @@ def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
         return _clean_cloud(message, faults)
     if isinstance(message, Image):
         return _clean_image(message, rig, faults)
+    if (why := invalid(message.translation_m, message.rotation_xyzw)) is not None:
+        faults.add("DAT005", f"{message.sensor} at {message.stamp_ns} ns: {why}")
+        return Skipped(message.sensor, message.stamp_ns, message.frame_number, f"pose {why}")
     return message
 
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.geometry.transforms import pose_matrix
+from fbench.replay.logs.coordinate_frames import invalid
 
 MAX_BETWEEN_NS = 1_000_000_000  # Between poses farther apart nothing is known
 MAX_BEYOND_NS = 50_000_000  # So long a pose holds where none comes before or after it
@@ -45,7 +46,7 @@ class FramePoses:
 
     def add(self, pose: Pose) -> None:
         """Take a pose; of several streams that of the first name counts."""
-        if pose.sensor != self._name or not _is_sane(pose):
+        if pose.sensor != self._name or invalid(pose.translation_m, pose.rotation_xyzw) is not None:
             return
         if self._recent and pose.stamp_ns < self._recent[-1].stamp_ns - MAX_BACK_NS:
             self.finish()
@@ -103,12 +104,6 @@ def pose_of(value: Float64) -> Float64 | None:
 
 def _stamp(pose: Pose) -> int:
     return pose.stamp_ns
-
-
-def _is_sane(pose: Pose) -> bool:
-    return bool(np.isfinite(pose.translation_m).all() and np.isfinite(pose.rotation_xyzw).all()) and bool(
-        np.any(pose.rotation_xyzw)
-    )
 
 
 def _near(pose: Pose, stamp_ns: int) -> Float64:

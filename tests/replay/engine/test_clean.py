@@ -1,9 +1,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.messages import Image, PointCloud, RadarScan
+from fbench.replay.data.messages import Image, PointCloud, Pose, RadarScan
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.engine.cleaning import Skipped, clean
 
@@ -48,6 +49,25 @@ def test_empty_cloud_is_delivered_and_flagged():
     assert clean(empty, RIG, faults) is empty
     assert faults.counts == {"DAT002": 1}
     assert faults.lost == 0
+
+
+@pytest.mark.parametrize(
+    ("position", "rotation", "why"),
+    [
+        ((0, np.nan, 0), (0, 0, 0, 1), "isn't finite"),
+        ((0, np.inf, 0), (0, 0, 0, 1), "isn't finite"),
+        ((0, 0, 0), (0, 0, 0, 0), "has no valid rotation"),
+        ((0, 0, 0), (0, 0, np.nan, 1), "has no valid rotation"),
+    ],
+)
+def test_poses_that_are_none_are_lost(position, rotation, why):
+    good = Pose("gnss", 5, 6, np.zeros(3), np.array([0, 0, 0, 1.0]))
+    assert clean(good, RIG, FaultLog()) is good
+    faults = FaultLog()
+    bad = replace(good, translation_m=np.array(position, float), rotation_xyzw=np.array(rotation, float))
+    assert clean(bad, RIG, faults) == Skipped("gnss", 5, None, f"pose {why}")
+    assert faults.places["DAT005"] == [f"gnss at 5 ns: {why}"]
+    assert faults.lost == 1
 
 
 def test_images_must_fit_their_calibration():
