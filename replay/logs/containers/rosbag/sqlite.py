@@ -1,5 +1,6 @@
 """One SQLite file (`.db3`) of a rosbag2 recording as a container, opened as untrusted input."""
 
+import os
 import sqlite3
 from array import array
 from collections import Counter
@@ -40,7 +41,7 @@ def connected(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a database for reading; text comes as bytes. Nothing is written beside the file. Raises LogError where it
     can't be opened, or isn't such a database.
     """
-    _check_magic(path)
+    _check_head(path)
     uri = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
     try:
         # Entries may be read ahead by another thread, though never by two at once.
@@ -59,8 +60,8 @@ def connected(path: Path) -> Iterator[sqlite3.Connection]:
         yield database
 
 
-def damage_error(path: Path, error: Exception) -> LogError:
-    """Return the error for a database that SQLite can't read."""
+def damage_error(path: Path, error: Exception | str) -> LogError:
+    """Return the error for a database that SQLite can't read, or not rightly."""
     return LogError(f"{path}: damaged database ({error}); `sqlite3 {path.name} .recover` may save what is left")
 
 
@@ -95,13 +96,22 @@ def is_table(database: sqlite3.Connection, name: str) -> bool:
     return bool(database.execute(query, (name,)).fetchone()[0])
 
 
-def _check_magic(path: Path) -> None:
+def _check_head(path: Path) -> None:
+    """Refuse what isn't a database, or ends early: SQLite refuses files that lack whole pages, but fills a page of which
+    a part is missing with zeros. Layout: https://www.sqlite.org/fileformat.html, 1.3.
+    """
     try:
         with path.open("rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
+            head = file.read(100)
+            if not head.startswith(_MAGIC):
                 raise LogError(f"{path}: not an SQLite database (looks like {looks_like(file)})")
+            size = file.seek(0, os.SEEK_END)
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
+    page = int.from_bytes(head[16:18], "big")
+    page = 65536 if page == 1 else page
+    if page and size % page:
+        raise damage_error(path, f"it ends within a page of {page} bytes, after {size}")
 
 
 _MAX_TOPICS = 2**16 - 1

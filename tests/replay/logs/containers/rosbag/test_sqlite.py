@@ -287,9 +287,10 @@ def test_damaged_pages_in_the_middle(tmp_path):
     assert any("malformed" in place for place in places)
 
 
-def test_truncated_file(tmp_path):
+@pytest.mark.parametrize("num_bytes", [1, 100, 4095, 4096, 4097])
+def test_truncated_file(tmp_path, num_bytes):
     path = written(tmp_path)
-    path.write_bytes(path.read_bytes()[:-4096])
+    path.write_bytes(path.read_bytes()[:-num_bytes])
     with pytest.raises(LogError, match=r"bag\.db3: damaged database .*`sqlite3 bag\.db3 \.recover`"):
         opened(path)
 
