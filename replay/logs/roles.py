@@ -40,7 +40,8 @@ class Role:
 
 def roles(container: Container) -> dict[int, Role]:
     """Roles of the channels that fbench understands, by id; the other topics are counted. Raises LogError where one
-    topic holds messages of two schemas that both are understood.
+    topic holds messages of two schemas that both are understood, unless both are transforms: bags of ROS 1 often have
+    `tf/tfMessage` and `tf2_msgs/TFMessage` on `/tf`.
     """
     found: dict[int, Role] = {}
     foreign: dict[int, Codec] = {}
@@ -55,7 +56,8 @@ def roles(container: Container) -> dict[int, Role]:
             foreign[id_] = codec
         else:
             _count_unused(container, channel)
-    _check_schemas(container, sorted([*found, *foreign]))
+    transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
+    _check_schemas(container, sorted({*found, *foreign} - transforms))
     return found | _foreign(container, foreign)
 
 

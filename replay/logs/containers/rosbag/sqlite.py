@@ -97,8 +97,8 @@ def is_table(database: sqlite3.Connection, name: str) -> bool:
 
 
 def _check_head(path: Path) -> None:
-    """Refuse what isn't a database, or ends early: SQLite refuses files that lack whole pages, but fills a page of which
-    a part is missing with zeros. Layout: https://www.sqlite.org/fileformat.html, 1.3.
+    """Refuse what isn't a database, or ends early: SQLite refuses files that lack whole pages, but fills up a part of a
+    page with zeros. Layout: https://www.sqlite.org/fileformat.html, 1.3.
     """
     try:
         with path.open("rb") as file:
