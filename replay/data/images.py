@@ -55,17 +55,20 @@ LAYOUTS: Mapping[str, Layout] = {
 """Raw layouts by name; samples of 16 bits are little-endian."""
 
 _OTHER_NAMES: Mapping[str, str] = {
-    "8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC1": "mono16", "16UC3": "bgr16", "16UC4": "bgra16",
+    "8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC3": "bgr16", "16UC4": "bgra16",
     "yuv422": "uyvy", "yuv422_yuy2": "yuyv",
 }  # fmt: skip
+DEPTH = ("16UC1", "32FC1")  # [mm] and [m], REP 118
 
 
 def layout_name(encoding: str) -> str:
     """Return the one name of a raw layout that ROS and OpenCV give several: `uyvy` for `yuv422`, `bgr8` for `8UC3`.
 
     Raises:
-        DecodeError: where it isn't in `LAYOUTS`.
+        UnsupportedError: where it isn't in `LAYOUTS`, or is that of depth images.
     """
+    if encoding in DEPTH:
+        raise UnsupportedError(f"image encoding '{encoding}' is that of a depth image, not supported")
     name = _OTHER_NAMES.get(encoding, encoding)
     if name not in LAYOUTS:
         raise UnsupportedError(f"image encoding '{encoding}' isn't supported, only {', '.join(LAYOUTS)}")

@@ -110,11 +110,14 @@ def test_sizes_that_dont_fit(data, encoding, size_wh, step, message):
 
 
 def test_names_of_layouts():
-    assert [layout_name(n) for n in ("8UC1", "8UC3", "16UC1", "yuv422", "yuv422_yuy2", "rgb8")] == [
-        "mono8", "bgr8", "mono16", "uyvy", "yuyv", "rgb8",
+    assert [layout_name(n) for n in ("8UC1", "8UC3", "16UC3", "yuv422", "yuv422_yuy2", "rgb8")] == [
+        "mono8", "bgr8", "bgr16", "uyvy", "yuyv", "rgb8",
     ]  # fmt: skip
-    with pytest.raises(DecodeError, match="encoding '32FC1' isn't supported, only mono8"):
-        layout_name("32FC1")
+    with pytest.raises(DecodeError, match="encoding '64FC1' isn't supported, only mono8"):
+        layout_name("64FC1")
+    for depth in ("16UC1", "32FC1"):
+        with pytest.raises(DecodeError, match=f"encoding '{depth}' is that of a depth image"):
+            layout_name(depth)
 
 
 PIXELS = np.random.Generator(np.random.Philox(1)).integers(0, 255, (6, 8, 3)).astype(np.uint8)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.images import MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
+from fbench.replay.data.images import DEPTH, MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
 from fbench.replay.data.messages import Image, Message
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Origin, Probe
@@ -53,7 +53,7 @@ def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
 
 def check_format(image: CompressedImage) -> None:
     """Refuse depth images, whose PNG isn't a picture. Raises DecodeError where it is one."""
-    if "compressedDepth" in image.format:
+    if "compressedDepth" in image.format or image.format.startswith(DEPTH):
         raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
 
 

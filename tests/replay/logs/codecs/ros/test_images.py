@@ -54,7 +54,7 @@ def test_big_endian_16_bits_are_stored_little_endian():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"encoding": "32FC1"}, "encoding '32FC1' isn't supported"),
+        ({"encoding": "32FC1"}, "encoding '32FC1' is that of a depth image"),
         ({"step": 19, "data": bytes(75)}, "rows of 19 bytes has 75 bytes"),
         ({"size_wh": (7, 4)}, "bgr8 image of 7x4 px"),
         ({"size_wh": (2**31, 2**31)}, "larger than 178956970 px"),
@@ -106,10 +106,12 @@ def test_compressed_images_that_cant_be_used(form, data, message):
 
 
 def test_images_that_cant_be_shown_are_refused_at_the_first_look():
-    with pytest.raises(DecodeError, match="32FC1"):
-        JAZZY.codec(RAW).probe(raw(encoding="32FC1"))
-    with pytest.raises(DecodeError, match="depth image"):
-        JAZZY.codec(COMPRESSED).probe(compressed("16UC1; compressedDepth", b""))
+    for encoding in ("16UC1", "32FC1"):
+        with pytest.raises(DecodeError, match=f"'{encoding}' is that of a depth image"):
+            JAZZY.codec(RAW).probe(raw(encoding=encoding))
+    for form in ("16UC1; compressedDepth", "16UC1; png compressed "):
+        with pytest.raises(DecodeError, match="depth image"):
+            JAZZY.codec(COMPRESSED).probe(compressed(form, b""))
 
 
 def test_an_image_holds_nothing_else():
