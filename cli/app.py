@@ -11,7 +11,7 @@ import typer
 
 from fbench.cli import compare, demo, init, log, plugins, replay, report, score, verify, weights
 from fbench.cli import options as examples
-from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError
+from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError, TerminatedError, one_line
 from fbench.replay.runs.secrets import without_secrets
 
 app = typer.Typer(
@@ -71,14 +71,9 @@ def main() -> None:
         sys.exit(app(["--debug", *others] if debug else others, standalone_mode=False))
     except typer.Abort:
         sys.exit(128 + signal.SIGINT)
-    except _TerminatedError:
+    except TerminatedError:
         sys.exit(128 + signal.SIGTERM)
-    except MemoryError as error:
-        if debug:
-            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
-        sys.stderr.write("fbench: out of memory: the data asks for more than there is\n")
-        sys.exit(EXIT_DATA)
-    except (FbenchError, OSError, _UsageError) as error:
+    except Exception as error:  # noqa: BLE001 - a mistake of fbench, or of a plug-in where none is expected
         if debug:
             sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
         if line := _line(error):  # empty where help was shown instead
@@ -86,25 +81,27 @@ def main() -> None:
         sys.exit(_code(error))
 
 
-class _TerminatedError(BaseException):
-    """SIGTERM came. Nobody takes it for the failure of a plug-in, as they do with SystemExit."""
-
-
 def _terminate(number: int, frame: FrameType | None) -> None:
-    raise _TerminatedError
+    raise TerminatedError
 
 
 def _line(error: Exception) -> str:
     """One line about an error, whatever is in its text."""
-    if isinstance(error, OSError):
-        text = f"{error.filename or 'output'}: {error.strerror or error}"
-    else:
-        text = error.format_message() if isinstance(error, _UsageError) else str(error)
-        text += f" [{error.code}]" if isinstance(error, FbenchError) and error.code else ""
+    match error:
+        case FbenchError():
+            text = f"{error} [{error.code}]" if error.code else str(error)
+        case OSError():
+            text = f"{error.filename or 'output'}: {error.strerror or error}"
+        case MemoryError():
+            text = "out of memory: the data asks for more than there is"
+        case _UsageError():
+            text = error.format_message()
+        case _:
+            text = f"a mistake in fbench or a plug-in: {one_line(error)}; --debug shows where"
     return "".join(c if c.isprintable() else " " for c in without_secrets(text))
 
 
 def _code(error: Exception) -> int:
     if isinstance(error, FbenchError):
         return error.exit_code
-    return EXIT_DATA if isinstance(error, OSError) else EXIT_USAGE
+    return EXIT_USAGE if isinstance(error, _UsageError) else EXIT_DATA

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, cast
 
-from fbench.replay.contracts.errors import ConfigError
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, one_line
 from fbench.replay.contracts.plugins import entry_points_of, load
 from fbench.replay.contracts.profiles import Facts, Match, Profile
 
@@ -27,8 +27,10 @@ def profile_of(name: str) -> AnyProfile:
     try:
         profile = loaded() if inspect.isclass(loaded) else loaded
         is_one = isinstance(profile, Profile) and isinstance(profile.facts, Facts)
-    except Exception as error:  # a plug-in may raise anything
-        raise ConfigError(f"profile '{name}' can't be made: {type(error).__name__}: {error}") from error
+    except INTERRUPTS:
+        raise
+    except BaseException as error:
+        raise ConfigError(f"profile '{name}' can't be made: {one_line(error)}") from error
     if not is_one:
         raise ConfigError(f"profile '{name}' isn't one: see Profile and Facts in fbench.replay.contracts.profiles")
     return cast("AnyProfile", profile)

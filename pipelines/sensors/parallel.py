@@ -100,7 +100,7 @@ class _Run(Generic[A]):
     def __call__(self) -> None:
         try:
             self.result = self._branch(self.clock)
-        except (Exception, SystemExit) as error:  # noqa: BLE001  # raised again by `Branches.run`
+        except BaseException as error:  # noqa: BLE001 - raised again by `Branches.run`
             self.error = error
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fbench.replay.check.findings import Finding, Severity, finding
 from fbench.replay.check.times import quantile
-from fbench.replay.contracts.errors import ConfigError, FbenchError, LogError, one_line
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, LogError, one_line
 from fbench.replay.contracts.protocols import Pipeline
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.frames import Frame
@@ -68,7 +68,9 @@ class Trial:
             self.problems.append(finding("CHK008", "", f"{self.name} can't start: {error}"))
         except ConfigError:
             raise
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
+        except INTERRUPTS:
+            raise
+        except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything
             why = str(error) if isinstance(error, FbenchError) else one_line(error)
             self.problems.append(finding("PRD002", "", f"{self.name} can't start: {why}"))
 
@@ -99,7 +101,9 @@ class Trial:
                 if not self._used.get(sensor, False):
                     rest = {name: m for name, m in frame.messages.items() if name != sensor}
                     self._used[sensor] = self._outcome(replace(frame, messages=rest)) != whole
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
+        except INTERRUPTS:
+            raise
+        except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything
             first = f"stamp {frame.stamp_ns} ns"
             self.problems.append(finding("PRD002", "", f"{self.name}: {one_line(error)}", 1, first))
             self._used, self._is_ready = {}, False

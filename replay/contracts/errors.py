@@ -79,11 +79,26 @@ class MetricError(FbenchError):
     """Truth or results that can't be scored."""
 
 
+class TerminatedError(BaseException):
+    """SIGTERM came."""
+
+
+INTERRUPTS = (KeyboardInterrupt, TerminatedError)
+"""What ends fbench from outside. A plug-in may raise anything else, and it counts as the plug-in's failure."""
+
+
 def one_line(error: BaseException) -> str:
     """What a plug-in raised, with the place where it did."""
-    what = without_secrets(str(error)).splitlines()[0] if str(error) else "no message"
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {what} ({Path(last.filename).name}:{last.lineno})"
+    try:
+        text = str(error)
+    except INTERRUPTS:
+        raise
+    except BaseException as second:  # noqa: BLE001 - the text of a plug-in's error is made by the plug-in, too
+        text = f"its text can't be made ({type(second).__name__})"
+    what = next(iter(without_secrets(_shorten(text)).splitlines()), "no message")
+    places = traceback.extract_tb(error.__traceback__)
+    place = f" ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else ""
+    return "".join(c if c.isprintable() else " " for c in f"{type(error).__name__}: {what}{place}")
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
 
-from fbench.replay.contracts.errors import ConfigError, FbenchError, RunError, did_you_mean, one_line
+from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
 from fbench.replay.contracts.variants import SUFFIX, Variant, find_variants, variant_of, variant_settings
@@ -142,8 +142,10 @@ def _from_file(name: str) -> Any:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:  # a plug-in's file may raise anything
-        raise ConfigError(f"{path}: can't be imported: {type(error).__name__}: {error}") from error
+    except INTERRUPTS:
+        raise
+    except BaseException as error:
+        raise ConfigError(f"{path}: can't be imported: {one_line(error)}") from error
     classes = {n: v for n, v in vars(module).items() if inspect.isclass(v) and v.__module__ == module_name}
     if class_name not in classes:
         raise ConfigError(f"{path}: has no class '{class_name}'{did_you_mean(class_name, classes)}")
@@ -178,7 +180,9 @@ def guarded(what: str) -> Iterator[None]:
         yield
     except FbenchError:
         raise
-    except (Exception, SystemExit) as error:  # a plug-in may raise anything
+    except INTERRUPTS:
+        raise
+    except BaseException as error:
         raise RunError(f"{what}: {one_line(error)}") from error
 
 
@@ -296,8 +300,10 @@ def _make_plugin(what: str, name: str, cls: type, methods: tuple[str, ...], sett
         return (cls() if params is None else cls(params)), params
     except FbenchError:
         raise
-    except (Exception, SystemExit) as error:  # a plug-in may raise anything
-        raise ConfigError(f"{what} '{name}' can't be made: {type(error).__name__}: {error}") from error
+    except INTERRUPTS:
+        raise
+    except BaseException as error:
+        raise ConfigError(f"{what} '{name}' can't be made: {one_line(error)}") from error
 
 
 def default_params(cls: type) -> Any:

@@ -1,6 +1,7 @@
 """The one loop: log -> frames -> pipeline -> run folder."""
 
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fbench.replay.contracts.errors import LogError, RunError, one_line
+from fbench.replay.contracts.errors import INTERRUPTS, LogError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guarded
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
@@ -117,6 +118,7 @@ class _Loop:
         self._check = OutputCheck(self._rig)
         self._chain, self._failures = START, 0
         self._segment: int | None = None
+        self._recursion_limit = sys.getrecursionlimit()
 
     def start(self) -> None:
         """Start the pipeline. Raises LogError where the log doesn't fit it, naming what a variant is a variant of.
@@ -154,7 +156,9 @@ class _Loop:
             if frame.segment != self._segment:
                 self._enter(frame)
             output = self._check(self._plan.pipeline.step(frame))
-        except (Exception, SystemExit) as error:  # a plug-in may raise anything, and the other frames still count
+        except INTERRUPTS:
+            raise
+        except BaseException as error:
             self._failures += 1
             self._plan.failed(error)
             why, times = one_line(error), self._failures
@@ -162,6 +166,8 @@ class _Loop:
                 raise RunError(f"pipeline '{self._plan.name}' failed on {times} frames in a row: {why}") from error
             self._faults.add("PRD002", f"frame {frame.index}: {why}")
             return None, why
+        finally:
+            sys.setrecursionlimit(self._recursion_limit)  # a plug-in may have changed it
         self._failures = 0
         for fault in output.faults:
             self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")

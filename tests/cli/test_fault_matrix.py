@@ -20,7 +20,7 @@ from tests.replay.logs.other_forms import NO_SUMMARY, layout, rewrite
 
 from fbench.replay.contracts.faults import FAULTS
 from fbench.replay.data.boxes import Boxes3D
-from fbench.replay.data.messages import Image, PointCloud, Truth
+from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.logs.containers.mcap.write import McapWriter
 from fbench.replay.logs.containers.parquet.write import ParquetWriter
@@ -267,6 +267,8 @@ CASES = [
          .astype(np.float32))), 0),
     Case("some NaN", "DAT004", on_third_cloud(lambda m: replace(m, xyz=np.append(m.xyz, [[np.nan, 0, 0]], 0)
          .astype(np.float32))), 0),
+    Case("pose that is none", "DAT005", changed(lambda ms: [
+        *ms, Pose("gnss", S, S, np.array([0, np.nan, 0]), np.array([0, 0, 0, 1.0]))]), 4),
     Case("no transform", "CAL001", lambda f: c.write_log(f / "log.mcap", items(), replace(
         c.rig(), mounts={n: m for n, m in c.rig().mounts.items() if n != "radar"})), 3),
     Case("recalibrated", "CAL002", recalibrated, 0),
