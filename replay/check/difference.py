@@ -73,13 +73,15 @@ class Outcome:
         return self.seen.get(record.index, {}).get("parts", {})  # type: ignore[no-any-return]
 
     def faults(self, of_container: bool = True) -> dict[str, Any]:
-        """Faults and stragglers, those of the container if wanted."""
+        """Faults and stragglers; without those of the container, and without the places, which name its files, if these
+        aren't wanted.
+        """
         content = self.run.json("faults.json")
-        rows = {row["code"]: [row["count"], row["places"]] for row in content.pop("rows")}
-        if not of_container:
-            content.pop("lost")
-            rows = {code: row for code, row in rows.items() if not code.startswith(_OF_CONTAINERS)}
-        return {**content, **rows}
+        rows = content.pop("rows")
+        if of_container:
+            return {**content, **{row["code"]: [row["count"], row["places"]] for row in rows}}
+        content.pop("lost")
+        return {**content, **{r["code"]: r["count"] for r in rows if not r["code"].startswith(_OF_CONTAINERS)}}
 
     @cached_property
     def digests(self) -> dict[str, str]:

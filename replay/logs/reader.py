@@ -47,9 +47,10 @@ class LogReader:
         self.container = container
         self.setup = setup or Setup()
         self.faults = faults or FaultLog()
-        if container.header is not None and self.setup.body not in ("", BODY):
-            raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
         every = arrange(roles(container), container, self.setup)
+        # A log that fbench converted holds the messages of another program, with their coordinate frames.
+        if self.setup.body not in ("", BODY) and any(role.is_own for role in every.values()):
+            raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
         self.roles = select(every, topics)
         kept = {role.sensor for role in self.roles.values()}
         self.left_out = frozenset(role.sensor for role in every.values()) - kept

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from tests.cli.conftest import fbench, log, messages, write_log
+from tests.cli.test_recorded import drive, write
+from tests.replay.logs.test_two_types_of_tf import TYPES, cloud, transform, write_bag
 
 from fbench.replay.check.verify import variants, verify_in
 from fbench.replay.setup.request import ReplayRequest
@@ -92,6 +94,39 @@ def test_read_ahead(fbench, log, read_ahead):
 
 
 # --- 12: sleeps ---
+
+
+BODY = 'version = 1\n[body]\nframe = "base_link"\n'
+FOREIGN = """
+import numpy as np
+from fbench.replay.data.boxes import Boxes3D
+from fbench.replay.data.frames import Output
+
+class Count:
+    def start(self, rig, log_info): pass
+    def reset(self, reason): pass
+    def step(self, frame):
+        num = sum(len(message.xyz) for message in frame.messages.values())
+        boxes = Boxes3D(np.full((1, 3), num), np.ones((1, 3)), np.zeros(1))
+        return Output(boxes, boxes, {})
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "config"), [("drive.bag", BODY), ("drive.mcap", BODY), ("drive.parquet", "")])
+def test_logs_of_other_programs_are_identical_in_every_container(fbench, tmp_path, name, config):
+    if name == "drive.bag":  # without stamps, which is a fault
+        clouds = [("/lidar", cloud("lidar", stamp=(0, 0))) for _ in range(5)]
+        write_bag(tmp_path / name, [("/tf", transform(TYPES[1], "lidar", 1.0)), *clouds])
+    else:
+        write(tmp_path / "drive.mcap", *drive())
+    if name == "drive.parquet":
+        assert fbench("log", "convert", "drive.mcap", "-o", name).code == 0
+    (tmp_path / "count.py").write_text(FOREIGN)
+    if config:
+        (tmp_path / "fbench.toml").write_text(config)
+    result = fbench("verify", name, "-p", "count.py:Count")
+    assert result.code == 0, result.out + result.err
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores
 from tests.program import fbench
-from tests.replay.logs.codecs.ros.builders import Ros
+from tests.replay.logs.codecs.ros.builders import STAMP, Ros
 
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.logs.open import open_log
@@ -25,10 +25,24 @@ def transform(kind, child, x):
     return make(kind, [make("geometry_msgs/msg/TransformStamped", ROS.header("base_link"), child, pose)])
 
 
-def cloud(frame_id):
+def cloud(frame_id, stamp=STAMP):
     fields = [ROS.make("sensor_msgs/msg/PointField", name, 4 * i, 7, 1) for i, name in enumerate("xyz")]
     data = np.arange(30, dtype="<f4").view(np.uint8)
-    return ROS.make("sensor_msgs/msg/PointCloud2", ROS.header(frame_id), 1, 10, fields, False, 12, 120, data, True)
+    return ROS.make(
+        "sensor_msgs/msg/PointCloud2", ROS.header(frame_id, stamp), 1, 10, fields, False, 12, 120, data, True
+    )
+
+
+def write_bag(path, messages):
+    """Write (topic, message), a millisecond apart."""
+    with Writer(path) as writer:
+        connections = {
+            key: writer.add_connection(*key, typestore=ROS.store)
+            for key in dict.fromkeys((topic, message.__msgtype__) for topic, message in messages)
+        }
+        for i, (topic, message) in enumerate(messages):
+            writer.write(connections[topic, message.__msgtype__], START_NS + i * 1_000_000, bytes(ROS.write(message)))
+    return path
 
 
 @pytest.fixture
@@ -39,11 +53,7 @@ def bag(tmp_path):
         ("/left", cloud("left")),
         ("/right", cloud("right")),
     ]
-    with Writer(tmp_path / "drive.bag") as writer:
-        for i, (topic, message) in enumerate(messages):
-            connection = writer.add_connection(topic, message.__msgtype__, typestore=ROS.store)
-            writer.write(connection, START_NS + i, bytes(ROS.write(message)))
-    return tmp_path / "drive.bag"
+    return write_bag(tmp_path / "drive.bag", messages)
 
 
 def test_both_place_sensors(bag):

@@ -143,5 +143,5 @@ class RosCodec:
             with np.errstate(all="ignore"):
                 return function(*args, **kwargs)
         # A definition in the log may give any field another type than the one that is expected.
-        except (TypeError, ValueError, OverflowError, DataError) as error:
+        except (AttributeError, LookupError, TypeError, ValueError, OverflowError, DataError) as error:
             raise DecodeError(f"not a usable {self._name} ({error})") from error

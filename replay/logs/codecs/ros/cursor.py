@@ -92,6 +92,8 @@ class Cursor:
 
 def nanoseconds(sec: int, nanosec: int) -> int:
     """Return a ROS time in ns. Raises DecodeError where it isn't between 1970 and what an int64 holds."""
+    if not (isinstance(sec, int) and isinstance(nanosec, int)):  # a log may define a time of texts
+        raise DecodeError("a stamp isn't of whole numbers")
     stamp_ns = sec * 1_000_000_000 + nanosec
     if sec < 0 or not 0 <= stamp_ns < 2**63:
         raise DecodeError(f"stamp of {sec} s {nanosec} ns is out of range")
