@@ -13,7 +13,6 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merge_blocks
-from fbench.replay.logs.containers.limits import entries_from
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
@@ -44,17 +43,10 @@ class Parts:
         self.header: LogHeader | None = next((c.header for c in containers if c.header is not None), None)
         self.rigs: Sequence[tuple[int, Rig]] = ()
 
-    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        """All messages of these channels in canonical order."""
+    def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
+        """All messages of these channels, or those from a log time on, in canonical order."""
         wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
-
-    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-        """All messages of these channels from a log time on, in canonical order."""
-        wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(
-            wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
-        )
+        return merge_blocks(wanted, lambda part: self._entries(part, channels, start_ns))
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times of each channel, where all parts know them."""
@@ -70,10 +62,9 @@ class Parts:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
-    @staticmethod
-    def _entries(part: _Part, entries: Iterator[Entry]) -> Iterator[Entry]:
+    def _entries(self, part: _Part, channels: frozenset[int], start_ns: int | None) -> Iterator[Entry]:
         first = part.offset * _IDS
-        for entry in entries:
+        for entry in part.container.entries(self._of(part, channels), start_ns):
             yield entry._replace(part=part.offset, channel=first + entry.channel)
 
     def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:
@@ -128,12 +119,7 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
         return Ros1Bag(path, faults)
     from fbench.replay.logs.containers.mcap.file import McapFile
 
-    file = McapFile(path, faults)
-    if not compression:
-        return file
-    from fbench.replay.logs.containers.rosbag.zstd import UnpackedMessages
-
-    return UnpackedMessages(file)
+    return McapFile(path, faults, is_packed=bool(compression))
 
 
 def _start(path: Path) -> bytes:

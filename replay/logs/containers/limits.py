@@ -1,12 +1,18 @@
-"""Checksums, memory bounds, seeking and the recognition of files that containers share."""
+"""The base of containers that are files or folders, and the checksums, memory bounds and guesses that they share."""
 
-from collections.abc import Iterable, Iterator
-from typing import BinaryIO, Protocol, runtime_checkable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
 
 from isal.isal_zlib import crc32
 
-from fbench.replay.contracts.errors import LimitError
-from fbench.replay.logs.container import Container, Entry
+from fbench.replay.contracts.errors import LimitError, LogError
+from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.rig import Rig
+from fbench.replay.logs.container import Entry, LogHeader
+
+__all__ = ["crc32"]
 
 _MAGICS = (
     (b"PAR1", "Parquet; give the folder that it belongs to"),
@@ -27,36 +33,38 @@ def looks_like(file: BinaryIO) -> str:
     start = file.read(512)
     if not start:
         return "an empty file"
-    known = next((name for magic, name in _MAGICS if start.startswith(magic)), None)
-    if known is not None:
-        return known
-    if not _is_text(start):
-        return "unknown binary data"
-    return "JSON" if start.lstrip()[:1] in (b"{", b"[") else "text"
+    for magic, name in _MAGICS:
+        if start.startswith(magic):
+            return name
+    with suppress(UnicodeDecodeError):
+        if all(c.isprintable() or c.isspace() for c in start[: start.rfind(b"\n") + 1 or None].decode()):
+            return "JSON" if start.lstrip()[:1] in (b"{", b"[") else "text"
+    return "unknown binary data"
 
 
-def _is_text(start: bytes) -> bool:
-    try:
-        text = start[: start.rfind(b"\n") + 1 or None].decode()
-    except UnicodeDecodeError:
-        return False
-    return all(c.isprintable() or c.isspace() for c in text)
+class StoredLog:
+    """The part of `Container` that is alike in all that are stored as one file or folder; by itself, one of others."""
 
+    header: LogHeader | None = None
+    rigs: Sequence[tuple[int, Rig]] = ()  # Messages tell the rig
 
-@runtime_checkable
-class Seekable(Protocol):
-    """A container that needn't read what comes before."""
+    def __init__(self, path: Path, faults: FaultLog) -> None:
+        self.path, self._faults = path, faults
 
-    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-        """All messages of these channels from a log time on, in canonical order."""
-        ...
+    def verify(self) -> None:
+        """There is nothing to compare that reading didn't: no other checksums."""
 
+    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
+        """Count a fault unless `key`, the place, was counted under the same code before."""
+        self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
-def entries_from(container: Container, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-    """Return all messages of these channels from a log time on, in canonical order, however they are found."""
-    if isinstance(container, Seekable):
-        return container.entries_from(channels, start_ns)
-    return (entry for entry in container.entries(channels) if entry.log_ns >= start_ns)
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        try:
+            with self.path.open("rb") as file:
+                yield file
+        except OSError as error:
+            raise LogError(f"{self.path}: can't be read ({error.strerror})") from error
 
 
 MAX_HELD = 256 * 1024 * 1024  # Blocks that overlap in time are in memory together; so much they may always take [byte]
@@ -67,8 +75,7 @@ _ENTRY = 400  # What telling a message apart takes [byte]
 class Held:
     """Counts what the blocks that are in use take."""
 
-    def __init__(self) -> None:
-        self._size, self._stored = 0, 0
+    _size = _stored = 0
 
     def require(self, where: str, size: int, stored: int) -> None:
         """Refuse a block before it is unpacked.
@@ -91,6 +98,3 @@ class Held:
         self._size, self._stored = self._size + size, self._stored + stored
         yield from entries
         self._size, self._stored = self._size - size, self._stored - stored
-
-
-__all__ = ["crc32"]
