@@ -9,11 +9,13 @@ from isal.isal_zlib import crc32
 
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.contracts.faults import FaultLog
+from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import Rig
 from fbench.replay.logs.container import Entry, LogHeader
 
 __all__ = ["crc32"]
 
+MAX_STAMP_NS, MAX_FRAME_NUMBER = 2**63 - 1, 2**32 - 1
 _MAGICS = (
     (b"PAR1", "Parquet; give the folder that it belongs to"),
     (b"\x1f\x8b", "gzip"),
@@ -40,6 +42,16 @@ def looks_like(file: BinaryIO) -> str:
         if all(c.isprintable() or c.isspace() for c in start[: start.rfind(b"\n") + 1 or None].decode()):
             return "JSON" if start.lstrip()[:1] in (b"{", b"[") else "text"
     return "unknown binary data"
+
+
+def check_storable(path: Path, message: Message | Truth) -> str:
+    """Return the place of a message, for errors. Raises LogError where a log can't hold a stamp or its frame number."""
+    where = f"{path}: {type(message).__name__} at {message.stamp_ns}"
+    for name, limit in (("stamp_ns", MAX_STAMP_NS), ("log_ns", MAX_STAMP_NS), ("frame_number", MAX_FRAME_NUMBER)):
+        value = getattr(message, name) or 0
+        if not 0 <= value <= limit:
+            raise LogError(f"{where}: {name} {value} is outside 0 to {limit}")
+    return where
 
 
 class StoredLog:

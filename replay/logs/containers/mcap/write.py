@@ -15,14 +15,14 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs import container as header
-from fbench.replay.logs.codecs.foxglove.proto import MAX_STAMP_NS, descriptor_set
+from fbench.replay.logs.codecs.foxglove.proto import descriptor_set
 from fbench.replay.logs.codecs.foxglove.topics import Record, message_records, rig_records
 from fbench.replay.logs.container import Channel, LogHeader, Schema, header_of
+from fbench.replay.logs.containers.limits import check_storable
 
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-_CHUNK = 1024 * 1024
+CHUNK_SIZE = 1024 * 1024
 _MAX_CHANNELS = 2**16 - 1
-_LIMITS = {"stamp_ns": MAX_STAMP_NS, "log_ns": MAX_STAMP_NS, "frame_number": 2**32 - 1}
 
 
 class RawMcapWriter:
@@ -34,7 +34,12 @@ class RawMcapWriter:
     """
 
     def __init__(
-        self, path: Path, about: LogHeader, compression: str = "zstd", chunk_size: int = _CHUNK, is_chunked: bool = True
+        self,
+        path: Path,
+        about: LogHeader,
+        compression: str = "zstd",
+        chunk_size: int = CHUNK_SIZE,
+        is_chunked: bool = True,
     ) -> None:
         if compression not in COMPRESSIONS:
             raise ConfigError(f"compression '{compression}': choose one of {', '.join(COMPRESSIONS)}")
@@ -138,7 +143,7 @@ class McapWriter:
     """
 
     def __init__(
-        self, path: Path, info: LogInfo, rig: Rig, compression: str = "zstd", chunk_size: int = _CHUNK
+        self, path: Path, info: LogInfo, rig: Rig, compression: str = "zstd", chunk_size: int = CHUNK_SIZE
     ) -> None:
         self.path, self._rig = path, rig
         self._raw = RawMcapWriter(path, header_of(info, rig), compression, chunk_size)
@@ -160,10 +165,7 @@ class McapWriter:
         """Append one message, or the truth of one stamp; in any order, though readers like the order of `log_ns`.
         Raises LogError where a stamp, frame number, size or text can't be stored.
         """
-        where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
-        for field, limit in _LIMITS.items():
-            if not 0 <= (value := getattr(message, field) or 0) <= limit:
-                raise LogError(f"{where}: {field} {value} is outside 0 to {limit}")
+        where = check_storable(self.path, message)
         try:
             if not self._rig_written:
                 # Viewers need transforms and calibrations by the time of the first message.

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.arrays import Int64
-from fbench.replay.logs.containers.limits import crc32
+from fbench.replay.logs.containers.limits import MAX_STAMP_NS, crc32
 from fbench.replay.logs.containers.parquet import footer as footers
 from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, Footer, opened, reason_of
 from fbench.replay.logs.containers.parquet.log_json import GroupEntries
@@ -33,7 +33,6 @@ _GROWING = {6: "DELTA_LENGTH_BYTE_ARRAY", 7: "DELTA_BYTE_ARRAY"}
 _PER_VALUE = 16  # At least so many bytes are taken for a value: offset, level, number
 _HEADER = 64 * 1024
 _INDEX = "log_ns"
-_MAX_STAMP_NS = 2**63 - 1
 
 
 class Page(NamedTuple):
@@ -117,7 +116,7 @@ class GroupFile:
         self._size(source, chunk)
         log_ns = self._table(source, group, [_INDEX]).column(_INDEX).drop_null().to_numpy()
         # What doesn't fit an int64 is refused where the message is read.
-        return np.asarray(np.minimum(log_ns, _MAX_STAMP_NS) if log_ns.dtype == np.uint64 else log_ns, np.int64)
+        return np.asarray(np.minimum(log_ns, MAX_STAMP_NS) if log_ns.dtype == np.uint64 else log_ns, np.int64)
 
     def tables(self, group: int) -> Iterator[pa.Table]:
         """All rows, in one table, or where they are too large in several, which then are in the order of `log_ns`.

@@ -12,9 +12,9 @@ from fbench.replay.data.arrays import Array, Bool, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.logs.codecs.codec import TruthPart
+from fbench.replay.logs.containers.limits import MAX_FRAME_NUMBER
 from fbench.replay.logs.containers.parquet.columns import BOXES_NEEDED, Column, Content, StreamKind
 
-_MAX_FRAME_NUMBER = 2**32 - 1
 _DTYPES = {Content.INTS: "i8", Content.SMALL: "u1", Content.FLAGS: "?"}  # All other lists hold floats, "f8"
 _WIDTHS = {Content.VECS3: 3, Content.VECS4: 4}
 T = TypeVar("T")
@@ -208,6 +208,6 @@ class Row(NamedTuple):
 
     def _frame_number(self) -> int | None:
         number = self.number("frame_number")
-        if number is not None and not 0 <= number <= _MAX_FRAME_NUMBER:
-            raise DecodeError(f"frame_number {number} is outside 0 to {_MAX_FRAME_NUMBER}")
+        if number is not None and not 0 <= number <= MAX_FRAME_NUMBER:
+            raise DecodeError(f"frame_number {number} is outside 0 to {MAX_FRAME_NUMBER}")
         return number
