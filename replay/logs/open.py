@@ -11,8 +11,8 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merge_blocks
+from fbench.replay.logs.container import Channel, Container, Entry, merge_blocks
+from fbench.replay.logs.containers.limits import StoredLog
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
@@ -28,20 +28,18 @@ class _Part:
     container: Container
 
 
-class Parts:
+class Parts(StoredLog):
     """A recording that was split into files; implements `Container`.
 
     Files are opened when their time comes, so that many of them don't fill the memory.
     """
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
-        self.path = path
-        self._faults = faults
+        super().__init__(path, faults)
         self._parts = [_Part(i, _start_ns(c), c) for i, c in enumerate(containers)]
         self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
         self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
-        self.header: LogHeader | None = next((c.header for c in containers if c.header is not None), None)
-        self.rigs: Sequence[tuple[int, Rig]] = ()
+        self.header = next((c.header for c in containers if c.header is not None), None)
 
     def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
         """All messages of these channels, or those from a log time on, in canonical order."""
@@ -57,10 +55,6 @@ class Parts:
         """Check all parts."""
         for part in self._parts:
             part.container.verify()
-
-    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
-        """Count a fault unless `key`, the place, was counted under the same code before."""
-        self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
     def _entries(self, part: _Part, channels: frozenset[int], start_ns: int | None) -> Iterator[Entry]:
         first = part.offset * _IDS

@@ -90,15 +90,8 @@ class Held:
     _size = _stored = 0
 
     def require(self, where: str, size: int, stored: int) -> None:
-        """Refuse a block before it is unpacked.
-
-        Args:
-            where: Its place, for the error.
-            size: What it takes in memory [byte].
-            stored: What it takes in the file [byte].
-
-        Raises:
-            LimitError: where it and those in use would be too much; one alone is never refused.
+        """Refuse a block before it is unpacked, which takes `size` bytes in memory and `stored` in the file. Raises
+        LimitError naming its place, `where`, where it and those in use would be too much; one alone is never refused.
         """
         if self._size and self._size + size > max(MAX_HELD, MAX_RATIO * (self._stored + stored)):
             what = f"chunks that overlap in time unpack to over {MAX_HELD} bytes, {MAX_RATIO} times what they are"

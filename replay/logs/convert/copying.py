@@ -123,9 +123,8 @@ def _read_rigs(container: Container, roles: Mapping[int, Role], channels: frozen
 
 
 class Copying:
-    """All wanted items in canonical order.
-
-    `as_columns` are the channels whose messages are decoded, where that loses nothing; then the rig becomes data too.
+    """All wanted items in canonical order. `as_columns` are the channels whose messages are decoded, where that loses
+    nothing; then the rig becomes data too.
     """
 
     def __init__(self, source: Source, as_columns: frozenset[int]) -> None:

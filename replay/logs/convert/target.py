@@ -138,9 +138,7 @@ class Target:
 
     def require_free(self) -> None:
         """See that nothing is there, or a log that is to be replaced: a file by a file, a folder of parts by such a
-        folder; Parquet sees to itself.
-
-        Raises ConfigError where something else is there.
+        folder; Parquet sees to itself. Raises ConfigError where something else is there.
         """
         path = self.path
         if not (path.exists() or path.is_symlink()):

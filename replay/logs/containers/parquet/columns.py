@@ -134,10 +134,7 @@ def default_topic(kind: StreamKind, sensor: str) -> str:
 
 
 def file_name(topic: str, taken: Collection[str]) -> str:
-    """Return a name for the file of a topic: plain ASCII, different from those `taken` even where case doesn't count.
-
-    `taken` holds names in lower case.
-    """
+    """Name for the file of a topic: plain ASCII, unlike all `taken` (in lower case) even where case doesn't count."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", ".", topic).strip("._-")[:_MAX_NAME].rstrip("._-") or "stream"
     name, number = f"{plain}.parquet", 1
     while name.lower() in taken:

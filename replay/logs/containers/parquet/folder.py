@@ -20,7 +20,7 @@ from fbench.replay.logs.container import Channel, Entry, LogHeader, Schema, merg
 from fbench.replay.logs.containers.limits import StoredLog
 from fbench.replay.logs.containers.parquet import log_json
 from fbench.replay.logs.containers.parquet.columns import default_topic
-from fbench.replay.logs.containers.parquet.footer import MAX_CHUNKS, DamageError, opened, read_footer, reason_of
+from fbench.replay.logs.containers.parquet.footer import MAX_CHUNKS, DamageError, open_regular, read_footer, reason_of
 from fbench.replay.logs.containers.parquet.groups import GroupFile
 from fbench.replay.logs.containers.parquet.log_json import LogJson, StreamEntry
 from fbench.replay.logs.containers.parquet.rows import Row, Rows
@@ -151,7 +151,7 @@ class ParquetFolder(StoredLog):
     def __init__(self, path: Path, faults: FaultLog) -> None:
         super().__init__(path, faults)
         where = path / log_json.NAME
-        with opened(where) as file:
+        with open_regular(where) as file:
             size = os.fstat(file.fileno()).st_size
             if size > log_json.MAX_BYTES:
                 raise LimitError(f"{where}: {size} bytes, the limit is {log_json.MAX_BYTES}", "LIM004")

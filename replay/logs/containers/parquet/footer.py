@@ -48,7 +48,7 @@ class DamageError(Exception):
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
+def open_regular(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file for reading. Raises LogError where it isn't there, isn't a regular file or can't be read."""
     try:
         number = os.open(path, _FLAGS)
@@ -195,7 +195,7 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
     """Read and check the footer of a stream's file. Raises LogError where the file is missing, truncated, damaged, not
     Parquet or lacks columns.
     """
-    with opened(path) as file:
+    with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if sums is not None and size != sums.size:
             reason = "truncated" if size < sums.size else "changed"
@@ -223,10 +223,7 @@ def require_parsable(path: Path, tail: bytes) -> None:
 
 
 def read_tail(path: Path, file: BinaryIO, size: int) -> bytes:
-    """Return everything after the last row group.
-
-    Raises LogError where the file isn't Parquet, truncated or damaged.
-    """
+    """Return everything after the last row group. Raises LogError where the file is cut off, damaged or no Parquet."""
     start, end = os.pread(file.fileno(), 4, 0), os.pread(file.fileno(), _END, max(0, size - _END))
     if size < len(MAGIC) + _END or start != MAGIC or end[4:] != MAGIC:
         state = "its start or end is damaged, or it is truncated" if MAGIC in (start, end[4:]) else "not Parquet"

@@ -18,7 +18,7 @@ from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.arrays import Int64
 from fbench.replay.logs.containers.limits import MAX_STAMP_NS, crc32
 from fbench.replay.logs.containers.parquet import footer as footers
-from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, Footer, opened, reason_of
+from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, Footer, open_regular, reason_of
 from fbench.replay.logs.containers.parquet.log_json import GroupEntries
 
 MAX_DECODED = 256 * 1024 * 1024
@@ -103,7 +103,7 @@ class GroupFile:
         """`log_ns` of all rows where it isn't null. Raises DamageError where the column is damaged. Raises LogError
         where it is too large.
         """
-        with opened(self.path) as file:
+        with open_regular(self.path) as file:
             chunk = next((c for c in self.footer.chunks(group) if c.column == _INDEX), None)
             if chunk is None:
                 raise LogError(f"{self.path}: damaged footer, row group {group} has no {_INDEX}", "PQ001")
@@ -123,7 +123,7 @@ class GroupFile:
         Raises DamageError where a checksum doesn't match, or these aren't the rows that the footer promises. Raises
         LogError where the rows can't be read within bounded memory.
         """
-        with opened(self.path) as file:
+        with open_regular(self.path) as file:
             chunks = self.footer.chunks(group)
             source: Any = file
             if self.sums is not None:

@@ -44,11 +44,7 @@ class Blobs(NamedTuple):
 
 
 class Rows:
-    """The columns of a row group by name.
-
-    Raises:
-        ValueError, pa.ArrowException: where a value doesn't fit the documented type.
-    """
+    """The columns of a row group by name. Raises ValueError or pa.ArrowException where a value isn't of its type."""
 
     def __init__(self, table: pa.Table, columns: Mapping[str, Column]) -> None:
         self.num = int(table.num_rows)

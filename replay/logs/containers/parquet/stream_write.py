@@ -117,11 +117,8 @@ class _Sink:
 
 
 class StreamWriter:
-    """Gathers the rows of one stream and writes them a row group at a time.
-
-    Raises:
-        OSError, pa.ArrowException: where the file can't be written.
-        LogError: where it would have more row groups than readers take.
+    """Gathers the rows of one stream and writes them a row group at a time. Raises OSError or pa.ArrowException where
+    the file can't be written. Raises LogError where it would have more row groups than readers take.
     """
 
     def __init__(self, folder: Path, entry: StreamEntry, compression: str) -> None:

@@ -143,9 +143,8 @@ class Index:
 
 
 class NoIndexError(Exception):
-    """The bag has no index that can be trusted, with the reason; it must be walked.
-
-    `chunks` are the offsets of chunks that it told nevertheless, ascending.
+    """The bag has no index that can be trusted, with the reason; it must be walked. `chunks` are the offsets of chunks
+    that it told nevertheless, ascending.
     """
 
     def __init__(self, reason: str, chunks: Sequence[int] = ()) -> None:

@@ -29,10 +29,7 @@ class Metadata:
 
 
 def read_metadata(path: Path) -> Metadata:
-    """Read the file.
-
-    Raises LogError where it can't be read, is too large or deep, has aliases or lacks what is needed.
-    """
+    """Read it. Raises LogError where it can't be read, is too large or deep, has aliases or lacks what is needed."""
     try:
         content = read_yaml(path)
     except YamlFileError as error:

@@ -42,31 +42,6 @@ _DATA = "SELECT data FROM messages WHERE id = ?"
 
 
 @contextmanager
-def _connected(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open a database for reading; text comes as bytes. Nothing is written beside the file. Raises LogError where it
-    can't be opened, or isn't such a database.
-    """
-    try:
-        with path.open("rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
-                raise LogError(f"{path}: not an SQLite database (looks like {looks_like(file)})")
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
-    uri = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
-    with _report_damage(path):
-        # Entries may be read ahead by another thread, though never by two at once.
-        database = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
-    with closing(database):
-        database.text_factory = bytes
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD + _ROW)
-        database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
-        with _report_damage(path):
-            for pragma in _PRAGMAS:
-                database.execute(f"PRAGMA {pragma}")
-        yield database
-
-
-@contextmanager
 def _report_damage(path: Path) -> Iterator[None]:
     """Raise LogError for a database that SQLite can't read."""
     try:
@@ -195,7 +170,7 @@ class Db3File(StoredLog):
         super().__init__(path, faults)
         self._is_packed = compression == "zstd"
         self._times: Mapping[int, Int64] | None = None
-        with _connected(path) as database, _report_damage(path):
+        with self._connect() as database, _report_damage(path):
             _check_tables(database, path)
             self.channels = _read_channels(database, path, lambda row, why: self.once("LOG008", (row,), why))
         for suffix in ("-wal", "-journal"):  # of a recorder that was killed; nothing here may change the file
@@ -208,6 +183,27 @@ class Db3File(StoredLog):
                 self.once("LOG010", (number,), f"topic {number}, '{channel.topic}'")
         self.once("LOG006", (), "SQLite keeps no checksums of messages")
 
+    @contextmanager
+    def _connect(self) -> Iterator[sqlite3.Connection]:
+        """Open the database for reading; text comes as bytes. Nothing is written beside the file. Raises LogError where
+        it can't be opened, or isn't such a database.
+        """
+        with self._open() as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise LogError(f"{self.path}: not an SQLite database (looks like {looks_like(file)})")
+        uri = f"file:{quote(str(self.path.absolute()))}?mode=ro&immutable=1"
+        with _report_damage(self.path):
+            # Entries may be read ahead by another thread, though never by two at once.
+            database = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
+        with closing(database):
+            database.text_factory = bytes
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_RECORD + _ROW)
+            database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+            with _report_damage(self.path):
+                for pragma in _PRAGMAS:
+                    database.execute(f"PRAGMA {pragma}")
+            yield database
+
     @property
     def counts(self) -> Mapping[int, int]:
         """Messages of each topic; reads the whole table, though not the messages in it."""
@@ -219,7 +215,7 @@ class Db3File(StoredLog):
             return self._times
         times = {number: array("q") for number in self.channels}
         unknown: Counter[int] = Counter()
-        with _connected(self.path) as database:
+        with self._connect() as database:
             for log_ns, _, channel in self._rows(database, _TABLE):
                 if not isinstance(channel, int):
                     continue  # counted where it is met in the order of time
@@ -239,7 +235,7 @@ class Db3File(StoredLog):
         query, values = (KEYS, ()) if start_ns is None else (_KEYS_FROM, (start_ns,))
         wanted = {number: self.channels[number].topic for number in channels & self.channels.keys()}
         num = 0
-        with _connected(self.path) as database, closing(database.cursor()) as cursor:
+        with self._connect() as database, closing(database.cursor()) as cursor:
             for _, ties in groupby(self._rows(database, query, values), key=itemgetter(0)):
                 heads = [head for head in self._heads(cursor, ties) if head.channel in wanted]
                 heads.sort(key=lambda head: (wanted[head.channel], head.row))

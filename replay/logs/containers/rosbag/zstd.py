@@ -18,10 +18,7 @@ def check_format(path: Path, compression: str) -> None:
 
 
 def unpack_message(data: memoryview) -> memoryview:
-    """Decompress a message; never allocates much more than `MAX_RECORD`.
-
-    Raises RecordError where it is damaged or larger.
-    """
+    """Decompress a message; allocates little beyond `MAX_RECORD`. Raises RecordError where it is damaged or larger."""
     try:
         size = zstandard.frame_content_size(data)
         if size > MAX_RECORD:
