@@ -24,7 +24,7 @@ from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.codecs.foxglove.topics import BOXES2D, BOXES3D, message_topic
 from fbench.replay.logs.container import Entry, LogHeader, header_of
 from fbench.replay.logs.convert.run import Converted, write_items
-from fbench.replay.logs.convert.sinks import Copied, Decoded, Encoder, Item, RigAt, open_sink
+from fbench.replay.logs.convert.sinks import Copied, Decoded, Item, RigAt, encode_result, open_sink
 from fbench.replay.logs.convert.target import Target
 from fbench.replay.logs.open import open_container
 
@@ -106,9 +106,6 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
 class LogItems:
     """Turns what importers give into items of a log."""
 
-    def __init__(self) -> None:
-        self._encoder = Encoder()
-
     def of(self, imported: Imported) -> Iterator[Item]:
         """Return the items that hold one message, truth, result or rig. Raises ValueError where a result can't be
         stored.
@@ -128,7 +125,7 @@ class LogItems:
                 yield Decoded(message_topic(imported), imported.log_ns, imported)
 
     def _result(self, part: TruthPart, log_ns: int) -> Copied:
-        encoded = self._encoder.result(part)
+        encoded = encode_result(part)
         channel, data = encoded.channel, memoryview(encoded.data)
         return Copied(channel, Entry(log_ns, channel.topic, 0, 0, 0, 0, encoded.sequence, encoded.publish_ns, data))
 

@@ -100,7 +100,7 @@ def convert_to(form: Form, container: Container, folder: Path) -> Path:
     path = folder / f"{container.path.stem}.mcap"
     if form == "unchunked":
         source = Source(container, (), Excerpt())
-        sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False), str(path))
+        sink = McapSink(RawMcapWriter(path, source.about, "none", is_chunked=False))
         try:
             for item in Copying(source, frozenset()).items():
                 sink.put(item)

@@ -145,8 +145,10 @@ class Container(Protocol):
         """Rigs and the `log_ns` from which each holds, the first one first; empty where messages tell the rig."""
         ...
 
-    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        """All messages of these channels in canonical order; what is damaged is skipped and counted."""
+    def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
+        """All messages of these channels, or those from a log time on, in canonical order; what is damaged is skipped
+        and counted. What lies before the time needn't be read.
+        """
         ...
 
     def log_times(self) -> Mapping[int, Int64] | None:

@@ -11,9 +11,8 @@ import numpy as np
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Int64
-from fbench.replay.data.rig import Rig
-from fbench.replay.logs.container import Channel, Container, Entry, LogHeader, merge_blocks
-from fbench.replay.logs.containers.limits import entries_from
+from fbench.replay.logs.container import Channel, Container, Entry, merge_blocks
+from fbench.replay.logs.containers.limits import StoredLog
 from fbench.replay.logs.containers.mcap.file import McapFile
 from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.setup import Setup
@@ -29,32 +28,23 @@ class _Part:
     container: Container
 
 
-class Parts:
+class Parts(StoredLog):
     """A recording that was split into files; implements `Container`.
 
     Files are opened when their time comes, so that many of them don't fill the memory.
     """
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
-        self.path = path
-        self._faults = faults
+        super().__init__(path, faults)
         self._parts = [_Part(i, _start_ns(c), c) for i, c in enumerate(containers)]
         self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
         self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
-        self.header: LogHeader | None = next((c.header for c in containers if c.header is not None), None)
-        self.rigs: Sequence[tuple[int, Rig]] = ()
+        self.header = next((c.header for c in containers if c.header is not None), None)
 
-    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        """All messages of these channels in canonical order."""
+    def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
+        """All messages of these channels, or those from a log time on, in canonical order."""
         wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
-
-    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-        """All messages of these channels from a log time on, in canonical order."""
-        wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(
-            wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
-        )
+        return merge_blocks(wanted, lambda part: self._entries(part, channels, start_ns))
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times of each channel, where all parts know them."""
@@ -66,14 +56,9 @@ class Parts:
         for part in self._parts:
             part.container.verify()
 
-    def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
-        """Count a fault unless `key`, the place, was counted under the same code before."""
-        self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
-
-    @staticmethod
-    def _entries(part: _Part, entries: Iterator[Entry]) -> Iterator[Entry]:
+    def _entries(self, part: _Part, channels: frozenset[int], start_ns: int | None) -> Iterator[Entry]:
         first = part.offset * _IDS
-        for entry in entries:
+        for entry in part.container.entries(self._of(part, channels), start_ns):
             yield entry._replace(part=part.offset, channel=first + entry.channel)
 
     def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:
@@ -128,12 +113,7 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
         return Ros1Bag(path, faults)
     from fbench.replay.logs.containers.mcap.file import McapFile
 
-    file = McapFile(path, faults)
-    if not compression:
-        return file
-    from fbench.replay.logs.containers.rosbag.zstd import UnpackedMessages
-
-    return UnpackedMessages(file)
+    return McapFile(path, faults, is_packed=bool(compression))
 
 
 def _start(path: Path) -> bytes:

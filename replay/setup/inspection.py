@@ -16,7 +16,6 @@ from fbench.replay.logs.codecs.foxglove.proto import parse, split
 from fbench.replay.logs.codecs.ros.definitions import full_name
 from fbench.replay.logs.codecs.ros.point_cloud2 import read_cloud
 from fbench.replay.logs.container import Channel, Container, Entry
-from fbench.replay.logs.containers.limits import Seekable
 from fbench.replay.logs.open import span_ns
 from fbench.replay.logs.roles import Codecs, Role, roles
 
@@ -84,11 +83,7 @@ def sample_messages(
     for window, start_ns in enumerate(starts):
         end_ns = starts[window + 1] if window + 1 < len(starts) else None
         num_bytes = 0
-        if start_ns is None or not isinstance(container, Seekable):
-            entries = container.entries(channels)
-        else:
-            entries = container.entries_from(channels, start_ns)
-        for entry in islice(entries, max_entries):
+        for entry in islice(container.entries(channels, start_ns), max_entries):
             if end_ns is not None and entry.log_ns >= end_ns:
                 break
             yield window, entry
@@ -101,8 +96,6 @@ def _window_starts(
     container: Container, channels: frozenset[int], times: Mapping[int, Int64] | None
 ) -> list[int | None]:
     """Log times at which windows begin; `None`: where the log does."""
-    if not isinstance(container, Seekable):
-        return [None]
     if times is None:
         first, last = span_ns(container, None) or (0, 0)
         return [None, *(first + (last - first) * i // NUM_WINDOWS for i in range(1, NUM_WINDOWS))]

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.logs.container import Container
-from fbench.replay.logs.convert.copying import Copying, Decoding, InexactError, candidates
+from fbench.replay.logs.container import Container, header_of
+from fbench.replay.logs.convert.copying import Copying, InexactError, decode, own_channels
 from fbench.replay.logs.convert.sinks import Copied, Item, RigAt, Sink, open_sink
 from fbench.replay.logs.convert.source import Source
 from fbench.replay.logs.convert.target import Target
@@ -48,13 +48,9 @@ def write_items(items: Iterable[Item], sink: Sink, target: Target, progress: Pro
         sink.close()
     finally:
         sink.discard()
-    messages = dict(sorted(counts.items()))
-    return Converted(target.path, log_id, _size(target.path), messages, num_rigs, sink.parts)
-
-
-def _size(path: Path) -> int:
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    return sum(file.stat().st_size for file in files)
+    path = target.path
+    num_bytes = sum(file.stat().st_size for file in ([path] if path.is_file() else sorted(path.iterdir())))
+    return Converted(path, log_id, num_bytes, dict(sorted(counts.items())), num_rigs, sink.parts)
 
 
 @dataclass(frozen=True)
@@ -74,15 +70,19 @@ def convert(
 
     Nothing is lost: what isn't decoded stays as it is, byte for byte. The container counts what is damaged. Raises
     ConfigError where the target can't or mustn't be written, or the wish fits nothing. Raises LogError where the source
-    can't be read.
+    can't be read, or where it is decoded and a sensor has no transform, or a camera isn't calibrated.
     """
     target.check(container.path)
-    return (_decode if wish.decode else _copied)(container, target, wish, progress)
-
-
-def _copied(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
+    if wish.decode:
+        reader = LogReader(container, wish.topics, wish.setup)
+        window = Source(container, (), wish.excerpt).window
+        about = header_of(reader.info, reader.rig)
+        left_out: Counter[str] = Counter()
+        items: Iterable[Item] = decode(reader, window, left_out)
+        written = write_items(items, open_sink(target, about), target, progress, about.log_id)
+        return replace(written, left_out=dict(sorted(left_out.items())))
     source = Source(container, wish.topics, wish.excerpt)
-    as_columns = candidates(container, source.reader.roles) if target.form == "parquet" else frozenset[int]()
+    as_columns = own_channels(container, source.reader.roles) if target.form == "parquet" else frozenset()
     while True:
         copying = Copying(source, as_columns)
         about = source.about if target.form == "mcap" or not copying.rigs else replace(source.about, kinds={})
@@ -90,11 +90,3 @@ def _copied(container: Container, target: Target, wish: Wish, progress: Progress
             return write_items(copying.items(), open_sink(target, about), target, progress, about.log_id)
         except InexactError as error:
             as_columns -= {error.channel}
-
-
-def _decode(container: Container, target: Target, wish: Wish, progress: Progress) -> Converted:
-    reader = LogReader(container, wish.topics, wish.setup)
-    decoding = Decoding(reader, Source(container, (), wish.excerpt).window)
-    sink = open_sink(target, decoding.about)
-    written = write_items(decoding.items(), sink, target, progress, decoding.about.log_id)
-    return replace(written, left_out=dict(sorted(decoding.left_out.items())))

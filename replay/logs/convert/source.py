@@ -1,4 +1,4 @@
-"""The log that is converted: choice of topics, and cutting by time."""
+"""The part of a log that is converted: its channels by pattern and its messages by time."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,7 +7,7 @@ from itertools import groupby
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError
 from fbench.replay.data.rig import LogInfo
-from fbench.replay.engine.excerpt import Excerpt, Moment
+from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.logs.codecs.codec import MESSAGES
 from fbench.replay.logs.container import Container, Entry, LogHeader
 from fbench.replay.logs.convert.sinks import RigAt
@@ -15,24 +15,6 @@ from fbench.replay.logs.reader import LogReader
 from fbench.replay.logs.roles import Role, select
 
 _RIG_AND_TRUTH = ("transform", "calibration", "truth")
-
-
-def choose_channels(container: Container, roles: Mapping[int, Role], patterns: Sequence[str]) -> frozenset[int]:
-    """Channels that the patterns choose; transforms, calibrations of kept cameras and truth stay. Raises ConfigError
-    where a pattern fits nothing.
-    """
-    if not patterns:
-        return frozenset(container.channels)
-    # To the patterns, a channel without meaning is a stream that is called like its topic.
-    plain = {id_: Role(MESSAGES[0], channel.topic, channel.topic) for id_, channel in container.channels.items()}
-    known = {id_: role for id_, role in roles.items() if role.kind in (*MESSAGES, *_RIG_AND_TRUTH)}
-    return frozenset(select({**plain, **known}, patterns))
-
-
-def left_out(roles: Mapping[int, Role], kept: frozenset[int]) -> frozenset[str]:
-    """Sensors that weren't chosen."""
-    sensors = {role.sensor for id_, role in roles.items() if id_ in kept}
-    return frozenset(role.sensor for role in roles.values()) - sensors
 
 
 @dataclass(frozen=True)
@@ -58,84 +40,47 @@ class Window:
             raise ConfigError(f"no message from {start} to {end}; see fbench log info for the times of the log")
 
 
-def window_of(excerpt: Excerpt, container: Container, roles: Mapping[int, Role]) -> Window:
-    """Resolve times that count from the log's first measurement on: the smallest `log_ns` of a sensor or pose. Raises
-    ConfigError where the window is empty.
-    """
-    if excerpt.start is None and excerpt.end is None:
-        return Window()
-    streams = frozenset(id_ for id_, role in roles.items() if role.kind in MESSAGES)
-    first = next(container.entries(streams or frozenset(container.channels)), None)
-    start_ns = 0 if first is None else first.log_ns
-    window = Window(_absolute(excerpt.start, start_ns), _absolute(excerpt.end, start_ns))
-    if window.start_ns is not None and window.is_behind(window.start_ns):
-        raise ConfigError(f"range {excerpt}: empty; the first measurement is at {start_ns}ns")
-    return window
-
-
-def _absolute(moment: Moment | None, start_ns: int) -> int | None:
-    return None if moment is None else moment.absolute_ns(start_ns)
-
-
 def cut(entries: Iterable[Entry], window: Window, roles: Mapping[int, Role]) -> Iterator[Entry]:
-    """Yield the entries of the window, before them the last transforms and calibrations that were there when it began.
-    Raises ConfigError where there are no others.
+    """Yield the entries of the window, before them the last transforms and calibrations that were there when it began:
+    one for each coordinate frame and camera, in canonical order. Raises ConfigError where there are no others.
     """
-    before = _Before(roles)
+    last: dict[tuple[str, str], Entry] = {}
     is_empty = True
     for log_ns, together in groupby(entries, key=lambda entry: entry.log_ns):
         if window.is_behind(log_ns):
             break
-        others = list(together)
-        if window.start_ns is not None and log_ns <= window.start_ns:
-            others = [entry for entry in others if not before.take(entry)]
+        others = []
+        for entry in together:
+            early = window.start_ns is not None and log_ns <= window.start_ns
+            data = entry.data if early else None
+            if isinstance(data, memoryview) and (keys := _rig_keys(roles.get(entry.channel), data)):
+                # A copy: its block needn't stay in memory.
+                last |= dict.fromkeys(keys, entry._replace(data=memoryview(bytes(data))))
+            else:
+                others.append(entry)
         if window.is_before(log_ns):
             continue
         is_empty = False
-        yield from before.leave()
+        before = {entry[:5]: entry for entry in last.values()}
+        last = {}
+        yield from (entry for _, entry in sorted(before.items()))
         yield from others
     if is_empty:
         window.require_all()
 
 
-@dataclass
-class _Before:
-    """What must survive of the messages before the cut: the last one for each coordinate frame and camera."""
-
-    roles: Mapping[int, Role]
-    last: dict[tuple[str, str], Entry] = field(default_factory=dict)
-
-    def take(self, entry: Entry) -> bool:
-        """Take a message in place of those that it replaces; tells whether it tells the rig."""
-        role = self.roles.get(entry.channel)
-        if role is None or not isinstance(entry.data, memoryview):
-            return False
-        keys = self._keys(role, entry.data)
-        if keys:
-            # A copy: its block needn't stay in memory.
-            kept = entry._replace(data=memoryview(bytes(entry.data)))
-            self.last |= dict.fromkeys(keys, kept)
-        return bool(keys)
-
-    def leave(self) -> list[Entry]:
-        """Give what was taken, in canonical order."""
-        entries = {entry[:5]: entry for entry in self.last.values()}
-        self.last = {}
-        return [entry for _, entry in sorted(entries.items())]
-
-    @staticmethod
-    def _keys(role: Role, data: memoryview) -> list[tuple[str, str]]:
-        """What a message tells, nothing where it doesn't tell the rig or can't be read."""
-        if role.codec is None:
-            return []
-        if role.kind == "calibration":
-            return [(role.topic, role.sensor)]
-        if role.kind != "transform" or not role.is_static:
-            return []
-        try:
-            return [(role.topic, child) for child, _ in role.codec.transforms(data)]
-        except DecodeError:
-            return []
+def _rig_keys(role: Role | None, data: memoryview) -> list[tuple[str, str]]:
+    """What a message tells of the rig, nothing where it doesn't or can't be read."""
+    if role is None or role.codec is None:
+        return []
+    if role.kind == "calibration":
+        return [(role.topic, role.sensor)]
+    if role.kind != "transform" or not role.is_static:
+        return []
+    try:
+        return [(role.topic, child) for child, _ in role.codec.transforms(data)]
+    except DecodeError:
+        return []
 
 
 def cut_rigs(rigs: Sequence[RigAt], window: Window) -> list[RigAt]:
@@ -161,18 +106,41 @@ class Source:
 
     @cached_property
     def channels(self) -> frozenset[int]:
-        """Channels that are wanted."""
-        return choose_channels(self.container, self.reader.roles, self.topics)
+        """Channels that the patterns choose; transforms, calibrations of kept cameras and truth stay. Raises
+        ConfigError where a pattern fits nothing.
+        """
+        channels = self.container.channels
+        if not self.topics:
+            return frozenset(channels)
+        # To the patterns, a channel without meaning is a stream that is called like its topic.
+        plain = {id_: Role(MESSAGES[0], channel.topic, channel.topic) for id_, channel in channels.items()}
+        roles = self.reader.roles.items()
+        known = {id_: role for id_, role in roles if role.kind in (*MESSAGES, *_RIG_AND_TRUTH)}
+        return frozenset(select({**plain, **known}, self.topics))
 
     @cached_property
     def gone(self) -> frozenset[str]:
         """Sensors that aren't wanted."""
-        return left_out(self.reader.roles, self.channels)
+        roles = self.reader.roles
+        kept = {role.sensor for id_, role in roles.items() if id_ in self.channels}
+        return frozenset(role.sensor for role in roles.values()) - kept
 
     @cached_property
     def window(self) -> Window:
-        """Time that is wanted."""
-        return window_of(self.excerpt, self.container, self.reader.roles)
+        """Time that is wanted; times that count from the log's first measurement on do from the smallest `log_ns` of a
+        sensor or pose. Raises ConfigError where it is empty.
+        """
+        start, end = self.excerpt.start, self.excerpt.end
+        if start is None and end is None:
+            return Window()
+        streams = frozenset(id_ for id_, role in self.reader.roles.items() if role.kind in MESSAGES)
+        first = next(self.container.entries(streams or frozenset(self.container.channels)), None)
+        first_ns = 0 if first is None else first.log_ns
+        start_ns, end_ns = (None if m is None else m.absolute_ns(first_ns) for m in (start, end))
+        window = Window(start_ns, end_ns)
+        if start_ns is not None and window.is_behind(start_ns):
+            raise ConfigError(f"range {self.excerpt}: empty; the first measurement is at {first_ns}ns")
+        return window
 
     @property
     def info(self) -> LogInfo:

@@ -13,6 +13,8 @@ from fbench.replay.data.files import swap, sync
 from fbench.replay.logs.container import Channel
 from fbench.replay.logs.containers.mcap.write import RawMcapWriter
 
+MAX_CHUNK = 128 * 1024 * 1024  # Readers refuse chunks of over 256 MiB, and a chunk may exceed its size by a message
+
 
 @dataclass(frozen=True)
 class Split:
@@ -24,17 +26,12 @@ class Split:
 
 def make_split(seconds: float | None, megabytes: float | None) -> Split | None:
     """Read `--split-s` and `--split-mb`. Raises ConfigError where one isn't a positive number."""
-    if seconds is None and megabytes is None:
-        return None
-    return Split(_positive("--split-s", seconds, 1e9), _positive("--split-mb", megabytes, 1e6))
-
-
-def _positive(option: str, value: float | None, unit: float) -> int | None:
-    if value is None:
-        return None
-    if not unit * value >= 1 or math.isinf(value):
-        raise ConfigError(f"{option} {value}: expected a positive number")
-    return round(min(value * unit, 1e18))
+    sizes: list[int | None] = []
+    for option, value, unit in (("--split-s", seconds, 1e9), ("--split-mb", megabytes, 1e6)):
+        if value is not None and (not unit * value >= 1 or math.isinf(value)):
+            raise ConfigError(f"{option} {value}: expected a positive number")
+        sizes.append(None if value is None else round(min(value * unit, 1e18)))
+    return None if seconds is None and megabytes is None else Split(*sizes)
 
 
 class PartsWriter:
@@ -63,9 +60,14 @@ class PartsWriter:
 
     def add(self, channel: Channel, log_ns: int, publish_ns: int, sequence: int, data: bytes | memoryview) -> None:
         """Append one message, in the order of `log_ns`. Raises ConfigError where the disk is full."""
-        if self._is_due(log_ns):
+        if self._start_ns is None:
+            self._start_ns = log_ns
+        split = self._split
+        period = 0 if split.period_ns is None else (log_ns - self._start_ns) // split.period_ns
+        if period > self._period or (split.num_bytes is not None and self._part.num_bytes >= split.num_bytes):
             self._part.close()
             self._part = self._next()
+        self._period = max(period, self._period)
         self._part.add(channel, log_ns, publish_ns, sequence, data)
 
     def close(self) -> None:
@@ -85,22 +87,11 @@ class PartsWriter:
             self._part.discard()
         shutil.rmtree(self._partial, ignore_errors=True)
 
-    def _is_due(self, log_ns: int) -> bool:
-        if self._start_ns is None:
-            self._start_ns = log_ns
-        period = 0 if self._split.period_ns is None else (log_ns - self._start_ns) // self._split.period_ns
-        is_due = period > self._period
-        self._period = max(period, self._period)
-        return is_due or (self._split.num_bytes is not None and self._part.num_bytes >= self._split.num_bytes)
-
     def _next(self) -> RawMcapWriter:
         name = f"{self._name}_{len(self.names)}.mcap"
         part = self._open(self._partial / name)
         self.names.append(name)
         return part
-
-
-MAX_CHUNK = 128 * 1024 * 1024  # Readers refuse chunks of over 256 MiB, and a chunk may exceed its size by a message
 
 
 @dataclass(frozen=True)
@@ -146,26 +137,18 @@ class Target:
         self.require_free()
 
     def require_free(self) -> None:
-        """See that nothing is there, or a log that is to be replaced.
-
-        Raises ConfigError where something else is there.
+        """See that nothing is there, or a log that is to be replaced: a file by a file, a folder of parts by such a
+        folder; Parquet sees to itself. Raises ConfigError where something else is there.
         """
-        if not (self.path.exists() or self.path.is_symlink()):
+        path = self.path
+        if not (path.exists() or path.is_symlink()):
             return
         if not self.overwrite:
-            raise ConfigError(f"{self.path}: exists already; choose another with --out, or --overwrite it")
-        if self.form == "mcap":
-            self._check_replaceable()
-
-    def _check_replaceable(self) -> None:
-        """Replace a file by a file and a folder of parts by such a folder, nothing else; Parquet sees to itself."""
+            raise ConfigError(f"{path}: exists already; choose another with --out, or --overwrite it")
         if self.split is None:
-            is_alike = self.path.is_file()
+            is_alike = self.form == "parquet" or path.is_file()
         else:
-            is_alike = self.path.is_dir() and not self.path.is_symlink() and _holds_parts(self.path)
+            is_alike = path.is_dir() and not path.is_symlink()
+            is_alike = is_alike and all(file.suffix == ".mcap" and file.is_file() for file in path.iterdir())
         if not is_alike:
-            raise ConfigError(f"{self.path}: exists and isn't a log of this form, so it isn't replaced")
-
-
-def _holds_parts(folder: Path) -> bool:
-    return all(file.suffix == ".mcap" and file.is_file() for file in folder.iterdir())
+            raise ConfigError(f"{path}: exists and isn't a log of this form, so it isn't replaced")

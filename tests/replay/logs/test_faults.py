@@ -291,7 +291,7 @@ def test_disk_that_fails_while_reading(drive, monkeypatch):
     def fail(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("fbench.replay.logs.containers.mcap.file.parse_chunk", fail)
+    monkeypatch.setattr("fbench.replay.logs.containers.mcap.records.parse_chunk", fail)
     with pytest.raises(LogError, match=r"drive\.mcap: can't be read \(Input/output error\)"):
         list(messages)
 

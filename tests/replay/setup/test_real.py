@@ -47,11 +47,8 @@ class Counting(McapFile):
             self.num += 1
             yield entry
 
-    def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        return self._counted(super().entries(channels))
-
-    def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-        return self._counted(super().entries_from(channels, start_ns))
+    def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
+        return self._counted(super().entries(channels, start_ns))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ https://mcap.dev/spec: a record is an opcode (1 byte), the length of its content
 import struct
 from collections.abc import Callable, Iterator
 from io import BytesIO
-from typing import BinaryIO, NamedTuple, Protocol, TypeVar
+from typing import BinaryIO, NamedTuple, TypeVar
 
 import lz4.frame
 import zstandard
@@ -18,16 +18,17 @@ from fbench.replay.logs.containers.limits import crc32
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")
-MAX_RECORD = 256 * 1024 * 1024  # Larger records and chunks, stored or unpacked, are refused before memory is allocated
+MESSAGE = struct.Struct("<HIQQ")  # Channel, sequence, log time and publish time at the start of a message record
 _CHUNK = struct.Struct("<QQQI")
 _UINT64 = struct.Struct("<Q")
 _UINT32 = struct.Struct("<I")
+MAX_RECORD = 256 * 1024 * 1024  # Larger records and chunks, stored or unpacked, are refused before memory is allocated
 MAX_RECORDS = 2**20
 """A chunk or summary of more records is refused: each takes time, and empty ones compress to almost nothing."""
-COMPRESSIONS = ("", "zstd", "lz4")
 _UNKNOWN_SIZE = -1
 _PIECE = 1024 * 1024
 _SLACK = 16 * _PIECE  # A chunk that unpacks to so much more than it declares isn't damaged but made to fill the memory
+R = TypeVar("R")
 
 
 class RecordError(LogError):
@@ -45,13 +46,6 @@ class Chunk(NamedTuple):
     data: memoryview
 
 
-R_co = TypeVar("R_co", covariant=True)
-
-
-class _Readable(Protocol[R_co]):
-    def __call__(self, stream: ReadDataStream) -> R_co: ...
-
-
 class _Lenient(ReadDataStream):
     """Keeps the bytes of a text that isn't UTF-8 as lone surrogates, so that one bad name doesn't cost a topic."""
 
@@ -59,7 +53,7 @@ class _Lenient(ReadDataStream):
         return self.read(self.read4()).decode(errors="surrogateescape")
 
 
-def parse_record(read: _Readable[R_co], content: bytes) -> R_co:
+def parse_record(read: Callable[[ReadDataStream], R], content: bytes) -> R:
     """Parse the content of one record with the `read` of its class in `mcap.records`. Raises RecordError where the
     content is damaged.
     """
@@ -90,12 +84,10 @@ def parse_chunk(content: memoryview) -> Chunk:
     """Parse the content of a chunk record. Raises RecordError where its lengths don't fit together."""
     try:
         start_ns, end_ns, size, crc = _CHUNK.unpack_from(content)
-        at = _CHUNK.size
-        (length,) = _UINT32.unpack_from(content, at)
-        name = bytes(content[at + 4 : at + 4 + length])
-        at += 4 + length
+        (length,) = _UINT32.unpack_from(content, _CHUNK.size)
+        at = _CHUNK.size + 4 + length
         (stored,) = _UINT64.unpack_from(content, at)
-        compression = name.decode()
+        compression = bytes(content[at - length : at]).decode()
     except (struct.error, UnicodeDecodeError) as error:
         raise RecordError(f"chunk header can't be read ({error})") from error
     data = content[at + 8 :]
@@ -104,60 +96,54 @@ def parse_chunk(content: memoryview) -> Chunk:
     return Chunk(start_ns, end_ns, size, crc, compression, data)
 
 
+def check_chunk(chunk: Chunk, where: str) -> None:
+    """Refuse what can't be unpacked. Raises LimitError where it is too large. Raises LogError naming the place and the
+    compression.
+    """
+    check_size(where, chunk.size)
+    if chunk.compression not in ("", "zstd", "lz4"):
+        raise LogError(f"{where}: unknown compression '{chunk.compression}'; fbench reads zstd, lz4 and none", "LOG007")
+
+
 def unpack(chunk: Chunk, where: str) -> memoryview:
     """Decompress a chunk and check size and, where there is one, checksum.
 
-    Never allocates more than the declared size, which the caller has checked. Raises RecordError where the content is
-    damaged or of another size. Raises LimitError where it is a bomb; names the place, `where`.
+    Never allocates much more than the declared size, which the caller has checked. Raises RecordError where the content
+    is damaged, or says itself or shows that it is of another size. Raises LimitError where it is so much larger that it
+    can't be damage; names the place, `where`.
     """
-    data = chunk.data if chunk.compression == "" else memoryview(_decompress(chunk, where))
+    data = chunk.data
+    try:
+        if chunk.compression == "zstd":
+            data = _unpack_zstd(chunk, where)
+        elif chunk.compression:
+            unpacker, rest = lz4.frame.LZ4FrameDecompressor(), iter([chunk.data])
+            data = _read(chunk, lambda most: unpacker.decompress(next(rest, b""), max_length=most), where)
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        raise RecordError(f"{chunk.compression} data are damaged ({error})") from error
     if len(data) != chunk.size:
-        raise RecordError(f"chunk declares {chunk.size} unpacked bytes and has {_at_least(len(data), chunk.size)}")
+        more = "" if len(data) < chunk.size else "more than "
+        raise RecordError(f"chunk declares {chunk.size} unpacked bytes and has {more}{min(len(data), chunk.size)}")
     if chunk.crc and crc32(data) != chunk.crc:
         raise RecordError("checksum doesn't match")
     return data
 
 
-def _at_least(size: int, limit: int) -> str:
-    return f"{size}" if size < limit else f"more than {limit}"
-
-
-def _decompress(chunk: Chunk, where: str) -> bytes | bytearray:
-    """Decompress what unpacks to the declared size; never takes much more memory than that. Raises RecordError where
-    the content is damaged, or says itself or shows that it is of another size. Raises LimitError where it is so much
-    larger that it can't be damage.
-    """
-    try:
-        return _unzstd(chunk, where) if chunk.compression == "zstd" else _unlz4(chunk, where)
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
-        raise RecordError(f"{chunk.compression} data are damaged ({error})") from error
-
-
-def _unzstd(chunk: Chunk, where: str) -> bytes | bytearray:
+def _unpack_zstd(chunk: Chunk, where: str) -> memoryview:
     """What the frame says of its size is checked before memory of that size is taken."""
     size = zstandard.frame_content_size(chunk.data)
     if size == _UNKNOWN_SIZE:
         with zstandard.ZstdDecompressor().stream_reader(chunk.data) as reader:
-            return _bound(chunk, reader.read, where)
+            return _read(chunk, reader.read, where)
     if size > chunk.size + _SLACK:
         raise _bomb(chunk, where)
     if size != chunk.size:
         raise RecordError(f"chunk declares {chunk.size} unpacked bytes and has {size}")
-    return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.size, allow_extra_data=False)
+    unpacker = zstandard.ZstdDecompressor()
+    return memoryview(unpacker.decompress(chunk.data, max_output_size=chunk.size, allow_extra_data=False))
 
 
-def _unlz4(chunk: Chunk, where: str) -> bytearray:
-    unpacker = lz4.frame.LZ4FrameDecompressor()
-    rest = iter([chunk.data])
-
-    def read(most: int) -> bytes:
-        piece: bytes = unpacker.decompress(next(rest, b""), max_length=most)
-        return piece
-
-    return _bound(chunk, read, where)
-
-
-def _bound(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
+def _read(chunk: Chunk, read: Callable[[int], bytes], where: str) -> memoryview:
     """Read one byte beyond the declared size: enough to see that there is more, and then how much more. Pieces keep
     the libraries from holding all of it a second time.
     """
@@ -169,7 +155,7 @@ def _bound(chunk: Chunk, read: Callable[[int], bytes], where: str) -> bytearray:
         excess += len(piece)
         if excess > _SLACK:
             raise _bomb(chunk, where)
-    return data
+    return memoryview(data)
 
 
 def _bomb(chunk: Chunk, where: str) -> LimitError:
@@ -178,7 +164,7 @@ def _bomb(chunk: Chunk, where: str) -> LimitError:
     return LimitError(f"{where}: {what}; it is a decompression bomb", "LIM002")
 
 
-def records(buffer: memoryview, where: str) -> Iterator[tuple[int, int, int]]:
+def split(buffer: memoryview, where: str) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and stop of the content of each record in a buffer. Raises RecordError where a record reaches
     beyond the buffer. Raises LimitError where there are more than `MAX_RECORDS`; names the place, `where`.
     """

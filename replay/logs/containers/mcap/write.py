@@ -1,23 +1,26 @@
 """Writing of MCAP files: chunked, checksummed and indexed."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self, cast
 
+from google.protobuf.message import Message as Proto
 from mcap.writer import CompressionType, Writer
 
 from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import LogInfo, Rig
 from fbench.replay.logs import container as header
-from fbench.replay.logs.codecs.foxglove.proto import MAX_STAMP_NS, descriptor_set
+from fbench.replay.logs.codecs.foxglove.proto import descriptor_set
 from fbench.replay.logs.codecs.foxglove.topics import Record, message_records, rig_records
 from fbench.replay.logs.container import Channel, LogHeader, Schema, header_of
+from fbench.replay.logs.containers.limits import check_storable
 
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+CHUNK_SIZE = 1024 * 1024
 _MAX_CHANNELS = 2**16 - 1
 
 
@@ -34,13 +37,13 @@ class RawMcapWriter:
         path: Path,
         about: LogHeader,
         compression: str = "zstd",
-        chunk_size: int = 1024 * 1024,
+        chunk_size: int = CHUNK_SIZE,
         is_chunked: bool = True,
     ) -> None:
         if compression not in COMPRESSIONS:
             raise ConfigError(f"compression '{compression}': choose one of {', '.join(COMPRESSIONS)}")
         self.path = path
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._schemas: dict[Schema, int] = {}
         self._channels: dict[tuple[object, ...], int] = {}
         self._partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
         try:
@@ -48,10 +51,14 @@ class RawMcapWriter:
         except OSError as error:
             raise ConfigError(f"{path}: can't be written ({error.strerror})") from error
         self._writer = Writer(
-            self._file, chunk_size=chunk_size, compression=COMPRESSIONS[compression], use_chunking=is_chunked,
-            enable_data_crcs=True,
-        )  # fmt: skip
-        self._start(about)
+            self._file, chunk_size, COMPRESSIONS[compression], use_chunking=is_chunked, enable_data_crcs=True
+        )
+        try:
+            self._writer.start(profile="", library="fbench")
+            self._writer.add_metadata(header.NAME, header.header_record(about))
+        except ValueError as error:
+            self.discard()
+            raise LogError(f"{path}: metadata can't be stored ({error})") from error
 
     @property
     def is_open(self) -> bool:
@@ -92,41 +99,38 @@ class RawMcapWriter:
             self._file.close()
         self._partial.unlink(missing_ok=True)
 
-    def _start(self, about: LogHeader) -> None:
-        try:
-            self._writer.start(profile="", library="fbench")
-            self._writer.add_metadata(header.NAME, header.header_record(about))
-        except ValueError as error:
-            self.discard()
-            raise LogError(f"{self.path}: metadata can't be stored ({error})") from error
-
     def _id(self, channel: Channel) -> int:
-        schema_id = self._schema_id(channel)
+        schema, schema_id = channel.schema, 0
+        if schema is not None and (schema_id := self._schemas.get(schema, 0)) == 0:
+            schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            self._schemas[schema] = schema_id
         metadata = dict(channel.metadata)
-        key = (
-            channel.topic,
-            channel.encoding,
-            schema_id,
-            *(text for item in sorted(metadata.items()) for text in item),
-        )
+        key = (channel.topic, channel.encoding, schema_id, *sorted(metadata.items()))
         if key not in self._channels:
             if len(self._channels) == _MAX_CHANNELS:
                 raise LogError(f"{self.path}: more than {_MAX_CHANNELS} channels")
-            id_ = self._writer.register_channel(channel.topic, channel.encoding, schema_id, metadata)
-            self._channels[key] = id_
+            self._channels[key] = self._writer.register_channel(channel.topic, channel.encoding, schema_id, metadata)
         return self._channels[key]
 
-    def _schema_id(self, channel: Channel) -> int:
-        schema = channel.schema
-        if schema is None:
-            return 0
-        key = (schema.name, schema.encoding, schema.data)
-        if key not in self._schemas:
-            self._schemas[key] = self._writer.register_schema(*key)
-        return self._schemas[key]
+
+class Encoded(NamedTuple):
+    """One message as a container of bytes holds it."""
+
+    channel: Channel
+    publish_ns: int
+    sequence: int
+    data: bytes
 
 
-_MAX_FRAME_NUMBER = 2**32 - 1
+def encode(record: Record, stamp_ns: int, frame_number: int | None = None) -> Encoded:
+    """Encode a record: equal ones give equal bytes."""
+    channel = Channel(record.topic, "protobuf", _schema(cast(Hashable, type(record.proto))), record.metadata)
+    return Encoded(channel, stamp_ns, frame_number or 0, record.proto.SerializeToString(deterministic=True))
+
+
+@cache
+def _schema(kind: type[Proto]) -> Schema:
+    return Schema(kind.DESCRIPTOR.full_name, "protobuf", descriptor_set(kind))
 
 
 class McapWriter:
@@ -138,20 +142,17 @@ class McapWriter:
     """
 
     def __init__(
-        self, path: Path, info: LogInfo, rig: Rig, compression: str = "zstd", chunk_size: int = 1024 * 1024
+        self, path: Path, info: LogInfo, rig: Rig, compression: str = "zstd", chunk_size: int = CHUNK_SIZE
     ) -> None:
         self.path, self._rig = path, rig
         self._raw = RawMcapWriter(path, header_of(info, rig), compression, chunk_size)
-        self._schemas: dict[str, Schema] = {}
         self._topics: dict[str, str] = {}
         self._rig_written = False
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -161,10 +162,7 @@ class McapWriter:
         """Append one message, or the truth of one stamp; in any order, though readers like the order of `log_ns`.
         Raises LogError where a stamp, frame number, size or text can't be stored.
         """
-        where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
-        _check(where, "stamp_ns", message.stamp_ns, MAX_STAMP_NS)
-        _check(where, "log_ns", message.log_ns, MAX_STAMP_NS)
-        _check(where, "frame_number", message.frame_number or 0, _MAX_FRAME_NUMBER)
+        where = check_storable(self.path, message)
         try:
             if not self._rig_written:
                 # Viewers need transforms and calibrations by the time of the first message.
@@ -201,20 +199,12 @@ class McapWriter:
         self._rig_written = True
 
     def _add(self, records: Iterable[Record], log_ns: int, stamp_ns: int, frame_number: int | None = None) -> None:
-        # All are encoded before the first is written: a message goes in whole or not at all.
-        encoded = [(self._channel(record), record.proto.SerializeToString(deterministic=True)) for record in records]
-        for channel, data in encoded:
-            self._raw.add(channel, log_ns, stamp_ns, frame_number or 0, data)
-
-    def _channel(self, record: Record) -> Channel:
-        name = record.proto.DESCRIPTOR.full_name
-        if self._topics.setdefault(record.topic, name) != name:
-            raise LogError(f"{self.path}: topic '{record.topic}' can't hold {self._topics[record.topic]} and {name}")
-        if name not in self._schemas:
-            self._schemas[name] = Schema(name, "protobuf", descriptor_set(type(record.proto)))
-        return Channel(record.topic, "protobuf", self._schemas[name], record.metadata)
-
-
-def _check(where: str, field: str, value: int, limit: int) -> None:
-    if not 0 <= value <= limit:
-        raise LogError(f"{where}: {field} {value} is outside 0 to {limit}")
+        encoded: list[Encoded] = []  # All, before the first is written: a message goes in whole or not at all
+        for record in records:
+            name = record.proto.DESCRIPTOR.full_name
+            known = self._topics.setdefault(record.topic, name)
+            if known != name:
+                raise LogError(f"{self.path}: topic '{record.topic}' can't hold {known} and {name}")
+            encoded.append(encode(record, stamp_ns, frame_number))
+        for channel, publish_ns, sequence, data in encoded:
+            self._raw.add(channel, log_ns, publish_ns, sequence, data)

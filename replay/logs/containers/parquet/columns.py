@@ -47,12 +47,10 @@ class Column:
     needed: bool = False
 
 
-_NEED_INT = Column(Content.INT, True)
-_BYTES = Column(Content.BYTES)
-_HEAD = {
-    "log_ns": _NEED_INT, "stamp_ns": _NEED_INT, "frame_number": Column(Content.INT), "position": Column(Content.INT),
-}  # fmt: skip
-_POINTS = {**_HEAD, "num_points": Column(Content.INT), "xyz": Column(Content.BYTES, True)}
+_INT, _NEED_INT = Column(Content.INT), Column(Content.INT, True)
+_BYTES, _NEED_BYTES = Column(Content.BYTES), Column(Content.BYTES, True)
+_HEAD = {"log_ns": _NEED_INT, "stamp_ns": _NEED_INT, "frame_number": _INT, "position": _INT}
+_POINTS = {**_HEAD, "num_points": _INT, "xyz": _NEED_BYTES}
 _BOX_CONTENT = {
     "center_m": Content.VECS3, "size_lwh_m": Content.VECS3, "velocity_mps": Content.VECS3, "xyxy_px": Content.VECS4,
     "visible_xyxy_px": Content.VECS4, "camera": Content.TEXTS, "label": Content.TEXTS, "attribute": Content.TEXTS,
@@ -62,16 +60,15 @@ _BOX_CONTENT = {
 BOXES_NEEDED = ("center_m", "size_lwh_m", "yaw_rad", "camera", "xyxy_px")  # Null where nothing is labeled
 
 
-def _boxes(kind: type[Boxes2D] | type[Boxes3D]) -> dict[str, Column]:
+def _truth(kind: type[Boxes2D] | type[Boxes3D]) -> dict[str, Column]:
+    head = {**_HEAD, "expects_2d": Column(Content.FLAG), "frame_id": Column(Content.TEXT)}
     names = [f.name for f in fields(kind)]
-    return {name: Column(_BOX_CONTENT.get(name, Content.FLOATS), name in BOXES_NEEDED) for name in names}
+    return head | {name: Column(_BOX_CONTENT.get(name, Content.FLOATS), name in BOXES_NEEDED) for name in names}
 
 
-_TRUTH = {**_HEAD, "expects_2d": Column(Content.FLAG), "frame_id": Column(Content.TEXT)}
 COLUMNS: Mapping[StreamKind, Mapping[str, Column]] = {
     "camera": {
-        **_HEAD, "encoding": Column(Content.TEXT, True), "width": _NEED_INT, "height": _NEED_INT,
-        "data": Column(Content.BYTES, True),
+        **_HEAD, "encoding": Column(Content.TEXT, True), "width": _NEED_INT, "height": _NEED_INT, "data": _NEED_BYTES,
     },
     "lidar": {**_POINTS, "intensity": _BYTES, "ring": _BYTES, "offset_ns": _BYTES},
     "radar": {
@@ -79,24 +76,27 @@ COLUMNS: Mapping[StreamKind, Mapping[str, Column]] = {
         "altitude_rad": _BYTES,
     },
     "pose": {**_HEAD, "translation_m": Column(Content.VEC3, True), "rotation_xyzw": Column(Content.VEC4, True)},
-    "truth_3d": {**_TRUTH, **_boxes(Boxes3D)},
-    "truth_2d": {**_TRUTH, **_boxes(Boxes2D)},
+    "truth_3d": _truth(Boxes3D),
+    "truth_2d": _truth(Boxes2D),
     "raw": {
-        "log_ns": Column(Content.UINT, True), "publish_ns": Column(Content.UINT), "sequence": Column(Content.INT),
-        "position": Column(Content.INT), "data": Column(Content.BYTES, True),
+        "log_ns": Column(Content.UINT, True), "publish_ns": Column(Content.UINT), "sequence": _INT, "position": _INT,
+        "data": _NEED_BYTES,
     },
 }  # fmt: skip
 """Columns of each kind of stream by name, `log_ns` first: with it alone a log can be indexed."""
+_MAX_NAME = 80
+_TOPICS: Mapping[StreamKind, str] = {
+    "camera": "/{}/image", "lidar": "/{}/points", "radar": "/{}/points", "pose": "/pose", "truth_2d": BOXES2D,
+    "truth_3d": BOXES3D, "raw": "",
+}  # fmt: skip
 
 
 def arrow_schema(kind: StreamKind) -> pa.Schema:
     """Return the schema of the files that fbench writes."""
-    return pa.schema([pa.field(n, c.content.value, not _always(kind, n)) for n, c in COLUMNS[kind].items()])
-
-
-def _always(kind: StreamKind, name: str) -> bool:
     # Boxes that are needed are null where nothing is labeled.
-    return COLUMNS[kind][name].needed and not (kind.startswith("truth") and name in BOXES_NEEDED)
+    nullable = BOXES_NEEDED if kind.startswith("truth") else ()
+    columns = COLUMNS[kind].items()
+    return pa.schema([pa.field(n, c.content.value, not c.needed or n in nullable) for n, c in columns])
 
 
 def present_columns(where: str, kind: StreamKind, schema: pa.Schema) -> dict[str, Column]:
@@ -104,17 +104,14 @@ def present_columns(where: str, kind: StreamKind, schema: pa.Schema) -> dict[str
     missing, or one is there twice or has another type.
     """
     columns = COLUMNS[kind]
-    missing = [name for name, column in columns.items() if column.needed and name not in schema.names]
+    missing = ", ".join(name for name, column in columns.items() if column.needed and name not in schema.names)
     if missing:
-        raise LogError(
-            f"{where}: stream of kind '{kind}' without column {', '.join(missing)}; see docs/formats.md", "PQ001"
-        )
+        raise LogError(f"{where}: stream of kind '{kind}' without column {missing}; see docs/formats.md", "PQ001")
     found = {name: column for name, column in columns.items() if name in schema.names}
     for name, column in found.items():
         if schema.names.count(name) > 1:
             raise LogError(f"{where}: column '{name}' is there twice", "PQ001")
-        if not _fits(column.content.value, schema.field(name).type):
-            got = schema.field(name).type
+        if not _fits(column.content.value, got := schema.field(name).type):
             raise LogError(f"{where}: column '{name}': expected {column.content.value}, got {got}", "PQ001")
     return found
 
@@ -124,40 +121,20 @@ def _fits(expected: pa.DataType, got: pa.DataType) -> bool:
     if types.is_nested(expected):
         lists = types.is_list(got) or types.is_large_list(got) or types.is_fixed_size_list(got)
         return lists and _fits(expected.value_type, got.value_type)
-    same = {
-        "int": types.is_integer, "bool": types.is_boolean, "double": types.is_floating,
-        "string": lambda t: types.is_string(t) or types.is_large_string(t),
-        "binary": lambda t: types.is_binary(t) or types.is_large_binary(t),
-    }  # fmt: skip
-    kind = "int" if types.is_integer(expected) else str(expected)
-    return bool(same[kind](got))
-
-
-_MAX_NAME = 80
+    if types.is_integer(expected):
+        return bool(types.is_integer(got))
+    if types.is_floating(expected):
+        return bool(types.is_floating(got))
+    return str(got).removeprefix("large_") == str(expected)  # `bool`, `string`, `binary`
 
 
 def default_topic(kind: StreamKind, sensor: str) -> str:
     """Topic of a stream as in fbench's MCAP logs, so that canonical order is the same in both."""
-    match kind:
-        case "camera":
-            return f"/{sensor}/image"
-        case "lidar" | "radar":
-            return f"/{sensor}/points"
-        case "pose":
-            return "/pose"
-        case "truth_2d":
-            return BOXES2D
-        case "truth_3d":
-            return BOXES3D
-        case "raw":
-            return ""
+    return _TOPICS[kind].format(sensor)
 
 
 def file_name(topic: str, taken: Collection[str]) -> str:
-    """Return a name for the file of a topic: plain ASCII, different from those `taken` even where case doesn't count.
-
-    `taken` holds names in lower case.
-    """
+    """Name for the file of a topic: plain ASCII, unlike all `taken` (in lower case) even where case doesn't count."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", ".", topic).strip("._-")[:_MAX_NAME].rstrip("._-") or "stream"
     name, number = f"{plain}.parquet", 1
     while name.lower() in taken:

@@ -4,11 +4,14 @@ pyarrow reads them too, but shows a page's header to nobody, and ends the proces
 each other (as of version 26).
 """
 
+import errno
 import os
-from collections.abc import Mapping, Sequence
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -17,17 +20,47 @@ from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.logs.containers.limits import crc32, looks_like
 from fbench.replay.logs.containers.parquet.columns import Column, StreamKind, present_columns
 from fbench.replay.logs.containers.parquet.log_json import Checksums
-from fbench.replay.logs.containers.parquet.source import opened
 
+_FLAGS = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK  # A FIFO would block, and a link could lead anywhere
 _MAX_DEPTH = 16
 _TRUE, _FALSE, _BYTE, _STRUCT = 1, 2, 3, 12
+MAGIC = b"PAR1"
+# Ids of fields in parquet-format: FileMetaData, RowGroup, ColumnChunk, ColumnMetaData.
+_ROW_GROUPS = 4
+_COLUMNS, _GROUP_ROWS = 1, 3
+_ABOUT = 3
+_PHYSICAL_TYPE, _PATH, _STORED_SIZE, _DATA_PAGE, _DICTIONARY_PAGE = 1, 3, 7, 9, 11
+_BYTE_ARRAY = 6
+_END = 8
+_MAX_FOOTER = 32 * 1024 * 1024
+MAX_ZEROS = 400_000
+"""In Thrift's compact protocol each struct ends with a byte 0; parsing takes up to about 600 bytes for each."""
+MAX_CHUNKS = 400_000  # Column chunks of all files of a log, of which their footers hold about as much in memory
+ZEROS_PER_CHUNK = 12  # At most so many has a footer that fbench writes, for each row group and column
 
 Value: TypeAlias = "int | bytes | Struct | list[Struct] | None"
 Struct: TypeAlias = "dict[int, Value]"
+T = TypeVar("T", int, dict[Any, Any], list[Any])
 
 
 class DamageError(Exception):
     """Bytes that aren't what they should be, with the reason."""
+
+
+@contextmanager
+def open_regular(path: Path) -> Iterator[BinaryIO]:
+    """Open a regular file for reading. Raises LogError where it isn't there, isn't a regular file or can't be read."""
+    try:
+        number = os.open(path, _FLAGS)
+        with os.fdopen(number, "rb", buffering=0) as file:
+            if not stat.S_ISREG(os.fstat(number).st_mode):
+                raise LogError(f"{path}: not a regular file", "PQ001")
+            yield file
+    except FileNotFoundError:
+        raise LogError(f"{path}: is missing", "PQ001") from None
+    except OSError as error:
+        reason = "a link, which could lead out of the log" if error.errno == errno.ELOOP else error.strerror
+        raise LogError(f"{path}: can't be read ({reason})", "PQ001") from error
 
 
 def read_struct(data: memoryview, at: int = 0, depth: int = 0) -> tuple[Struct, int]:
@@ -51,27 +84,12 @@ def read_struct(data: memoryview, at: int = 0, depth: int = 0) -> tuple[Struct, 
     return fields, at + 1
 
 
-def number(fields: Struct, key: int) -> int:
-    """Return a number that isn't negative. Raises DamageError where it isn't there."""
+def get(fields: Struct, key: int, kind: type[T]) -> T:
+    """Return a number that isn't negative, a struct or a list of structs. Raises DamageError where it isn't there."""
     value = fields.get(key)
-    if not isinstance(value, int) or value < 0:
-        raise DamageError("a number is missing or negative")
-    return value
-
-
-def struct(fields: Struct, key: int) -> Struct:
-    """Return a struct inside. Raises DamageError where it isn't there."""
-    value = fields.get(key)
-    if not isinstance(value, dict):
-        raise DamageError("a struct is missing")
-    return value
-
-
-def structs(fields: Struct, key: int) -> list[Struct]:
-    """Return a list of structs. Raises DamageError where it isn't there."""
-    value = fields.get(key)
-    if not isinstance(value, list):
-        raise DamageError("a list is missing")
+    if not isinstance(value, kind) or (isinstance(value, int) and value < 0):
+        missing = {int: "number is missing or negative", dict: "struct is missing", list: "list is missing"}
+        raise DamageError(f"a {missing[kind]}")
     return value
 
 
@@ -130,21 +148,6 @@ def _varint(data: memoryview, at: int) -> tuple[int, int]:
     raise DamageError("a number is too long")
 
 
-MAGIC = b"PAR1"
-# Ids of fields in parquet-format: FileMetaData, RowGroup, ColumnChunk, ColumnMetaData.
-_ROW_GROUPS = 4
-_COLUMNS, _GROUP_ROWS = 1, 3
-_ABOUT = 3
-_PHYSICAL_TYPE, _PATH, _STORED_SIZE, _DATA_PAGE, _DICTIONARY_PAGE = 1, 3, 7, 9, 11
-_BYTE_ARRAY = 6
-_END = 8
-_MAX_FOOTER = 32 * 1024 * 1024
-MAX_ZEROS = 400_000
-"""In Thrift's compact protocol each struct ends with a byte 0; parsing takes up to about 600 bytes for each."""
-MAX_CHUNKS = 400_000  # Column chunks of all files of a log, of which their footers hold about as much in memory
-ZEROS_PER_CHUNK = 12  # At most so many has a footer that fbench writes, for each row group and column
-
-
 @dataclass(frozen=True)
 class Chunk:
     """Where a row group holds one column, or one leaf of a nested one."""
@@ -172,40 +175,27 @@ class Footer:
     columns: Mapping[str, Column]  # The documented columns that it has
     groups: Sequence[Group]  # All row groups, of which each lies inside the file
 
-    @property
-    def num_chunks(self) -> int:
-        """How many column chunks it has."""
-        return sum(len(group.chunks) for group in self.groups)
-
     def chunks(self, group: int) -> list[Chunk]:
         """Where the documented columns of a row group are."""
         return [chunk for chunk in self.groups[group].chunks if chunk.column in self.columns]
 
 
-def _groups(tail: bytes, data_end: int) -> list[Group]:
-    fields, _ = read_struct(memoryview(tail))
-    return [
-        Group(number(group, _GROUP_ROWS), [_chunk(c, data_end) for c in structs(group, _COLUMNS)])
-        for group in structs(fields, _ROW_GROUPS)
-    ]
-
-
 def _chunk(fields: Struct, data_end: int) -> Chunk:
-    about = struct(fields, _ABOUT)
+    about = get(fields, _ABOUT, dict)
     name = about.get(_PATH)
-    start, length = number(about, _DATA_PAGE), number(about, _STORED_SIZE)
+    start, length = get(about, _DATA_PAGE, int), get(about, _STORED_SIZE, int)
     if about.get(_DICTIONARY_PAGE):
-        start = min(start, number(about, _DICTIONARY_PAGE))
+        start = min(start, get(about, _DICTIONARY_PAGE, int))
     if not isinstance(name, bytes) or start + length > data_end:
         raise DamageError("a row group lies outside the file")
-    return Chunk(name.decode(errors="replace"), start, length, number(about, _PHYSICAL_TYPE) == _BYTE_ARRAY)
+    return Chunk(name.decode(errors="replace"), start, length, get(about, _PHYSICAL_TYPE, int) == _BYTE_ARRAY)
 
 
 def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
     """Read and check the footer of a stream's file. Raises LogError where the file is missing, truncated, damaged, not
     Parquet or lacks columns.
     """
-    with opened(path) as file:
+    with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if sums is not None and size != sums.size:
             reason = "truncated" if size < sums.size else "changed"
@@ -217,7 +207,10 @@ def read_footer(path: Path, kind: StreamKind, sums: Checksums | None) -> Footer:
     try:
         source = pq.ParquetFile(pa.BufferReader(MAGIC + tail))
         metadata, schema = source.metadata, source.schema_arrow
-        groups = _groups(tail, size - len(tail))
+        groups = [
+            Group(get(group, _GROUP_ROWS, int), [_chunk(c, size - len(tail)) for c in get(group, _COLUMNS, list)])
+            for group in get(read_struct(memoryview(tail))[0], _ROW_GROUPS, list)
+        ]
     except (OSError, ValueError, pa.ArrowException, DamageError) as error:
         raise LogError(f"{path}: damaged footer ({reason_of(error)})", "PQ001") from error
     return Footer(size, metadata, present_columns(str(path), kind, schema), groups)
@@ -230,10 +223,7 @@ def require_parsable(path: Path, tail: bytes) -> None:
 
 
 def read_tail(path: Path, file: BinaryIO, size: int) -> bytes:
-    """Return everything after the last row group.
-
-    Raises LogError where the file isn't Parquet, truncated or damaged.
-    """
+    """Return everything after the last row group. Raises LogError where the file is cut off, damaged or no Parquet."""
     start, end = os.pread(file.fileno(), 4, 0), os.pread(file.fileno(), _END, max(0, size - _END))
     if size < len(MAGIC) + _END or start != MAGIC or end[4:] != MAGIC:
         state = "its start or end is damaged, or it is truncated" if MAGIC in (start, end[4:]) else "not Parquet"

@@ -5,7 +5,7 @@ Ids of fields are those of `PageHeader` in parquet-format.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -16,28 +16,23 @@ import pyarrow.parquet as pq
 
 from fbench.replay.contracts.errors import LimitError, LogError
 from fbench.replay.data.arrays import Int64
-from fbench.replay.logs.containers.limits import crc32
-from fbench.replay.logs.containers.parquet.footer import (
-    Chunk,
-    DamageError,
-    Footer,
-    number,
-    read_struct,
-    reason_of,
-    struct,
-)
+from fbench.replay.logs.containers.limits import MAX_STAMP_NS, crc32
+from fbench.replay.logs.containers.parquet import footer as footers
+from fbench.replay.logs.containers.parquet.footer import Chunk, DamageError, Footer, open_regular, reason_of
 from fbench.replay.logs.containers.parquet.log_json import GroupEntries
-from fbench.replay.logs.containers.parquet.source import Piece, Pieces, opened
 
 MAX_DECODED = 256 * 1024 * 1024
 """Row groups that would take more are read piece by piece; what can't be cut into such pieces is refused [byte]."""
+_PART = MAX_DECODED // 4
 _UNPACKED, _STORED = 2, 3
 _DATA, _DICTIONARY, _DATA_V2 = 5, 7, 8
 _NUM_VALUES, _ENCODING, _ENCODING_V2 = 1, 2, 4
 _PLAIN = 0
 _DICTIONARY_CODES = (2, 8)
-_PER_VALUE = 16  # At least so many bytes are taken for a value: offset, level, number
 _GROWING = {6: "DELTA_LENGTH_BYTE_ARRAY", 7: "DELTA_BYTE_ARRAY"}
+_PER_VALUE = 16  # At least so many bytes are taken for a value: offset, level, number
+_HEADER = 64 * 1024
+_INDEX = "log_ns"
 
 
 class Page(NamedTuple):
@@ -51,51 +46,49 @@ class Page(NamedTuple):
     is_dictionary: bool
 
 
-def decoded_size(where: str, fetch: Callable[[int], memoryview], length: int, is_bytes: bool) -> int:
-    """Return a bound for the memory that a column chunk of `length` bytes takes when it is read [byte].
-
-    `fetch` gives some bytes of the chunk from a position on, enough for a page header. Raises DamageError where these
-    bytes aren't pages. Raises LogError where one page would take more than `MAX_DECODED`, or its encoding has no bound.
-    """
-    at = total = largest = dictionary = 0
-    while at < length:
-        page = read_page(fetch(at))
-        total += _values_size(where, page, dictionary if is_bytes else 0)
-        largest = max(largest, page.unpacked)
-        if page.is_dictionary:
-            dictionary = page.unpacked
-        at += page.header + page.stored
-    return total + largest
-
-
-def _values_size(where: str, page: Page, dictionary: int) -> int:
-    if page.encoding in _GROWING:
-        name = _GROWING[page.encoding]
-        raise LogError(f"{where}: encoding {name} can't be bounded in memory; write the column as PLAIN", "PQ001")
-    is_coded = page.encoding in _DICTIONARY_CODES and not page.is_dictionary
-    size = page.num_values * _PER_VALUE + (0 if is_coded else page.unpacked)
-    if size + page.unpacked > MAX_DECODED:
-        taken = f"a page takes {size + page.unpacked} bytes, the limit is {MAX_DECODED}"
-        raise LimitError(f"{where}: {taken}; write smaller row groups", "LIM004")
-    return size + (page.num_values * dictionary if is_coded else 0)
-
-
 def read_page(data: memoryview) -> Page:
     """Read the page header at the start of `data`. Raises DamageError where there is none."""
-    fields, end = read_struct(data)
-    unpacked, stored = number(fields, _UNPACKED), number(fields, _STORED)
+    fields, end = footers.read_struct(data)
+    unpacked, stored = footers.get(fields, _UNPACKED, int), footers.get(fields, _STORED, int)
     kind = next((k for k in (_DATA, _DICTIONARY, _DATA_V2) if k in fields), None)
     if kind is None:  # an index page has no values
         return Page(end, stored, unpacked, 0, _PLAIN, False)
-    inner = struct(fields, kind)
-    encoding = number(inner, _ENCODING_V2 if kind == _DATA_V2 else _ENCODING)
-    return Page(end, stored, unpacked, number(inner, _NUM_VALUES), encoding, kind == _DICTIONARY)
+    inner = footers.get(fields, kind, dict)
+    encoding = footers.get(inner, _ENCODING_V2 if kind == _DATA_V2 else _ENCODING, int)
+    return Page(end, stored, unpacked, footers.get(inner, _NUM_VALUES, int), encoding, kind == _DICTIONARY)
 
 
-_HEADER = 64 * 1024
-_PART = MAX_DECODED // 4
-_INDEX = "log_ns"
-_MAX_STAMP_NS = 2**63 - 1
+class _Pieces:
+    """Bytes that were read and verified, as the file that pyarrow wants; there is nothing between the pieces."""
+
+    def __init__(self, pieces: Sequence[tuple[int, memoryview]], size: int) -> None:
+        self._pieces, self._size, self._at = pieces, size, 0  # Offset and content of each; size of the file
+        self.closed = False
+
+    def seek(self, at: int, whence: int = 0) -> int:
+        self._at = at + (0, self._at, self._size)[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def read(self, length: int = -1) -> memoryview:
+        """Return the bytes of one piece, without a copy; nothing where there is none."""
+        for offset, data in self._pieces:
+            if offset <= self._at < offset + len(data):
+                found = data[self._at - offset :][: length if length >= 0 else None]
+                self._at += len(found)
+                return found
+        return memoryview(b"")
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def close(self) -> None:
+        self.closed = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,69 +103,82 @@ class GroupFile:
         """`log_ns` of all rows where it isn't null. Raises DamageError where the column is damaged. Raises LogError
         where it is too large.
         """
-        with opened(self.path) as file:
-            return self._log_ns(file, group)
+        with open_regular(self.path) as file:
+            chunk = next((c for c in self.footer.chunks(group) if c.column == _INDEX), None)
+            if chunk is None:
+                raise LogError(f"{self.path}: damaged footer, row group {group} has no {_INDEX}", "PQ001")
+            if chunk.length > MAX_DECODED:
+                raise LimitError(f"{self.path}: row group {group} has too many rows", "LIM004")
+            data = _read(file, chunk.offset, chunk.length)
+        if self.sums is not None and crc32(data) != self.sums.index_crc32[group]:
+            raise DamageError("checksum of its log_ns doesn't match")
+        source = _Pieces([(chunk.offset, data)], self.footer.size)
+        self._size(source, chunk)
+        log_ns = self._table(source, group, [_INDEX]).column(_INDEX).drop_null().to_numpy()
+        # What doesn't fit an int64 is refused where the message is read.
+        return np.asarray(np.minimum(log_ns, MAX_STAMP_NS) if log_ns.dtype == np.uint64 else log_ns, np.int64)
 
     def tables(self, group: int) -> Iterator[pa.Table]:
         """All rows, in one table, or where they are too large in several, which then are in the order of `log_ns`.
         Raises DamageError where a checksum doesn't match, or these aren't the rows that the footer promises. Raises
         LogError where the rows can't be read within bounded memory.
         """
-        with opened(self.path) as file:
+        with open_regular(self.path) as file:
             chunks = self.footer.chunks(group)
-            stored = sum(chunk.length for chunk in chunks)
+            source: Any = file
             if self.sums is not None:
-                source: Any = self._verify(file, self.sums, group)
-            elif stored <= MAX_DECODED:
-                source = self._pieces([_read(file, chunk.offset, chunk.length) for chunk in chunks])
-            else:
-                source = file
-            size = sum(self._size(file, source, chunk) for chunk in chunks)
+                source = self._verify(file, self.sums, group)
+            elif sum(chunk.length for chunk in chunks) <= MAX_DECODED:
+                pieces = [(chunk.offset, _read(file, chunk.offset, chunk.length)) for chunk in chunks]
+                source = _Pieces(pieces, self.footer.size)
+            size = sum(self._size(source, chunk) for chunk in chunks)
             names = list(self.footer.columns)
             if size <= MAX_DECODED:
                 yield self._table(source, group, names)
-            else:
-                self._require_order(file, group)
-                yield from self._parts(source, group, names, size)
+                return
+            where = f"{self.path}: row group {group} takes more than {MAX_DECODED} bytes"
+            if any(column.content.nested for column in self.footer.columns.values()):
+                raise LimitError(f"{where}; write smaller row groups", "LIM004")
+            if (np.diff(self.log_ns(group)) < 0).any():
+                advice = "sort it or write smaller row groups"
+                raise LimitError(f"{where} and isn't in the order of log_ns; {advice}", "LIM004")
+            yield from self._parts(source, group, names, size)
 
-    def _log_ns(self, file: BinaryIO, group: int) -> Int64:
-        chunk = next((c for c in self.footer.chunks(group) if c.column == _INDEX), None)
-        if chunk is None:
-            raise LogError(f"{self.path}: damaged footer, row group {group} has no {_INDEX}", "PQ001")
-        if chunk.length > MAX_DECODED:
-            raise LimitError(f"{self.path}: row group {group} has too many rows", "LIM004")
-        piece = _read(file, chunk.offset, chunk.length)
-        if self.sums is not None and crc32(piece.data) != self.sums.index_crc32[group]:
-            raise DamageError("checksum of its log_ns doesn't match")
-        source = self._pieces([piece])
-        self._size(file, source, chunk)
-        column = self._table(source, group, [_INDEX]).column(_INDEX)
-        log_ns = column.drop_null().to_numpy()
-        # What doesn't fit an int64 is refused where the message is read.
-        return np.asarray(np.minimum(log_ns, _MAX_STAMP_NS) if log_ns.dtype == np.uint64 else log_ns, np.int64)
-
-    def _verify(self, file: BinaryIO, sums: GroupEntries, group: int) -> Pieces:
+    def _verify(self, file: BinaryIO, sums: GroupEntries, group: int) -> _Pieces:
         """Read a row group at once and check its checksum."""
         offset, length = sums.offset[group], sums.length[group]
         if length > MAX_DECODED:
             raise LimitError(f"{self.path}: row group {group} has {length} bytes, the limit is {MAX_DECODED}", "LIM004")
-        piece = _read(file, offset, length)
-        if crc32(piece.data) != sums.crc32[group]:
+        data = _read(file, offset, length)
+        if crc32(data) != sums.crc32[group]:
             raise DamageError("checksum doesn't match")
-        return self._pieces([piece])
+        return _Pieces([(offset, data)], self.footer.size)
 
-    def _pieces(self, pieces: list[Piece]) -> Pieces:
-        return Pieces(pieces, self.footer.size)
-
-    def _size(self, file: BinaryIO, source: Any, chunk: Chunk) -> int:
-        def fetch(at: int) -> memoryview:
-            length = min(_HEADER, chunk.length - at)
-            if isinstance(source, Pieces):
-                source.seek(chunk.offset + at)
-                return source.read(length)
-            return memoryview(os.pread(file.fileno(), length, chunk.offset + at))
-
-        return decoded_size(f"{self.path}: column '{chunk.column}'", fetch, chunk.length, chunk.is_bytes)
+    def _size(self, source: Any, chunk: Chunk) -> int:
+        """Bound for the memory that a column chunk takes when it is read [byte]. Raises DamageError where its bytes
+        aren't pages. Raises LogError where one page would take more than `MAX_DECODED`, or its encoding has no bound.
+        """
+        where = f"{self.path}: column '{chunk.column}'"
+        at = total = largest = dictionary = 0
+        while at < chunk.length:
+            source.seek(chunk.offset + at)
+            page = read_page(memoryview(source.read(min(_HEADER, chunk.length - at))))
+            if page.encoding in _GROWING:
+                name = _GROWING[page.encoding]
+                raise LogError(
+                    f"{where}: encoding {name} can't be bounded in memory; write the column as PLAIN", "PQ001"
+                )
+            is_coded = page.encoding in _DICTIONARY_CODES and not page.is_dictionary
+            size = page.num_values * _PER_VALUE + (0 if is_coded else page.unpacked)
+            if size + page.unpacked > MAX_DECODED:
+                taken = f"a page takes {size + page.unpacked} bytes, the limit is {MAX_DECODED}"
+                raise LimitError(f"{where}: {taken}; write smaller row groups", "LIM004")
+            total += size + (page.num_values * dictionary if is_coded and chunk.is_bytes else 0)
+            largest = max(largest, page.unpacked)
+            if page.is_dictionary:
+                dictionary = page.unpacked
+            at += page.header + page.stored
+        return total + largest
 
     def _table(self, source: Any, group: int, names: list[str]) -> pa.Table:
         try:
@@ -203,18 +209,11 @@ class GroupFile:
             page_checksum_verification=self.sums is None,
         )  # fmt: skip
 
-    def _require_order(self, file: BinaryIO, group: int) -> None:
-        where = f"{self.path}: row group {group} takes more than {MAX_DECODED} bytes"
-        if any(column.content.nested for column in self.footer.columns.values()):
-            raise LimitError(f"{where}; write smaller row groups", "LIM004")
-        if (np.diff(self._log_ns(file, group)) < 0).any():
-            raise LimitError(f"{where} and isn't in the order of log_ns; sort it or write smaller row groups", "LIM004")
 
-
-def _read(file: BinaryIO, offset: int, length: int) -> Piece:
+def _read(file: BinaryIO, offset: int, length: int) -> memoryview:
     """Read bytes that are all there. Raises DamageError where the file has fewer."""
     size = os.fstat(file.fileno()).st_size
     data = os.pread(file.fileno(), length, offset) if offset + length <= size else b""
     if len(data) != length:
         raise DamageError(f"{len(data)} bytes instead of {length}")
-    return Piece(offset, memoryview(data))
+    return memoryview(data)

@@ -124,14 +124,11 @@ class ChannelEntry(Strict):
     @classmethod
     def of(cls, channel: Channel) -> Self:
         """Return a channel in the form of `log.json`."""
-        schema, metadata = channel.schema, dict(channel.metadata)
-        if schema is None:
-            return cls(encoding=channel.encoding, metadata=metadata)
-        data = base64.b64encode(schema.data).decode()
-        return cls(
-            encoding=channel.encoding, schema_name=schema.name, schema_encoding=schema.encoding, schema_data=data,
-            metadata=metadata,
-        )  # fmt: skip
+        about: dict[str, str] = {}
+        if (schema := channel.schema) is not None:
+            about = {"schema_name": schema.name, "schema_encoding": schema.encoding}
+            about["schema_data"] = base64.b64encode(schema.data).decode()
+        return cls(encoding=channel.encoding, metadata=dict(channel.metadata), **about)
 
     def channel(self, topic: str) -> Channel:
         """Return the channel. Raises LogError where its schema isn't base64."""
@@ -157,13 +154,9 @@ class GroupEntries(Strict):
 
     @model_validator(mode="after")
     def _one_length(self) -> Self:
-        columns = (self.length, self.crc32, self.index_crc32, self.num_rows, self.min_log_ns, self.max_log_ns)
-        if any(len(column) != len(self.offset) for column in columns):
+        if len({len(column) for _, column in self}) > 1:
             raise ValueError("columns of different length")
         return self
-
-    def __len__(self) -> int:
-        return len(self.offset)
 
 
 class Checksums(Strict):
@@ -225,7 +218,10 @@ def parse(where: str, data: bytes) -> tuple[LogJson, bool]:
         raise LogError(f"{where}: nested too deeply", "PQ001") from None
     except ValueError as error:
         raise LogError(f"{where}: isn't JSON ({error})", "PQ001") from error
-    _check_format(where, content)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise LogError(f'{where}: not the description of a log ("format": "{FORMAT}" is missing)', "PQ001")
+    if content.get("version") != VERSION:
+        raise LogError(f"{where}: version {content.get('version')!r}; this fbench reads version {VERSION}", "PQ001")
     digest = content.pop("digest", None)
     if digest is not None and digest != _digest(content):
         raise LogError(f"{where}: damaged, its digest doesn't match; who edits it removes the key 'digest'", "PQ001")
@@ -235,13 +231,6 @@ def parse(where: str, data: bytes) -> tuple[LogJson, bool]:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         raise LogError(f"{where}: '{place}': {first['msg']}; see docs/formats.md", "PQ001") from None
-
-
-def _check_format(where: str, content: object) -> None:
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise LogError(f'{where}: not the description of a log ("format": "{FORMAT}" is missing)', "PQ001")
-    if content.get("version") != VERSION:
-        raise LogError(f"{where}: version {content.get('version')!r}; this fbench reads version {VERSION}", "PQ001")
 
 
 def _unique(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:

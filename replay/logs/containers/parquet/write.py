@@ -5,51 +5,29 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Self
 
 import pyarrow as pa
 
 from fbench.replay.contracts.errors import ConfigError, DataError, LogError
 from fbench.replay.data.files import swap, sync
-from fbench.replay.data.messages import Message, Truth
+from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
 from fbench.replay.data.rig import Kind, LogInfo, Rig
 from fbench.replay.logs.codecs.codec import TruthPart
 from fbench.replay.logs.container import Channel, Entry
-from fbench.replay.logs.containers.parquet import log_json
+from fbench.replay.logs.containers.limits import check_storable
+from fbench.replay.logs.containers.parquet import log_json, stream_write
 from fbench.replay.logs.containers.parquet.columns import StreamKind, default_topic, file_name
 from fbench.replay.logs.containers.parquet.footer import reason_of
 from fbench.replay.logs.containers.parquet.log_json import ChannelEntry, LogJson, RigEntry, StreamEntry
-from fbench.replay.logs.containers.parquet.stream_write import (
-    Encoded,
-    StreamWriter,
-    message_kind,
-    message_row,
-    part_kind,
-    part_row,
-    raw_row,
-)
-
-
-def require_replaceable(path: Path) -> None:
-    """Let only a Parquet log be replaced. Raises ConfigError where there is something else."""
-    if path.is_symlink() or (path.exists() and not _is_log(path)):
-        raise ConfigError(f"{path}: exists and isn't a Parquet log, so it isn't replaced; choose another name")
-
-
-def _is_log(path: Path) -> bool:
-    if not (path / log_json.NAME).is_file():
-        return False
-    return all(file.name == log_json.NAME or file.suffix == ".parquet" for file in path.iterdir())
-
+from fbench.replay.logs.containers.parquet.stream_write import StreamWriter
 
 COMPRESSIONS = ("zstd", "snappy", "none")
 GROUP_SIZE = 8 * 1024 * 1024  # Row groups are closed when they hold so much [byte] ...
 _MAX_GROUP_SIZE = 64 * 1024 * 1024  # ... and where their number of rows is given, at the latest at this.
 _MAX_PENDING = 128 * 1024 * 1024  # All streams together gather no more [byte]
 MAX_MESSAGE = 112 * 1024 * 1024  # Readers unpack a row group within 256 MiB, pages and values together [byte]
-_MAX_STAMP_NS = 2**63 - 1
-_MAX_FRAME_NUMBER = 2**32 - 1
+_KINDS: Mapping[type[Message], StreamKind] = {Image: "camera", PointCloud: "lidar", RadarScan: "radar", Pose: "pose"}
 
 
 class _Place(NamedTuple):
@@ -88,11 +66,12 @@ class ParquetWriter:
         self._rigs: list[tuple[int, Rig, int | None]] = [] if rig is None else [(0, rig, None)]
         self._kinds = dict(sorted((kinds or {}).items()))
         self._writers: dict[_Place, StreamWriter] = {}
-        self._entries: dict[_Place, StreamEntry] = {}
+        self._files: set[str] = set()  # Names of the files, in lower case
         self._num_messages = self._pending_size = 0
         self._partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
         self._is_open = True
-        require_replaceable(path)
+        if path.is_symlink() or (path.exists() and not _is_log(path)):
+            raise ConfigError(f"{path}: exists and isn't a Parquet log, so it isn't replaced; choose another name")
         try:
             self._partial.mkdir()
         except OSError as error:
@@ -101,9 +80,7 @@ class ParquetWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -116,28 +93,30 @@ class ParquetWriter:
         stamp, frame number or text can't be stored, or the message is too large.
         """
         if isinstance(message, Truth):
-            self._write_truth(message)
+            has_2d = message.boxes2d is not None
+            self.write_part(TruthPart(replace(message, boxes2d=None), is_2d=False, expects_2d=has_2d))
+            if has_2d:
+                self.write_part(TruthPart(replace(message, boxes3d=None), is_2d=True))
             return
-        kind, sensor = message_kind(message), message.sensor
-        where = self._check(message)
-        topic = default_topic(kind, sensor) if topic is None else topic
-        self._add(_Place(kind, sensor, topic), where, lambda n: message_row(message, n))
+        where = check_storable(self.path, message)
+        kind, sensor = _KINDS[type(message)], message.sensor
+        place = _Place(kind, sensor, default_topic(kind, sensor) if topic is None else topic)
+        self._add(place, where, lambda position: stream_write.message_row(message, position))
 
     def write_part(self, part: TruthPart, topic: str | None = None) -> None:
         """Append 3D or 2D truth as one message, as the log had it. Raises LogError as for messages."""
-        kind = part_kind(part)
-        where = self._check(part.truth)
-        topic = default_topic(kind, "") if topic is None else topic
-        self._add(_Place(kind, "", topic), where, lambda n: part_row(part, n))
+        where, kind = check_storable(self.path, part.truth), stream_write.part_kind(part)
+        place = _Place(kind, "", default_topic(kind, "") if topic is None else topic)
+        self._add(place, where, lambda position: stream_write.part_row(part, position))
 
     def write_raw(self, channel: Channel, entry: Entry) -> None:
         """Append a message of another program as it is. Raises LogError where a text of its channel isn't Unicode, or
         it is too large.
         """
         where = f"{self.path}: {channel.topic} at {entry.log_ns}"
-        schema = () if channel.schema is None else tuple(vars(channel.schema).values())
-        key = (channel.topic, channel.encoding, schema, *sorted(channel.metadata.items()))
-        self._add(_Place("raw", "", channel.topic, key), where, lambda n: raw_row(entry, n), channel)
+        key = (channel.topic, channel.encoding, channel.schema, *sorted(channel.metadata.items()))
+        place = _Place("raw", "", channel.topic, key)
+        self._add(place, where, lambda position: stream_write.raw_row(entry, position), channel)
 
     def write_rig(self, log_ns: int, rig: Rig, stamp_ns: int | None = None) -> None:
         """Say that `rig` holds from `log_ns` on; `stamp_ns` is that of the messages that told it."""
@@ -166,66 +145,50 @@ class ParquetWriter:
             writer.discard()
         shutil.rmtree(self._partial, ignore_errors=True)
 
-    def _write_truth(self, truth: Truth) -> None:
-        has_2d = truth.boxes2d is not None
-        part3d, part2d = replace(truth, boxes2d=None), replace(truth, boxes3d=None)
-        self.write_part(TruthPart(part3d, is_2d=False, expects_2d=has_2d))
-        if has_2d:
-            self.write_part(TruthPart(part2d, is_2d=True))
-
-    def _check(self, message: Message | Truth) -> str:
-        where = f"{self.path}: {type(message).__name__} at {message.stamp_ns}"
-        limits = {"stamp_ns": _MAX_STAMP_NS, "log_ns": _MAX_STAMP_NS, "frame_number": _MAX_FRAME_NUMBER}
-        for name, limit in limits.items():
-            value = getattr(message, name) or 0
-            if not 0 <= value <= limit:
-                raise LogError(f"{where}: {name} {value} is outside 0 to {limit}")
-        return where
-
     def _add(
-        self, place: "_Place", where: str, encode: Callable[[int], Encoded], channel: Channel | None = None
+        self, place: _Place, where: str, encode: Callable[[int], stream_write.RowValues], channel: Channel | None = None
     ) -> None:
         try:
             row = encode(self._num_messages)
-            if row.size > MAX_MESSAGE:
-                raise LogError(f"{where} has {row.size} bytes, the limit is {MAX_MESSAGE}")
-            writer = self._writer(place, channel)
-            if writer.pending_size + row.size > _MAX_GROUP_SIZE:
+            size = stream_write.row_size(row)
+            if size > MAX_MESSAGE:
+                raise LogError(f"{where} has {size} bytes, the limit is {MAX_MESSAGE}")
+            writer = self._writers.get(place) or self._open_stream(place, channel)
+            if writer.pending_size + size > _MAX_GROUP_SIZE:
                 self._flush(writer)
-            writer.add(row)
-            self._pending_size += row.size
+            writer.add(row, size)
+            self._pending_size += size
             self._num_messages += 1
-            self._flush_full(writer)
+            is_full = writer.pending_size >= GROUP_SIZE
+            if self._rows_per_group is not None:
+                is_full = writer.num_pending >= self._rows_per_group
+            if is_full:
+                self._flush(writer)
+            while self._pending_size > _MAX_PENDING:
+                self._flush(max(self._writers.values(), key=lambda w: w.pending_size))
         except (ValueError, DataError) as error:
             raise LogError(f"{where} can't be stored ({reason_of(error)})") from error
         except (OSError, pa.ArrowException) as error:
             raise ConfigError(f"{self.path}: can't be written ({reason_of(error)})") from error
 
-    def _flush_full(self, writer: StreamWriter) -> None:
-        full = writer.pending_size >= GROUP_SIZE
-        if self._rows_per_group is not None:
-            full = writer.num_pending >= self._rows_per_group
-        if full:
-            self._flush(writer)
-        while self._pending_size > _MAX_PENDING:
-            self._flush(max(self._writers.values(), key=lambda w: w.pending_size))
-
     def _flush(self, writer: StreamWriter) -> None:
         self._pending_size -= writer.pending_size
         writer.flush()
 
-    def _writer(self, place: "_Place", channel: Channel | None) -> StreamWriter:
-        if place not in self._writers:
-            name = file_name(place.topic, {entry.file.lower() for entry in self._entries.values()})
-            described = None if channel is None else ChannelEntry.of(channel)
-            entry = StreamEntry(file=name, kind=place.kind, sensor=place.sensor, topic=place.topic, channel=described)
-            entry.model_dump_json()  # refuses what isn't Unicode
-            self._writers[place] = StreamWriter(self._partial / name, place.kind, self._compression)
-            self._entries[place] = entry
-        return self._writers[place]
+    def _open_stream(self, place: _Place, channel: Channel | None) -> StreamWriter:
+        name = file_name(place.topic, self._files)
+        described = None if channel is None else ChannelEntry.of(channel)
+        entry = StreamEntry(file=name, kind=place.kind, sensor=place.sensor, topic=place.topic, channel=described)
+        entry.model_dump_json()  # refuses what isn't Unicode
+        writer = self._writers[place] = StreamWriter(self._partial, entry, self._compression)
+        self._files.add(name.lower())
+        return writer
 
     def _description(self) -> bytes:
-        streams = [self._finish(self._entries[key], writer) for key, writer in self._writers.items()]
+        streams: list[StreamEntry] = []
+        for writer in self._writers.values():
+            streams.append(writer.close())
+            sync(self._partial)
         rigs = [RigEntry.of(*item) for item in sorted(self._rigs, key=lambda item: item[0])]
         content = LogJson(
             log_id=self._info.log_id, metadata=dict(self._info.metadata), rigs=rigs, sensors=self._kinds,
@@ -233,8 +196,8 @@ class ParquetWriter:
         )  # fmt: skip
         return log_json.dump(content)
 
-    def _finish(self, entry: StreamEntry, writer: StreamWriter) -> StreamEntry:
-        sums, num_rows = writer.close()
-        sync(self._partial)
-        ends = {"first_log_ns": min(sums.row_groups.min_log_ns), "last_log_ns": max(sums.row_groups.max_log_ns)}
-        return entry.model_copy(update={"num_rows": num_rows, "checksums": sums, **ends})
+
+def _is_log(path: Path) -> bool:
+    if not (path / log_json.NAME).is_file():
+        return False
+    return all(file.name == log_json.NAME or file.suffix == ".parquet" for file in path.iterdir())

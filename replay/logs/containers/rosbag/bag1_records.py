@@ -5,10 +5,9 @@ length of its data (4 bytes), the data; a header is a row of fields, each its le
 """
 
 import bz2
-import struct
 from collections.abc import Iterator, Mapping
 from enum import IntEnum
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
 
@@ -16,8 +15,6 @@ from fbench.replay.logs.container import Channel, Schema
 from fbench.replay.logs.containers.mcap.records import RecordError, check_size
 
 Fields = Mapping[bytes, bytes]
-_UINT32 = struct.Struct("<I")
-_TIME = struct.Struct("<II")
 _PIECE = 4 * 1024 * 1024
 _MAX_FIELDS = 64
 
@@ -44,31 +41,37 @@ class Record(NamedTuple):
     @property
     def op(self) -> int:
         """Its type. Raises RecordError where it has none."""
-        return uint(self.fields, b"op", 1)
+        return self.uint(b"op", 1)
+
+    def uint(self, name: bytes, num_bytes: int = 4) -> int:
+        """Return the unsigned number in a field. Raises RecordError where it is missing or of another length."""
+        value = self.fields.get(name, b"")
+        if len(value) != num_bytes:
+            raise RecordError(f"record has no field '{name.decode()}' of {num_bytes} bytes")
+        return int.from_bytes(value, "little")
+
+    def time_ns(self, name: bytes) -> int:
+        """Return the time in a field [ns]. Raises RecordError where it is missing or of another length."""
+        nanoseconds, seconds = divmod(self.uint(name, 8), 2**32)
+        return seconds * 1_000_000_000 + nanoseconds
 
 
 def records(buffer: memoryview) -> Iterator[Record]:
     """Yield the records of a buffer. Raises RecordError where one is damaged or reaches beyond the buffer."""
     at = 0
     while at < len(buffer):
-        data, stop = _extent(buffer, at)
+        data = at + 8 + _uint32(buffer, at)
+        stop = data + _uint32(buffer, data - 4)
+        if stop > len(buffer):
+            raise RecordError(f"record at its byte {at} is cut off")
         yield Record(at, parse_fields(buffer[at + 4 : data - 4]), data, stop)
         at = stop
-
-
-def _extent(buffer: memoryview, at: int) -> tuple[int, int]:
-    """Start and end of the data of the record at `at`."""
-    data = at + 8 + _uint32(buffer, at)
-    stop = data + _uint32(buffer, data - 4)
-    if stop > len(buffer):
-        raise RecordError(f"record at its byte {at} is cut off")
-    return data, stop
 
 
 def _uint32(buffer: memoryview, at: int) -> int:
     if at + 4 > len(buffer):
         raise RecordError(f"record is cut off at its byte {at}")
-    return int(_UINT32.unpack_from(buffer, at)[0])
+    return int.from_bytes(buffer[at : at + 4], "little")
 
 
 def read_record(file: BinaryIO, at: int, size: int) -> Record | None:
@@ -89,10 +92,8 @@ def _read_length(file: BinaryIO, at: int, size: int) -> int | None:
     """The length at `at`; `None` where the file ends before what it is the length of."""
     file.seek(at)
     head = file.read(4)
-    if len(head) < 4:
-        return None
-    length = int(_UINT32.unpack(head)[0])
-    return length if length <= size - at - 4 else None
+    length = int.from_bytes(head, "little")
+    return length if len(head) == 4 and length <= size - at - 4 else None
 
 
 def parse_fields(header: memoryview) -> Fields:
@@ -112,43 +113,20 @@ def parse_fields(header: memoryview) -> Fields:
     return fields
 
 
-def uint(fields: Fields, name: bytes, num_bytes: int) -> int:
-    """Return the unsigned number in a field. Raises RecordError where it is missing or of another length."""
-    value = fields.get(name, b"")
-    if len(value) != num_bytes:
-        raise RecordError(f"record has no field '{name.decode()}' of {num_bytes} bytes")
-    return int.from_bytes(value, "little")
-
-
-def time_ns(fields: Fields, name: bytes) -> int:
-    """Return the time in a field [ns]. Raises RecordError where it is missing or of another length."""
-    value = fields.get(name, b"")
-    if len(value) != _TIME.size:
-        raise RecordError(f"record has no field '{name.decode()}' of {_TIME.size} bytes")
-    seconds, nanoseconds = _TIME.unpack(value)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
-
-
-def connection(fields: Fields, data: memoryview) -> tuple[int, Channel]:
-    """Parse a connection record: its id, and the channel it is; what isn't UTF-8 in names is escaped. Raises
-    RecordError where it is damaged.
+def connection(record: Record, data: memoryview) -> tuple[int, Channel]:
+    """Parse a connection record and its data: its id, and the channel it is; what isn't UTF-8 in names is escaped.
+    Raises RecordError where it is damaged.
     """
     details = parse_fields(data)
-    if b"topic" not in fields or b"type" not in details:
+    if b"topic" not in record.fields or b"type" not in details:
         raise RecordError("connection has no topic or type")
     schema = Schema(_text(details[b"type"]), "ros1msg", details.get(b"message_definition", b""))
     more = {key.decode(): _text(details[key]) for key in (b"callerid", b"latching", b"md5sum") if key in details}
-    return uint(fields, b"conn", 4), Channel(_text(fields[b"topic"]), "ros1", schema, more)
+    return record.uint(b"conn"), Channel(_text(record.fields[b"topic"]), "ros1", schema, more)
 
 
 def _text(value: bytes) -> str:
     return value.decode("utf-8", "backslashreplace")
-
-
-class _Decompressor(Protocol):
-    @property
-    def eof(self) -> bool: ...
-    def decompress(self, data: bytes | memoryview, max_length: int = -1) -> bytes: ...
 
 
 def unpack(compression: str, data: memoryview, size: int) -> memoryview:
@@ -159,25 +137,17 @@ def unpack(compression: str, data: memoryview, size: int) -> memoryview:
         if len(data) != size:
             raise RecordError(f"chunk declares {size} bytes and has {len(data)}")
         return data
+    unpacker: Any = bz2.BZ2Decompressor() if compression == "bz2" else lz4.frame.LZ4FrameDecompressor()
+    at, packed = 0, data
     try:
-        return _unpack(bz2.BZ2Decompressor() if compression == "bz2" else lz4.frame.LZ4FrameDecompressor(), data, size)
+        buffer = bytearray(size)
+        while not unpacker.eof and (piece := unpacker.decompress(packed, _PIECE)):
+            if at + len(piece) > size:
+                raise RecordError(f"chunk declares {size} unpacked bytes and has more")
+            buffer[at : at + len(piece)] = piece
+            at, packed = at + len(piece), memoryview(b"")
     except (OSError, RuntimeError, EOFError, ValueError, MemoryError) as error:
         raise RecordError(f"{compression} data are damaged ({error})") from error
-
-
-def _unpack(decompressor: _Decompressor, data: memoryview, size: int) -> memoryview:
-    """Fill a buffer of the declared size piece by piece, and see that there is no more."""
-    buffer = bytearray(size)
-    at = 0
-    piece = decompressor.decompress(data, _PIECE)
-    while piece or not decompressor.eof:
-        if at + len(piece) > size:
-            raise RecordError(f"chunk declares {size} unpacked bytes and has more")
-        buffer[at : at + len(piece)] = piece
-        at += len(piece)
-        if decompressor.eof or not piece:
-            break
-        piece = decompressor.decompress(b"", _PIECE)
-    if at != size or not decompressor.eof:
+    if at != size or not unpacker.eof:
         raise RecordError(f"chunk declares {size} unpacked bytes and has {at}")
     return memoryview(buffer)

@@ -1,7 +1,7 @@
 """A rosbag2 recording: its files in order and its `metadata.yaml`, read as untrusted input."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Literal
@@ -13,6 +13,9 @@ from fbench.replay.logs.containers.rosbag.zstd import check_format
 
 NAME = "metadata.yaml"
 _ADVICE = "mend it with `ros2 bag reindex`, or remove it to read the files as they are"
+Storage = Literal["sqlite3", "mcap"]
+_SUFFIXES: dict[str, Storage] = {".db3": "sqlite3", ".mcap": "mcap"}
+_PACKED = ".zstd"
 
 
 @dataclass(frozen=True)
@@ -26,41 +29,21 @@ class Metadata:
 
 
 def read_metadata(path: Path) -> Metadata:
-    """Read the file.
-
-    Raises LogError where it can't be read, is too large or deep, has aliases or lacks what is needed.
-    """
-    content = _load(path)
+    """Read it. Raises LogError where it can't be read, is too large or deep, has aliases or lacks what is needed."""
+    try:
+        content = read_yaml(path)
+    except YamlFileError as error:
+        raise LogError(f"{path}: {error}{f'; {_ADVICE}' if error.mendable else ''}") from error
     bag = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None
     files = bag.get("relative_file_paths") if isinstance(bag, dict) else None
     if not isinstance(bag, dict) or not isinstance(files, list) or not all(isinstance(name, str) for name in files):
         raise LogError(f"{path}: no list 'relative_file_paths' in 'rosbag2_bagfile_information'; {_ADVICE}")
-    mode = _string(path, bag, "compression_mode").lower()
-    return Metadata(
-        _string(path, bag, "storage_identifier"),
-        tuple(files),
-        "" if mode == "none" else mode,
-        _string(path, bag, "compression_format").lower(),
-    )
-
-
-def _string(path: Path, bag: Mapping[str, object], key: str) -> str:
-    value = bag.get(key) or ""
-    if not isinstance(value, str):
-        raise LogError(f"{path}: '{key}' is no text; {_ADVICE}")
-    return value
-
-
-def _load(path: Path) -> object:
-    try:
-        return read_yaml(path)
-    except YamlFileError as error:
-        raise LogError(f"{path}: {error}{f'; {_ADVICE}' if error.mendable else ''}") from error
-
-
-Storage = Literal["sqlite3", "mcap"]
-_SUFFIXES: dict[str, Storage] = {".db3": "sqlite3", ".mcap": "mcap"}
-_PACKED = ".zstd"
+    texts = {key: bag.get(key) or "" for key in ("compression_mode", "storage_identifier", "compression_format")}
+    for key, text in texts.items():
+        if not isinstance(text, str):
+            raise LogError(f"{path}: '{key}' is no text; {_ADVICE}")
+    mode, storage, compression = texts.values()
+    return Metadata(storage, tuple(files), "" if mode.lower() == "none" else mode.lower(), compression.lower())
 
 
 @dataclass(frozen=True)
@@ -74,7 +57,7 @@ class Part:
 
 def is_recording(folder: Path) -> bool:
     """Tell whether a folder looks like one of rosbag2."""
-    return (folder / NAME).is_file() or bool(_present(folder))
+    return (folder / NAME).is_file() or any(path.suffix in _SUFFIXES for path in _files(folder))
 
 
 def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
@@ -82,45 +65,31 @@ def rosbag2_files(folder: Path, faults: FaultLog) -> list[Part]:
     Raises LogError where there are none, `metadata.yaml` is damaged, or what it tells can't be read or leaves the
     folder.
     """
-    told = _inside(folder, NAME)
-    metadata = None if told is None else read_metadata(told)
-    _check_packed(folder)
-    listed = [] if metadata is None else _list(folder, metadata, faults)
+    described = _inside(folder, NAME)
+    metadata = None if described is None else read_metadata(described)
+    present = by_number(_files(folder))
+    for path in present:
+        unpacked = path.with_suffix("")
+        if path.suffix == _PACKED and unpacked.suffix in _SUFFIXES and not unpacked.exists():
+            raise LogError(f"{path}: compressed as a whole; decompress it first (`unzstd {path.name}`)", "LOG007")
+    files: list[Path | None] = []
+    for name in () if metadata is None else metadata.files:
+        plain = name.removesuffix(_PACKED)
+        # Early versions of rosbag2 wrote the folder's name before that of the file.
+        files.append(_inside(folder, plain) or _inside(folder, PurePath(plain).name))
+        if files[-1] is None:
+            faults.add("LOG011", f"{folder.name}: '{name}'")
     compression = "" if metadata is None else _compression(folder, metadata)
+    files += [_inside(folder, path.name) for path in present if path.suffix in _SUFFIXES]
     paths: dict[Path, Path] = {}
-    for path in [*listed, *(_inside(folder, path.name) for path in _present(folder))]:
-        if path is not None:
-            paths.setdefault(path.resolve(), path)  # links within the folder may name a file twice
+    for path in (path for path in files if path is not None):
+        paths.setdefault(path.resolve(), path)  # links within the folder may name a file twice
     if not paths:
         raise LogError(f"{folder}: no recording of rosbag2 (no .db3 or .mcap file that can be read)")
     if metadata is None:
         for name in missing_numbers(paths.values()):
             faults.add("LOG011", f"{folder.name}: '{name}'")
     return [Part(path, _storage(path, metadata), compression) for path in paths.values()]
-
-
-def _list(folder: Path, metadata: Metadata, faults: FaultLog) -> list[Path]:
-    found: list[Path] = []
-    for name in metadata.files:
-        path = _find(folder, name.removesuffix(_PACKED))
-        if path is None:
-            faults.add("LOG011", f"{folder.name}: '{name}'")
-        else:
-            found.append(path)
-    return found
-
-
-def _find(folder: Path, name: str) -> Path | None:
-    """Where a listed file is; early versions of rosbag2 wrote the folder's name before that of the file."""
-    return _inside(folder, name) or _inside(folder, PurePath(name).name)
-
-
-def _check_packed(folder: Path) -> None:
-    """Refuse files that are compressed as a whole, unless what is in them lies beside them."""
-    for path in by_number(_files(folder)):
-        unpacked = path.with_suffix("")
-        if path.suffix == _PACKED and unpacked.suffix in _SUFFIXES and not unpacked.exists():
-            raise LogError(f"{path}: compressed as a whole; decompress it first (`unzstd {path.name}`)", "LOG007")
 
 
 def _inside(folder: Path, name: str) -> Path | None:
@@ -153,10 +122,6 @@ def _storage(path: Path, metadata: Metadata | None) -> Storage:
     return storage
 
 
-def _present(folder: Path) -> Sequence[Path]:
-    return by_number(path for path in _files(folder) if path.suffix in _SUFFIXES)
-
-
 def _files(folder: Path) -> Sequence[Path]:
     try:
         return [path for path in folder.iterdir() if path.is_file()]
@@ -169,11 +134,10 @@ def missing_numbers(paths: Iterable[Path]) -> Sequence[str]:
 
     Only a numbering from 0 or 1 on is one; dates and times in names aren't.
     """
-    numbers: dict[tuple[str, str], list[int]] = {}
+    numbers: dict[tuple[str, str], set[int]] = {}
     for path in paths:
-        match = re.fullmatch(r"(.*_)(0|[1-9][0-9]{0,5})", path.stem)
-        if match:
-            numbers.setdefault((match[1], path.suffix), []).append(int(match[2]))
+        if match := re.fullmatch(r"(.*_)(0|[1-9][0-9]{0,5})", path.stem):
+            numbers.setdefault((match[1], path.suffix), set()).add(int(match[2]))
     return [
         f"{stem}{n}{suffix}"
         for (stem, suffix), found in sorted(numbers.items())
@@ -185,8 +149,9 @@ def missing_numbers(paths: Iterable[Path]) -> Sequence[str]:
 
 def by_number(paths: Iterable[Path]) -> Sequence[Path]:
     """Sort so that `bag_2` comes before `bag_10`."""
-    return sorted(paths, key=lambda path: (_natural(path.name), path.name))
 
+    def natural(path: Path) -> tuple[list[tuple[int, int, str]], str]:
+        pieces = re.split(r"([0-9]+)", path.name)
+        return [(0, int(text), "") if text.isdecimal() else (1, 0, text) for text in pieces], path.name
 
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    return [(0, int(text), "") if text.isdecimal() else (1, 0, text) for text in re.split(r"([0-9]+)", name)]
+    return sorted(paths, key=natural)

@@ -111,9 +111,9 @@ def test_chunk_index_is_read_as_the_library_reads_it(log):
         content = data[at + HEAD.size : at + length]
         theirs, ours = ChunkIndex.read(ReadDataStream(BytesIO(content))), parse_chunk_index(memoryview(content))
         assert ours == (
-            theirs.message_start_time, theirs.message_end_time, theirs.chunk_start_offset, theirs.chunk_length,
-            frozenset(theirs.message_index_offsets), theirs.message_index_length, theirs.compression,
-            theirs.compressed_size, theirs.uncompressed_size,
+            theirs.chunk_start_offset, theirs.chunk_length, theirs.message_start_time, theirs.message_end_time,
+            frozenset(theirs.message_index_offsets), True, theirs.uncompressed_size, theirs.compressed_size,
+            theirs.compression, theirs.message_index_length,
         )  # fmt: skip
 
 
