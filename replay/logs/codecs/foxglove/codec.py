@@ -20,16 +20,9 @@ from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.boxes import scene_boxes
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart, part_of
-from fbench.replay.logs.codecs.foxglove.messages import (
-    pose_frame,
-    read_cloud,
-    read_compressed_image,
-    read_pose,
-    read_radar,
-    read_raw_image,
-)
+from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
-from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration, read_transform
+from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
 from fbench.replay.logs.codecs.points import is_radar
 from fbench.replay.logs.container import Channel
@@ -37,27 +30,6 @@ from fbench.replay.logs.coordinate_frames import Edge
 
 _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
-
-
-def read_scene(data: memoryview, origin: Origin) -> TruthPart:
-    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp. Raises
-    DecodeError where the message is damaged or too large, or a box isn't finite.
-    """
-    if len(data) > _MAX_BYTES:
-        raise DecodeError(f"scene of {len(data)} bytes, more than {_MAX_BYTES}")
-    scene = parse(SceneUpdate, data)
-    try:
-        with np.errstate(all="ignore"):  # values that aren't finite, or out of range, are dealt with where they matter
-            boxes, frames = scene_boxes(scene.entities)
-    except (ValueError, DataError) as error:
-        raise DecodeError(f"not a usable scene ({error})") from error
-    stamp_ns = max(map(_stamp_ns, scene.entities or scene.deletions), default=0)
-    truth = Truth(stamp_ns or origin.publish_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
-    return part_of(truth, frames)
-
-
-def _stamp_ns(part: SceneEntity | SceneEntityDeletion) -> int:
-    return nanoseconds(part.timestamp)
 
 
 _KINDS: Mapping[str, tuple[str, ...]] = {
@@ -100,7 +72,7 @@ class FoxgloveCodec:
         """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
         kind = self.kinds[0]
         if self.schema == "foxglove.PoseInFrame":
-            return Probe(kind, "", pose_frame(data))
+            return Probe(kind, "", messages.pose_frame(data))
         if self.schema not in _SENSORS:
             return Probe(kind, "")
         message = _SENSORS[self.schema]
@@ -113,21 +85,24 @@ class FoxgloveCodec:
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         """Decode a measurement or pose."""
-        if self.schema == "foxglove.RawImage":
-            return read_raw_image(data, origin)
-        match kind:
-            case "camera":
-                return read_compressed_image(data, origin)
-            case "lidar":
-                return read_cloud(data, origin)
-            case "radar":
-                return read_radar(data, origin)
+        match self.schema, kind:
+            case "foxglove.RawImage", _:
+                return messages.read_raw_image(data, origin)
+            case _, "camera":
+                return messages.read_compressed_image(data, origin)
+            case _, "lidar":
+                return messages.read_cloud(data, origin)
+            case _, "radar":
+                return messages.read_radar(data, origin)
             case _:
-                return read_pose(data, origin)
+                return messages.read_pose(data, origin)
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
-        """Decode one or several transforms."""
-        return [read_transform(proto) for proto in self._transforms(data)]
+        """Decode one or several transforms: child and its pose in the parent."""
+        return [
+            (proto.child_frame_id, Edge(proto.parent_frame_id, *messages.arrays(proto.translation, proto.rotation)))
+            for proto in self._transforms(data)
+        ]
 
     def stamps(self, data: memoryview) -> Sequence[int]:
         """Tell when each of the transforms holds [ns]; 0 where none is given."""
@@ -145,10 +120,28 @@ class FoxgloveCodec:
     def truth(self, data: memoryview, origin: Origin) -> TruthPart:
         """Decode boxes: 3D or 2D ones as fbench wrote them, of other programs 3D ones."""
         if not self.is_own:
-            return read_scene(data, origin)
+            return _read_scene(data, origin)
         stamp_ns, log_ns, number = origin.publish_ns, origin.log_ns, origin.frame_number
         if self.topic.endswith(FLAT_SUFFIX):
             boxes2d, _ = read_boxes(data, Boxes2D)
             return TruthPart(Truth(stamp_ns, log_ns, None, boxes2d, number), is_2d=True)
         boxes3d, more = read_boxes(data, Boxes3D)
         return TruthPart(Truth(stamp_ns, log_ns, boxes3d, None, number), False, more.get(HAS_BOXES2D) == "yes")
+
+
+def _read_scene(data: memoryview, origin: Origin) -> TruthPart:
+    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp. Raises
+    DecodeError where the message is damaged or too large, or a box isn't finite.
+    """
+    if len(data) > _MAX_BYTES:
+        raise DecodeError(f"scene of {len(data)} bytes, more than {_MAX_BYTES}")
+    scene = parse(SceneUpdate, data)
+    try:
+        with np.errstate(all="ignore"):  # values that aren't finite, or out of range, are dealt with where they matter
+            boxes, frames = scene_boxes(scene.entities)
+    except (ValueError, DataError) as error:
+        raise DecodeError(f"not a usable scene ({error})") from error
+    timed: Sequence[SceneEntity | SceneEntityDeletion] = scene.entities or scene.deletions
+    stamp_ns = max((nanoseconds(part.timestamp) for part in timed), default=0)
+    truth = Truth(stamp_ns or origin.publish_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
+    return part_of(truth, frames)
