@@ -29,12 +29,10 @@ class Clock(Protocol):
 
     def wait_until(self, log_ns: int) -> None:
         """Return when log time `log_ns` has come."""
-        ...
 
     @property
     def pace(self) -> Pace:
         """How fast log time passed so far."""
-        ...
 
 
 class _Elapsed:

@@ -27,20 +27,16 @@ class Lens(Protocol):
     @property
     def is_wide(self) -> bool:
         """Whether it may see what is beside and behind the image plane, so that depth is distance."""
-        ...
 
     @property
     def border(self) -> Float64:
         """Directions (M, 3) all around, on the border of what it sees; none where that is the image plane."""
-        ...
 
     def bent(self, xyz: Float64) -> Float64:
         """Image coordinates (N, 2) of directions (N, 3), NaN where the lens doesn't see them."""
-        ...
 
     def undistort(self, xy: Float64) -> Float64:
         """Unit directions (N, 3) that image coordinates (N, 2) come from, NaN where there are none."""
-        ...
 
 
 @dataclass(frozen=True)

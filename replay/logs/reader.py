@@ -10,7 +10,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
-from fbench.replay.logs.arrange import arrange, box_channels, facts, with_names
+from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
@@ -44,9 +44,7 @@ class LogReader:
             setup: What the user says about the log.
             faults: Where faults of files beside the log are counted; the container counts its own.
         """
-        self.container = container
-        self.setup = setup or Setup()
-        self.faults = faults or FaultLog()
+        self.container, self.setup, self.faults = container, setup or Setup(), faults or FaultLog()
         if container.header is not None and self.setup.body not in ("", BODY):
             raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")
         every = arrange(roles(container), container, self.setup)
@@ -65,11 +63,10 @@ class LogReader:
 
     @cached_property
     def _calibration(self) -> LogCalibration:
-        header, metadata = self.container.header, dict[str, str]()
-        if header is not None:
-            sensors = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
-            names = {role.frame_id: role.sensor for role in sensors} if self.setup.sensors else {}
-            metadata = with_names(header.metadata, names)
+        header = self.container.header
+        sensors = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        names = {role.frame_id: role.sensor for role in sensors} if self.setup.sensors else {}
+        metadata = {} if header is None else rename(header.metadata, names)
         metadata = clean_mapping({**metadata, **facts(self.setup)})
         return LogCalibration(self.container, self.roles, self.left_out, self.setup, metadata)
 
@@ -89,11 +86,10 @@ class LogReader:
     def num_messages(self) -> Mapping[str, int]:
         """Messages of each sensor and stream of poses, by name, as the index says."""
         counts: Counter[str] = Counter()
-        for id_, role in sorted(self.roles.items()):
-            if role.kind in MESSAGES:
-                counts[role.sensor] += self.container.counts.get(id_, 0)
-        for id_ in sorted(self._calibration.tf.channels):
-            counts[self._calibration.tf.name] += self.container.counts.get(id_, 0)
+        names = [(id_, role.sensor) for id_, role in sorted(self.roles.items()) if role.kind in MESSAGES]
+        names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
+        for id_, name in names:
+            counts[name] += self.container.counts.get(id_, 0)
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
         return counts
@@ -141,10 +137,7 @@ class LogReader:
         """Yield the entries of some channels with what each holds, and before messages and `ticks` where the rig
         changes.
         """
-        changes, moving = (
-            self._calibration.changes(),
-            self._calibration.tf.poses() if self._calibration.tf.channels else None,
-        )
+        changes, moving = self._calibration.changes(), self._calibration.tf.poses()
         for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
@@ -170,7 +163,7 @@ class LogReader:
 
     def body_poses(self) -> Iterator[Pose]:
         """Poses of the body alone, in canonical order."""
-        moving = self._calibration.moving_poses()
+        moving = self._calibration.tf.poses()
         for entry in self.container.entries(self._channels("pose") | self._calibration.tf.channels):
             pose = self._decoder.message(entry, moving)
             if isinstance(pose, Pose):
@@ -198,7 +191,7 @@ class LogReader:
 
     @cached_property
     def _decoder(self) -> EventDecoder:
-        return EventDecoder(self.container, self.roles, self.setup, self._calibration)
+        return EventDecoder(self._calibration)
 
     def _channels(self, *kinds: str) -> frozenset[int]:
         return frozenset(id_ for id_, role in self.roles.items() if role.kind in kinds)

@@ -146,7 +146,7 @@ class RigState:
     def _moves(self, frame: str) -> str:
         """What a file with calibration says of the way to the body, where it can't tell the pose."""
         moving = self.setup.rig.moving
-        return next((f"; {moving[step]} has no fixed pose" for step in self.tree.reached(frame) if step in moving), "")
+        return next((f"; {moving[step]} has no fixed pose" for step in self.tree.trace(frame) if step in moving), "")
 
     def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
         setup = self.setup.sensors.get(name)
@@ -197,7 +197,7 @@ def _search(state: RigState, channels: frozenset[int], limit: int | None = None)
 
 def _is_linked(state: RigState) -> bool:
     tree, body = state.tree, state.setup.body
-    return all(_reaches(tree, frame, body) if body else tree.known(frame) for frame in state.frames())
+    return all(_reaches(tree, frame, body) if body else tree.has_body(frame) for frame in state.frames())
 
 
 def _reaches(tree: TransformTree, frame: str, body: str) -> bool:

@@ -127,7 +127,7 @@ def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tr
     """
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
-    used = {step for frame in frames for step in tree.reached(frame)}
+    used = {step for frame in frames for step in tree.trace(frame)}
     if not fit.edges or used & {*fit.edges, *patch.moving}:
         return
     place = next(iter(patch.places.values()), "rig")
