@@ -66,9 +66,11 @@ class TransformTree:
             path.append(self.edges[path[-1]].parent)
         return path
 
-    def has_body(self, frame: str) -> bool:
-        """Tell whether `frame` reaches a coordinate frame that is called like a body."""
+    def has_body(self, frame: str, body: str = "") -> bool:
+        """Tell whether `frame` reaches `body`, or without a name a coordinate frame that is called like a body."""
         try:
+            if body:
+                return frame == body or self.pose(frame, body) is not None
             return self._body_on(self.path(frame)) is not None
         except DecodeError:
             return False

@@ -1,10 +1,10 @@
 """Opening a log, whatever its container, also one that consists of several files."""
 
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from fbench.replay.logs.setup import Setup
 
 T = TypeVar("T")
 _IDS = 2**32  # Channel `c` of part `p` gets the id `p * _IDS + c`
+LOG_JSON = "log.json"
+_METADATA = "metadata.yaml"  # Of rosbag2
+_MAX_NS = 2**63 - 1
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     offset: int  # Its number
-    start_ns: int
+    start_ns: int  # Log time before which it has no message
     container: Container
 
 
@@ -36,9 +38,10 @@ class Parts:
     """
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
-        self.path = path
-        self._faults = faults
-        self._parts = [_Part(i, _start_ns(c), c) for i, c in enumerate(containers)]
+        self.path, self._faults = path, faults
+        first = [next(c.entries(frozenset(c.channels)), None) for c in containers]
+        starts_ns = [0 if entry is None else entry.log_ns for entry in first]
+        self._parts = [_Part(i, start_ns, c) for i, (start_ns, c) in enumerate(zip(starts_ns, containers, strict=True))]
         self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
         self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
         self.header: LogHeader | None = next((c.header for c in containers if c.header is not None), None)
@@ -46,15 +49,11 @@ class Parts:
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
         """All messages of these channels in canonical order."""
-        wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(wanted, lambda part: self._entries(part, part.container.entries(self._of(part, channels))))
+        return self._merge(channels, lambda container, own: container.entries(own))
 
     def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
         """All messages of these channels from a log time on, in canonical order."""
-        wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(
-            wanted, lambda part: self._entries(part, entries_from(part.container, self._of(part, channels), start_ns))
-        )
+        return self._merge(channels, lambda container, own: entries_from(container, own, start_ns))
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times of each channel, where all parts know them."""
@@ -70,28 +69,20 @@ class Parts:
         """Count a fault unless `key`, the place, was counted under the same code before."""
         self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
-    @staticmethod
-    def _entries(part: _Part, entries: Iterator[Entry]) -> Iterator[Entry]:
-        first = part.offset * _IDS
-        for entry in entries:
-            yield entry._replace(part=part.offset, channel=first + entry.channel)
+    def _merge(
+        self, channels: frozenset[int], read: Callable[[Container, frozenset[int]], Iterator[Entry]]
+    ) -> Iterator[Entry]:
+        own = [frozenset(id_ % _IDS for id_ in channels if id_ // _IDS == part.offset) for part in self._parts]
 
-    def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:
-        return frozenset(id_ % _IDS for id_ in channels if id_ // _IDS == part.offset)
+        def load(part: _Part) -> Iterator[Entry]:
+            for entry in read(part.container, own[part.offset]):
+                yield entry._replace(part=part.offset, channel=part.offset * _IDS + entry.channel)
+
+        return merge_blocks([part for part in self._parts if own[part.offset]], load)
 
     @staticmethod
     def _by_id(maps: Sequence[Mapping[int, T]]) -> dict[int, T]:
         return {i * _IDS + id_: value for i, values in enumerate(maps) for id_, value in values.items()}
-
-
-def _start_ns(container: Container) -> int:
-    """Log time before which the container has no message."""
-    entry = next(container.entries(frozenset(container.channels)), None)
-    return 0 if entry is None else entry.log_ns
-
-
-LOG_JSON = "log.json"
-_METADATA = "metadata.yaml"  # Of rosbag2
 
 
 def open_log(path: Path, faults: FaultLog, topics: Sequence[str] = (), setup: Setup | None = None) -> LogReader:
@@ -117,7 +108,12 @@ def open_container(path: Path, faults: FaultLog) -> Container:
 
 def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
     """Open one file, whose single messages may be compressed too."""
-    start = _start(path)
+    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+        raise LogError(f"{path}: not a regular file", "LOG001")
+    try:
+        start = _start(path)
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
     if start.startswith(b"SQLite format 3\x00"):
         from fbench.replay.logs.containers.rosbag.sqlite import Db3File
 
@@ -126,8 +122,6 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
         from fbench.replay.logs.containers.rosbag.bag1 import Ros1Bag
 
         return Ros1Bag(path, faults)
-    from fbench.replay.logs.containers.mcap.file import McapFile
-
     file = McapFile(path, faults)
     if not compression:
         return file
@@ -137,13 +131,8 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
 
 
 def _start(path: Path) -> bytes:
-    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-        raise LogError(f"{path}: not a regular file", "LOG001")
-    try:
-        with path.open("rb") as file:
-            return file.read(16)
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+    with path.open("rb") as file:
+        return file.read(16)
 
 
 def _folder(path: Path, faults: FaultLog) -> Container:
@@ -159,9 +148,6 @@ def _folder(path: Path, faults: FaultLog) -> Container:
     for name in missing_numbers(bags):
         faults.add("LOG011", f"{path.name}: '{name}'")
     return Parts(path, [_file(bag, faults) for bag in bags], faults)
-
-
-_MAX_NS = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -183,18 +169,14 @@ def storage(container: Container, times: Mapping[int, Int64] | None) -> Storage:
         blocks, is_stored = container.index.blocks, container.index.is_stored
         names = sorted({block.compression or "none" for block in blocks}) if is_stored else None
         return Storage("MCAP", num_bytes, None if names is None else tuple(names), len(blocks), is_stored)
-    return Storage(_form(container), num_bytes, is_indexed=times is not None)
-
-
-def _form(container: Container) -> str:
-    path = container.path
-    if path.is_dir():
-        return "Parquet" if (path / "log.json").is_file() else "folder"
-    with path.open("rb") as file:
-        start = file.read(16)
-    if start.startswith(b"#ROSBAG"):
-        return "ROS 1 bag"
-    return "rosbag2 (SQLite)" if start.startswith(b"SQLite") else path.suffix.removeprefix(".") or "file"
+    if container.path.is_dir():
+        form = "Parquet" if (container.path / LOG_JSON).is_file() else "folder"
+    elif (start := _start(container.path)).startswith(b"#ROSBAG"):
+        form = "ROS 1 bag"
+    else:
+        is_sqlite = start.startswith(b"SQLite")
+        form = "rosbag2 (SQLite)" if is_sqlite else container.path.suffix.removeprefix(".") or "file"
+    return Storage(form, num_bytes, is_indexed=times is not None)
 
 
 def read_log_times(container: Container) -> dict[int, Int64]:
