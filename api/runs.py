@@ -19,7 +19,7 @@ from fbench.replay.data.scores import score_rows
 from fbench.replay.engine.clock import Clock, make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
-from fbench.replay.engine.read_ahead import opened_ahead
+from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import VariantEntry, describe_host
 from fbench.replay.runs.redaction import public_name, public_pipeline
@@ -245,7 +245,7 @@ def replay(
             failed=failed,
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
-        with opened_ahead(options.log.open, faults, options.read_ahead) as reader:
+        with open_ahead(options.log.open, faults, options.read_ahead) as reader:
             folder = request.out or default_folder(request, reader.info)
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)

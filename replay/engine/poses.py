@@ -3,6 +3,7 @@
 from array import array
 from bisect import bisect_left, insort
 from collections import deque
+from operator import attrgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -29,8 +30,7 @@ class FramePoses:
     def __init__(self, name: str | None) -> None:
         """Begin; `name` is that of the stream, `None` where the log has none."""
         self._name = name
-        self._recent: list[Pose] = []
-        """By stamp."""
+        self._recent: list[Pose] = []  # By stamp
         self._waiting: deque[tuple[int, int]] = deque()
         self._values = array("d")
         self._num_known = 0
@@ -45,18 +45,19 @@ class FramePoses:
 
     def add(self, pose: Pose) -> None:
         """Take a pose; of several streams that of the first name counts."""
-        if pose.sensor != self._name or not _is_sane(pose):
+        is_finite = np.isfinite(pose.translation_m).all() and np.isfinite(pose.rotation_xyzw).all()
+        if pose.sensor != self._name or not (is_finite and np.any(pose.rotation_xyzw)):
             return
         if self._recent and pose.stamp_ns < self._recent[-1].stamp_ns - MAX_BACK_NS:
             self.finish()
             self._recent.clear()
-        insort(self._recent, pose, key=_stamp)
+        insort(self._recent, pose, key=attrgetter("stamp_ns"))
         while self._waiting and self._waiting[0][1] <= pose.stamp_ns:
             index, stamp_ns = self._waiting.popleft()
             self._set(index, self._at(stamp_ns))
         oldest_ns = self._recent[-1].stamp_ns - MAX_KEPT_NS
         if self._recent[0].stamp_ns < oldest_ns - MAX_BACK_NS:  # not at every pose
-            del self._recent[: bisect_left(self._recent, oldest_ns, key=_stamp)]
+            del self._recent[: bisect_left(self._recent, oldest_ns, key=attrgetter("stamp_ns"))]
 
     def finish(self) -> None:
         """No pose of this clock comes any more: what waits gets the last one, if that is near."""
@@ -84,7 +85,7 @@ class FramePoses:
         return pose_of(np.array(self._values[NUM * index : NUM * index + NUM]))
 
     def _at(self, stamp_ns: int) -> Float64:
-        place = bisect_left(self._recent, stamp_ns, key=_stamp)
+        place = bisect_left(self._recent, stamp_ns, key=attrgetter("stamp_ns"))
         around = self._recent[max(place - 1, 0) : place + 1]
         if len(around) == 2 and place > 0:
             return pose_between(around[0], around[1], stamp_ns)
@@ -99,16 +100,6 @@ class FramePoses:
 def pose_of(value: Float64) -> Float64 | None:
     """Return the matrix (4, 4) of seven numbers; `None` where they are NaN."""
     return None if np.isnan(value).any() else pose_matrix(value[:3], value[3:])
-
-
-def _stamp(pose: Pose) -> int:
-    return pose.stamp_ns
-
-
-def _is_sane(pose: Pose) -> bool:
-    return bool(np.isfinite(pose.translation_m).all() and np.isfinite(pose.rotation_xyzw).all()) and bool(
-        np.any(pose.rotation_xyzw)
-    )
 
 
 def _near(pose: Pose, stamp_ns: int) -> Float64:

@@ -36,7 +36,7 @@ def make_limit(text: str) -> int | None:
 
 
 @contextmanager
-def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
+def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
     """Open a log and read ahead while the `with` block runs.
 
     Args:
@@ -75,8 +75,13 @@ class _Queue(Generic[R]):
 
     def put(self, item: _Item[R]) -> bool:
         """Wait for room and append; `False` where nobody wants it any more."""
+
+        def has_room() -> bool:
+            full = self._limit is not None and len(self._items) >= self._limit
+            return not self._items or (not full and self._num_bytes + item.num_bytes <= MAX_BYTES)
+
         with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._has_room(item))
+            self._changed.wait_for(lambda: self._closed or has_room())
             if self._closed:
                 return False
             self._items.append(item)
@@ -101,12 +106,6 @@ class _Queue(Generic[R]):
             self._closed = True
             self._items.clear()
             self._changed.notify_all()
-
-    def _has_room(self, item: _Item[R]) -> bool:
-        if not self._items:
-            return True
-        full = self._limit is not None and len(self._items) >= self._limit
-        return not full and self._num_bytes + item.num_bytes <= MAX_BYTES
 
 
 class AheadReader:
@@ -151,7 +150,14 @@ class AheadReader:
         self._running = (thread, queue)
         thread.start()
         try:
-            yield from self._deliver(queue)
+            while True:
+                item = queue.get()
+                item.faults.tell(self._faults)
+                if isinstance(item.content, BaseException):
+                    raise item.content
+                if item.content is None:
+                    return
+                yield item.content
         finally:
             self.stop()
 
@@ -178,28 +184,16 @@ class AheadReader:
             self._staged.tell(self._faults)
         return value
 
-    def _deliver(self, queue: _Queue[R]) -> Iterator[R]:
-        while True:
-            item = queue.get()
-            item.faults.tell(self._faults)
-            if isinstance(item.content, BaseException):
-                raise item.content
-            if item.content is None:
-                return
-            yield item.content
-
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
         """Runs in the thread."""
         end: BaseException | None = None
         try:
             for message in messages():
-                if not queue.put(_Item(message, self._staged.taken(), _num_bytes(message))):
+                values = [getattr(message, f.name) for f in fields(message)]
+                num_bytes = sum(v.nbytes for v in values if isinstance(v, np.ndarray))
+                num_bytes += sum(len(v) for v in values if isinstance(v, bytes))
+                if not queue.put(_Item(message, self._staged.taken(), num_bytes)):
                     return
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
             end = error
         queue.put(_Item(end, self._staged.taken(), 0))
-
-
-def _num_bytes(message: Message | RigChange | Tick) -> int:
-    values = (getattr(message, f.name) for f in fields(message))
-    return sum(v.nbytes if isinstance(v, np.ndarray) else len(v) if isinstance(v, bytes) else 0 for v in values)

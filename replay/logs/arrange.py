@@ -23,15 +23,15 @@ def arrange(roles: Mapping[int, Role], container: Container, setup: Setup) -> di
     _require_once(setup)
     found = _choose_sensors(roles, container, setup) if setup.sensors else dict(roles)
     if setup.pose:
-        _require_topics("body.pose", (setup.pose,), found, (*_POSES, "transform"), container, setup)
+        _require_topics(f"{setup.source}: body.pose", (setup.pose,), found, (*_POSES, "transform"), container)
         poses = {id_: role for id_, role in sorted(found.items()) if role.kind in _POSES and role.topic == setup.pose}
         # Transforms stay what they are, since they may tell the rig as well: see `TfPoses`.
         found = {id_: role for id_, role in found.items() if role.kind not in _POSES}
         found |= {id_: replace(role, kind="pose") for id_, role in poses.items()}
     else:
         found = {id_: role for id_, role in found.items() if role.kind != "odometry"}
-    _require_topics("truth.topics", setup.truth_topics or (), found, _BOXES, container, setup)
-    _require_topics("results.topics", setup.result_topics, found, _BOXES, container, setup)
+    _require_topics(f"{setup.source}: truth.topics", setup.truth_topics or (), found, _BOXES, container)
+    _require_topics(f"{setup.source}: results.topics", setup.result_topics, found, _BOXES, container)
     for id_, role in found.items():
         is_result = role.topic in setup.result_topics
         if role.kind in _BOXES and (is_result or setup.truth_topics is not None):  # else their names tell
@@ -98,18 +98,17 @@ def _require_sensor(where: str, sensor: SensorSetup, roles: Mapping[int, Role], 
 
 
 def _require_topics(
-    key: str, topics: Iterable[str], roles: Mapping[int, Role], kinds: Collection[str], container: Container,
-    setup: Setup,
-) -> None:  # fmt: skip
+    where: str, topics: Iterable[str], roles: Mapping[int, Role], kinds: Collection[str], container: Container
+) -> None:
     there = {role.topic: role.kind for _, role in sorted(roles.items())}
     for topic in topics:
         if there.get(topic) in kinds:
             continue
         if topic not in {channel.topic for channel in container.channels.values()}:
             hint = did_you_mean(topic, [name for name, kind in there.items() if kind in kinds])
-            raise ConfigError(f"{setup.source}: {key}: the log has no topic '{topic}'{hint}", "CFG001")
+            raise ConfigError(f"{where}: the log has no topic '{topic}'{hint}", "CFG001")
         what = there.get(topic, "something that can't be read")
-        raise ConfigError(f"{setup.source}: {key}: topic '{topic}' holds {what}", "CFG001")
+        raise ConfigError(f"{where}: topic '{topic}' holds {what}", "CFG001")
 
 
 def apply_setup(message: Message, setup: Setup) -> Message:

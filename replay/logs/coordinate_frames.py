@@ -26,9 +26,8 @@ class Edge:
 
     def equals(self, other: "Edge") -> bool:
         """Tell whether both are the same, bit for bit."""
-        return (self.parent, self.translation_m.tobytes(), self.rotation_xyzw.tobytes()) == (
-            other.parent, other.translation_m.tobytes(), other.rotation_xyzw.tobytes(),
-        )  # fmt: skip
+        pairs = (self.translation_m, other.translation_m), (self.rotation_xyzw, other.rotation_xyzw)
+        return self.parent == other.parent and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
 def tree_of(rig: Rig) -> "TransformTree":

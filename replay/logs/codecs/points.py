@@ -1,7 +1,8 @@
 """Packed fields of points: names and meanings, as drivers write them, and the sweeps and radar scans that they hold."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -44,34 +45,28 @@ class PointField(NamedTuple):
     code: int  # Number of its type
 
 
+@dataclass(frozen=True, eq=False)
 class Columns:
-    """The fields of points by name in lower case; the first one of a name counts.
+    """The fields of points by name in lower case; the first one of a name counts."""
 
-    Args:
-        fields: All fields.
-        types: NumPy's name of each type, by its number.
-        data: Points in rows: a view, of which only what is asked for is copied.
-        shape: Rows, and points a row.
-        steps: Bytes from row to row, and from point to point.
-        order: Of the bytes, `<` or `>`.
-    """
+    fields: Sequence[PointField]
+    types: Mapping[int, str]  # NumPy's name of each type, by its number
+    data: memoryview  # Points in rows: a view, of which only what is asked for is copied
+    shape: tuple[int, int]  # Rows, and points a row
+    steps: tuple[int, int]  # Bytes from row to row, and from point to point
+    order: str = "<"  # Of the bytes
 
-    def __init__(
-        self, fields: Iterable[PointField], types: Mapping[int, str], data: memoryview, shape: tuple[int, int],
-        steps: tuple[int, int], order: str = "<",
-    ) -> None:  # fmt: skip
-        self._types, self._data, self._shape, self._steps, self._order = types, data, shape, steps, order
-        self._fields: dict[str, PointField] = {}
-        for field in fields:
-            self._fields.setdefault(field.name.lower(), field)
+    @cached_property
+    def _by_name(self) -> Mapping[str, PointField]:
+        return {field.name.lower(): field for field in reversed(self.fields)}
 
     def xyz(self) -> Float32:
         """Coordinates (N, 3) float32. Raises PointsError where x, y or z is missing or lies outside the points."""
-        missing = [axis for axis in "xyz" if axis not in self._fields]
+        missing = [axis for axis in "xyz" if axis not in self._by_name]
         if missing:
             raise PointsError(f"points have no field {', '.join(missing)}")
-        x, y, z = axes = [self._fields[axis] for axis in "xyz"]
-        is_float = all(self._types.get(field.code) == "f4" for field in axes)
+        x, y, z = axes = [self._by_name[axis] for axis in "xyz"]
+        is_float = all(self.types.get(field.code) == "f4" for field in axes)
         if is_float and (y.offset, z.offset) == (x.offset + 4, x.offset + 8):
             return self._copy(z, width=3)
         return np.stack([_cast(self._copy(field)[:, 0], "f4") for field in axes], axis=1)
@@ -80,7 +75,7 @@ class Columns:
         """The first of these fields that is there, (N,), converted to `dtype` if given; `None` where none is. Raises
         PointsError where the field has an unknown type or lies outside the points.
         """
-        field = next((self._fields[name] for name in names if name in self._fields), None)
+        field = next((self._by_name[name] for name in names if name in self._by_name), None)
         if field is None:
             return None
         column = self._copy(field)[:, 0]
@@ -88,16 +83,16 @@ class Columns:
 
     def _copy(self, field: PointField, width: int = 1) -> Array:
         """Copy (N, width) consecutive values of each point, those of `field` the last ones."""
-        if field.code not in self._types:
+        if field.code not in self.types:
             raise PointsError(f"field '{field.name}' has an unknown type {field.code}")
-        dtype = np.dtype(self._order + self._types[field.code])
-        if 0 in self._shape:
+        dtype = np.dtype(self.order + self.types[field.code])
+        if 0 in self.shape:
             return np.zeros((0, width), dtype.newbyteorder("="))
-        if field.offset + dtype.itemsize > self._steps[1]:
-            raise PointsError(f"field '{field.name}' lies outside the points of {self._steps[1]} bytes")
+        if field.offset + dtype.itemsize > self.steps[1]:
+            raise PointsError(f"field '{field.name}' lies outside the points of {self.steps[1]} bytes")
         start = field.offset - (width - 1) * dtype.itemsize
         # One opaque item for all values of a point: two to three times faster than copying each by itself.
-        view: Array = np.ndarray(self._shape, f"V{width * dtype.itemsize}", self._data, start, self._steps)
+        view: Array = np.ndarray(self.shape, f"V{width * dtype.itemsize}", self.data, start, self.steps)
         values = np.array(view, order="C").reshape(-1, 1).view(dtype)
         return values.astype(dtype.newbyteorder("="), copy=False)
 
@@ -181,7 +176,7 @@ def _fitting(ns: Float64) -> Array | None:
     return np.rint(ns).astype(np.int32) if fits else None
 
 
-C = TypeVar("C", PointCloud, RadarScan)
+C = TypeVar("C", bound=PointCloud | RadarScan)
 
 
 def only_finite(cloud: C) -> C:

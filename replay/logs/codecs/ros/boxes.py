@@ -199,11 +199,10 @@ def marker_boxes(message: Any, encoding: str, origin: Origin) -> TruthPart:
     markers = [m for m in get(message, "markers") if get(m, "type") == _CUBE and get(m, "action") == _ADD]
     heads = [header(marker, encoding) for marker in markers]
     poses, ids = [get(marker, "pose") for marker in markers], [get(marker, "id") for marker in markers]
-    found = Boxes3D(
-        _vectors(poses, "position"), _vectors(markers, "scale"), **_orientation(poses),
-        **labels([str(get(marker, "text") or get(marker, "ns")) for marker in markers]),
-        track_id=track_ids(ids) if len(set(ids)) == len(ids) else None,
-    )  # fmt: skip
+    place = _vectors(poses, "position"), _vectors(markers, "scale")
+    columns = _orientation(poses) | labels([str(get(marker, "text") or get(marker, "ns")) for marker in markers])
+    columns["track_id"] = track_ids(ids) if len(set(ids)) == len(ids) else None
+    found = Boxes3D(*place, **columns)
     newest_ns = max((head.stamp_ns for head in heads), default=0)
     return _part(check_boxes(found), newest_ns, origin, [head.frame_id for head in heads])
 
