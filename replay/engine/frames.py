@@ -10,7 +10,7 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import Rig, RigChange
 from fbench.replay.engine.cleaning import Skipped, SkippedMessages, clean
-from fbench.replay.engine.clock import Clock
+from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams, choose_reference
 from fbench.replay.engine.poses import FramePoses
@@ -32,7 +32,7 @@ class FrameStream:
         sync: SyncParams,
         stamps: StampParams,
         excerpt: Excerpt,
-        clock: Clock,
+        clock: VirtualClock,
         faults: FaultLog,
         sensors: Sequence[str] = (),
         max_between_ns: int = 0,
