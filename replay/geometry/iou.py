@@ -107,7 +107,8 @@ def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool
     """
     from fbench.replay.geometry.compiled import iou_blocks  # numba takes a while to import
 
-    return iou_blocks(_rows(a), _rows(b), comparable(a), comparable(b), start_a, start_b, solid)
+    rows_a, rows_b = (np.ascontiguousarray(boxes, np.float64) for boxes in (a, b))
+    return iou_blocks(rows_a, rows_b, comparable(a), comparable(b), start_a, start_b, solid)
 
 
 def comparable(boxes: Float64) -> Bool:
@@ -125,7 +126,3 @@ def upright(boxes: Boxes3D) -> Float64:
 def _iou(a: Boxes3D, b: Boxes3D, solid: bool) -> Float64:
     start_a, start_b = (np.array([0, len(boxes)], np.int64) for boxes in (a, b))
     return flat_iou(upright(a), upright(b), start_a, start_b, solid).reshape(len(a), len(b))
-
-
-def _rows(boxes: Float64) -> Float64:
-    return np.ascontiguousarray(boxes, np.float64)
