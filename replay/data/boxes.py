@@ -84,16 +84,8 @@ class Boxes3D(_Rows):
 
     def __post_init__(self) -> None:
         three: tuple[str, Shape] = ("f8", ("N", 3))
-        freeze_fields(
-            self,
-            center_m=three,
-            size_lwh_m=three,
-            yaw_rad=_ONE,
-            roll_rad=_ONE,
-            pitch_rad=_ONE,
-            velocity_mps=three,
-            **_COMMON,
-        )
+        angles = {"yaw_rad": _ONE, "roll_rad": _ONE, "pitch_rad": _ONE}
+        freeze_fields(self, center_m=three, size_lwh_m=three, **angles, velocity_mps=three, **_COMMON)
 
     def __len__(self) -> int:
         return len(self.center_m)
@@ -139,15 +131,8 @@ class Boxes2D(_Rows):
 
     def __post_init__(self) -> None:
         four: tuple[str, Shape] = ("f8", ("N", 4))
-        freeze_fields(
-            self,
-            camera=_TEXT,
-            xyxy_px=four,
-            visible_xyxy_px=four,
-            distance_m=_ONE,
-            range_rate_mps=_ONE,
-            **_COMMON,
-        )
+        radial = {"distance_m": _ONE, "range_rate_mps": _ONE}
+        freeze_fields(self, camera=_TEXT, xyxy_px=four, visible_xyxy_px=four, **radial, **_COMMON)
 
     def __len__(self) -> int:
         return len(self.xyxy_px)
@@ -174,24 +159,18 @@ B = TypeVar("B", "Boxes2D", "Boxes3D")
 
 
 def concatenate(parts: list[B]) -> B:
-    """Join boxes of one type; an optional field must be present in all non-empty parts or in none.
-
-    Raises:
-        DataError: where an optional field is present only in some parts.
-    """
+    """Join boxes of one type. Raises DataError where an optional field is present only in some non-empty parts."""
     full = [part for part in parts if len(part)] or parts[:1]
     if not full:
         raise DataError("concatenate: expected at least one part, got none")
-    names = set().union(*(part.arrays() for part in full))
     joined: dict[str, Any] = {}
     for f in fields(full[0]):
-        if f.name in names:
-            absent = [part for part in full if getattr(part, f.name) is None]
-            if absent:
-                raise DataError(
-                    f"{type(full[0]).__name__}.{f.name}: expected in all {len(full)} parts, absent in {len(absent)}"
-                )
-            joined[f.name] = np.concatenate([getattr(part, f.name) for part in full])
+        present = [array for part in full if (array := getattr(part, f.name)) is not None]
+        if present and len(present) < len(full):
+            what = f"expected in all {len(full)} parts, absent in {len(full) - len(present)}"
+            raise DataError(f"{type(full[0]).__name__}.{f.name}: {what}")
+        if present:
+            joined[f.name] = np.concatenate(present)
     return type(full[0])(**joined)
 
 
