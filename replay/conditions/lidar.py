@@ -42,9 +42,8 @@ class FogReturn:
 
     @cached_property
     def switch_m(self) -> float:
-        """r*: the echo of the fog is stronger than that of every target farther away, whatever its reflectivity.
-
-        Solves r^2 (beta / beta_0) J = exp(-2 alpha r) for r from 5 m on, which holds for any fog of 10 m and more.
+        """r*: the echo of the fog is stronger than that of every target farther away, whatever its reflectivity. Solves
+        r^2 (beta / beta_0) J = exp(-2 alpha r) for r from 5 m on, which holds for any fog of 10 m and more.
         """
         middle = np.sqrt(TARGET / (self.beta_per_m * self.integral_s[-1]))
         return float(lambertw(self.alpha_per_m * middle).real / self.alpha_per_m)
@@ -82,9 +81,8 @@ def fog_return(alpha_per_m: float, visibility_m: float) -> FogReturn:
 
 
 def fog_echoes(fog: FogReturn, range_m: Array, rng: np.random.Generator) -> FogEchoes:
-    """Return what beams to targets at `range_m` (N,) [m] receive; echoes of fog lie at R_f + 10 m Beta(2, 20).
-
-    Hahner's bounded scatter; here never behind the target.
+    """Return what beams to targets at `range_m` (N,) [m] receive; echoes of fog lie at R_f + 10 m Beta(2, 20). Hahner's
+    bounded scatter; here never behind the target.
     """
     hard, soft = fog.hard_strength(range_m), fog.soft_strength(range_m)
     is_soft = soft > hard
@@ -95,10 +93,9 @@ def fog_echoes(fog: FogReturn, range_m: Array, rng: np.random.Generator) -> FogE
 
 
 def _convolution(alpha_per_m: float) -> Float64:
-    """Integrate sin^2(pi t / 2 tau) exp(-2 alpha x) / x^2 xi(x) over t, x = R - c t / 2, at every R of the grid.
-
-    With sin^2 a = (1 - cos 2a) / 2 and the cosine of a difference it is made of three running sums; the pulse is
-    longer than the grid, so that none of them ever loses its beginning.
+    """Integrate sin^2(pi t / 2 tau) exp(-2 alpha x) / x^2 xi(x) over t, x = R - c t / 2, at every R of the grid. With
+    sin^2 a = (1 - cos 2a) / 2 and the cosine of a difference it is made of three running sums; the pulse is longer than
+    the grid, so that none of them ever loses its beginning.
     """
     x = np.arange(round(CONSTANT_FROM_M / _STEP_M) + 1) * _STEP_M
     fog = np.exp(-2 * alpha_per_m * x) * np.clip((x - NEAR_M) / (FULL_M - NEAR_M), 0, 1) / np.maximum(x, NEAR_M) ** 2
@@ -183,7 +180,6 @@ def _strongest_drops(
     rain_mm_h: float, extinction_per_m: float, floor: float, num_beams: int, rng: np.random.Generator
 ) -> tuple[Array, Float64, Float64]:
     """Draw all drops in beams of endless length whose echo is above the floor: a Poisson process along each beam.
-
     Returns the strongest of every beam that has one: the beam, how far away it is [m] and the power of its echo.
     """
     rate = drop_rate_per_mm(rain_mm_h)

@@ -46,18 +46,16 @@ class Weather:
 
 
 def koschmieder_per_m(visibility_m: float) -> float:
-    """Return the extinction [1/m] of air with a meteorological optical range: ln 20 / MOR.
-
-    The contrast of a dark object falls to 5 % there (Koschmieder 1924; WMO-No. 8, chapter 9).
+    """Return the extinction [1/m] of air with a meteorological optical range: ln 20 / MOR. The contrast of a dark
+    object falls to 5 % there (Koschmieder 1924; WMO-No. 8, chapter 9).
     """
     return log(20) / visibility_m
 
 
 def rain_extinction_per_m(rain_mm_h: float) -> float:
-    """Return the extinction [1/m] of rain: 3.65e-4 R^0.63, for visible light and near infrared alike.
-
-    The geometric cross-sections of Marshall and Palmer's drops (1948), each counted twice, since drops are large
-    against the wavelength; within 10 % of Ulbrich and Atlas (1985), 1.45 R^0.64 dB/km.
+    """Return the extinction [1/m] of rain: 3.65e-4 R^0.63, for visible light and near infrared alike. The geometric
+    cross-sections of Marshall and Palmer's drops (1948), each counted twice, since drops are large against the
+    wavelength; within 10 % of Ulbrich and Atlas (1985), 1.45 R^0.64 dB/km.
     """
     return float(3.65e-4 * rain_mm_h**0.63)
 
@@ -110,10 +108,9 @@ _LIQUID_77 = 3.15  # Attenuation of fog at 77 GHz and 10 C [dB/km per g/m^3] (IT
 
 
 def radar_rain_db_per_km(rain_mm_h: float, frequency_ghz: float = 77.0) -> float:
-    """Return how rain weakens vertically polarised waves, one way: k R^a (ITU-R P.838-3).
-
-    Between the recommendation's frequencies k is interpolated in the logarithms of both, a in that of the frequency.
-    Raises ConfigError where the frequency isn't within 24 to 81 GHz.
+    """Return how rain weakens vertically polarised waves, one way: k R^a (ITU-R P.838-3). Between the recommendation's
+    frequencies k is interpolated in the logarithms of both, a in that of the frequency. Raises ConfigError where the
+    frequency isn't within 24 to 81 GHz.
     """
     at, known = _log_frequency(frequency_ghz), np.log(_GHZ)
     k = np.exp(np.interp(at, known, np.log(_K)))
@@ -126,10 +123,9 @@ def liquid_water_g_m3(extinction_per_m: float) -> float:
 
 
 def fog_db_per_km(extinction_per_m: float, frequency_ghz: float = 77.0) -> float:
-    """Return how fog of an extinction of light weakens radar waves, one way, at 10 C (ITU-R P.840).
-
-    Droplets are small against the wavelength: the attenuation follows the water alone. Away from 77 GHz it is scaled
-    by f^1.75, the slope of the recommendation's curve between 24 and 81 GHz within some 10 %.
+    """Return how fog of an extinction of light weakens radar waves, one way, at 10 C (ITU-R P.840). Droplets are small
+    against the wavelength: the attenuation follows the water alone. Away from 77 GHz it is scaled by f^1.75, the slope
+    of the recommendation's curve between 24 and 81 GHz within some 10 %.
     """
     _log_frequency(frequency_ghz)
     return float(_LIQUID_77 * (frequency_ghz / 77.0) ** 1.75 * liquid_water_g_m3(extinction_per_m))

@@ -21,11 +21,9 @@ MAX_TEXT = 1000
 
 
 def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
-    """Return `value` as a read-only array of `dtype` and `shape`.
-
-    A letter in `shape` stands for a size that must agree between all fields of one object; `sizes` holds those met so
-    far and is extended. Casts that lose nothing are made, others refused. Raises DataError naming field, expected and
-    got.
+    """Return `value` as a read-only array of `dtype` and `shape`. A letter in `shape` stands for a size that must agree
+    between all fields of one object; `sizes` holds those met so far and is extended. Casts that lose nothing are made,
+    others refused. Raises DataError naming field, expected and got.
     """
     array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
     fits = array.ndim == len(shape) and _castable(array, wanted)

@@ -35,9 +35,8 @@ def labels(names: Sequence[str]) -> dict[str, Any]:
 
 
 def label(name: str) -> str:
-    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`.
-
-    Without a name there is no class: such boxes are scored as those of sensors that know none.
+    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`. Without a
+    name there is no class: such boxes are scored as those of sensors that know none.
     """
     return _LABELS.get(_plain(name), "other") if name.strip() else ""
 

@@ -118,7 +118,6 @@ def decode(image: Image) -> Pixels | None:
 
 def decode_grey(image: Image) -> Pixels | None:
     """Decode to (H, W) uint8; of a JPEG that is the brightness it stores, which takes less than half of the time.
-
     `None` as `decode` gives it.
     """
     if image.encoding not in LAYOUTS and max(image.size_wh) > 0 and image.size_wh[0] * image.size_wh[1] <= MAX_PIXELS:
@@ -164,9 +163,7 @@ def scale_down(pixels: Pixels, max_width: int) -> Pixels:
 
 
 def encoded_format(data: bytes | memoryview) -> str:
-    """Return `jpeg`, `png` or `webp` as the first bytes say, whatever name an image has. Raises DecodeError where it is
-    none of them.
-    """
+    """Return `jpeg`, `png` or `webp` as the first bytes say. Raises DecodeError where an image is none of them."""
     head = bytes(data[:12])
     if head.startswith(b"\x89PNG\r\n\x1a\n"):
         return "png"

@@ -42,9 +42,7 @@ def regions_text(regions: Sequence[Region]) -> str:
 
 
 def regions_of(metadata: Mapping[str, str]) -> tuple[Region, ...]:
-    """Return the regions that a log's metadata hold; none where they say nothing of them. Raises LogError where the
-    text isn't what `regions_text` makes.
-    """
+    """Return a log's regions, if it has any. Raises LogError where the text isn't what `regions_text` makes."""
     try:
         regions: list[Region] = []
         for row in json.loads(metadata.get(REGIONS, "[]")):

@@ -118,7 +118,5 @@ class LogInfo:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Where road users are expected, in world coordinates; none where the log doesn't say. Raises LogError where
-        the metadata say it in another form than ours.
-        """
+        """Where road users are expected, in world coordinates. Raises LogError where metadata have another form."""
         return regions_of(self.metadata)

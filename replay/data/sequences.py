@@ -15,9 +15,8 @@ Space = Literal["2d", "3d", "both"]  # Where boxes are compared: in images, or i
 
 @dataclass(frozen=True, eq=False)
 class Objects:
-    """N boxes of one side, truth or estimates, in the order of their steps; a field is `None` where nobody knows it.
-
-    A box has a rectangle in an image, a solid in space, or both (KITTI's rows have both).
+    """N boxes of one side, truth or estimates, in the order of their steps; a field is `None` where nobody knows it. A
+    box has a rectangle in an image, a solid in space, or both (KITTI's rows have both).
     """
 
     step: Int64
@@ -112,9 +111,8 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """What one log, sequence or scene holds for one kind of results.
-
-    Only labeled frames are there: those without truth are left out, and counted in `num_unlabeled`.
+    """What one log, sequence or scene holds for one kind of results. Only labeled frames are there: those without truth
+    are left out, and counted in `num_unlabeled`.
     """
 
     name: str  # As its source calls it: unique within an evaluation

@@ -44,9 +44,7 @@ class SkippedMessages:
         insort(self._by_stamp.setdefault(message.sensor, []), message, key=attrgetter("stamp_ns"))
 
     def reason(self, sensor: str, stamp_ns: int, frame_number: int | None) -> str | None:
-        """Why the sensor's message of this frame was skipped; `None` where there was none: by frame number where both
-        have one, else by nearest stamp.
-        """
+        """Why a frame's message was skipped, if one was: by frame number where both have one, else by nearest stamp."""
         if frame_number is not None and (found := self._by_number.get((sensor, frame_number))):
             return found.reason
         messages = self._by_stamp.get(sensor, [])
@@ -61,9 +59,7 @@ MAX_RANGE_M = 1000.0  # Points farther away are taken as they are, but no sensor
 
 
 def clean(message: Message, rig: Rig, faults: FaultLog) -> Message | Skipped:
-    """Drop points with a non-finite coordinate, clouds that consist mostly of them, and images of another size than
-    their camera's; count all of these.
-    """
+    """Drop and count non-finite points, clouds mostly of such, and images of another size than their camera's."""
     where = f"{message.sensor} at {message.stamp_ns} ns"
     if isinstance(message, Image):
         camera = rig.cameras.get(message.sensor)

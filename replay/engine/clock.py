@@ -24,10 +24,7 @@ class Pace:
 
 
 class VirtualClock:
-    """Log time passes as fast as the pipeline works.
-
-    What passed doesn't count pauses of the log of more than `max_gap_ns`.
-    """
+    """Log time passes as fast as the pipeline works. Pauses of the log of more than `max_gap_ns` don't count."""
 
     def __init__(self, max_gap_ns: int = MAX_GAP_NS, now_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self._max_gap_ns, self._now_ns = max_gap_ns, now_ns
@@ -57,9 +54,8 @@ class VirtualClock:
 
 
 class PacedClock(VirtualClock):
-    """Log time passes `rate` times as fast as the wall clock; waits are absolute, so that no drift adds up.
-
-    A pause in the log of more than `max_gap_ns` isn't waited for.
+    """Log time passes `rate` times as fast as the wall clock; waits are absolute, so that no drift adds up. A pause in
+    the log of more than `max_gap_ns` isn't waited for.
     """
 
     def __init__(

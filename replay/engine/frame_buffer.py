@@ -178,10 +178,9 @@ class FrameBuffer:
         return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
-        """Open the frame at the instant of a message of the reference sensor, as recorded.
-
-        Yields the frames of the segment that ends where a gap or a jump of the clock is. A message that is merely out
-        of order, or a repeated stamp, opens no frame, so that time never stands still or runs back within a segment.
+        """Open the frame at the instant of a message of the reference sensor, as recorded. Yields the frames of the
+        segment that ends where a gap or a jump of the clock is. A message that is merely out of order, or a repeated
+        stamp, opens no frame, so that time never stands still or runs back within a segment.
         """
         stamp = message.stamp_ns
         step_ns = 1 if self._last_stamp_ns is None else stamp - self._last_stamp_ns
@@ -217,9 +216,7 @@ class FrameBuffer:
             self.segment, self._first_of_segment = self.segment + 1, self.num_frames
 
     def add(self, message: Message) -> Iterator[Frame]:
-        """Put one message into the frame that it belongs to, or keep it until that frame opens, but not for longer than
-        a segment can pause.
-        """
+        """Put a message into its frame, or keep it until that opens, but not for longer than a segment can pause."""
         if message.sensor not in self._unused:
             return
         yield from self.advance(message.log_ns)
@@ -259,9 +256,8 @@ class FrameBuffer:
         return min(arrivals, default=frame.opened_ns) + self._params.timeout_ns
 
     def _distance_ns(self, message: Message, frame: _Open | _Released) -> int | None:
-        """How far a message is from a frame's instant, or `None` where it doesn't belong there.
-
-        Of frames of which only some have numbers, as keyframes do, a message with a number belongs to no other.
+        """How far a message is from a frame's instant, or `None` where it doesn't belong there. Of frames of which only
+        some have numbers, as keyframes do, a message with a number belongs to no other.
         """
         if message.frame_number is not None and (frame.number is not None or self._is_numbered):
             return 0 if message.frame_number == frame.number else None

@@ -177,9 +177,7 @@ class _Loop:
         return output, None
 
     def require_results(self) -> None:
-        """Refuse to write a run of nothing. Raises LogError without a single frame. Raises RunError where the pipeline
-        failed on every frame.
-        """
+        """Refuse to write nothing. Raises LogError without a frame, RunError where all frames failed."""
         records = self._writer.records
         self.stream.require_frames(self._info.name)
         if all(record.failed is not None for record in records):
@@ -204,9 +202,8 @@ class _Loop:
         self._writer.write_json("faults.json", {**faults, "rows": rows})
 
     def _explain(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never.
-
-        What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never. What comes too
+        late behind the end of an excerpt isn't read, so there 'never' can't be said.
         """
         missing: dict[str, str] = {}
         for sensor, reason in record.missing.items():
@@ -222,9 +219,7 @@ class _Loop:
         return replace(record, missing=missing)
 
     def manifest(self) -> manifest.Manifest:
-        """Say what ran. Raises RunError where the pipeline fails to say what tells it apart, or says what JSON can't
-        hold.
-        """
+        """Say what ran. Raises RunError where the pipeline's identity fails, or is what JSON can't hold."""
         plan, stream, info, records = self._plan, self.stream, self._info, self._writer.records
         identity: dict[str, object] = {}
         if isinstance(plan.pipeline, TellsIdentity):

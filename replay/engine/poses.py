@@ -21,10 +21,9 @@ NUM = 7  # Position [m] and quaternion x, y, z, w
 
 
 class FramePoses:
-    """Keeps seven numbers a frame: interpolated between the poses before and after its instant.
-
-    Positions are interpolated linearly, rotations on the shortest arc. A frame may open long after the poses around it
-    came: a sweep is recorded when it is over, and often stamped as it begins.
+    """Keeps seven numbers a frame: interpolated between the poses before and after its instant. Positions are
+    interpolated linearly, rotations on the shortest arc. A frame may open long after the poses around it came: a sweep
+    is recorded when it is over, and often stamped as it begins.
     """
 
     def __init__(self, name: str | None) -> None:

@@ -18,10 +18,9 @@ EDGES = np.array([(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j) i
 
 
 def curves(points: Float64, num: int, near_m: float) -> Float64:
-    """Points (N, 12, `num`, 3) along the edges of boxes with corners (N, 8, 3) in camera coordinates [m].
-
-    They are evenly spread as seen from the camera. Edges are cut off where they come nearer to the image plane than
-    `near_m`, NaN where nothing is left; with 0 they stay whole.
+    """Points (N, 12, `num`, 3) along the edges of boxes with corners (N, 8, 3) in camera coordinates [m]. They are
+    evenly spread as seen from the camera. Edges are cut off where they come nearer to the image plane than `near_m`,
+    NaN where nothing is left; with 0 they stay whole.
     """
     a, b = points[:, EDGES[:, 0]], points[:, EDGES[:, 1]]
     if near_m > 0:
@@ -63,9 +62,7 @@ def border_hits(points: Float64, rays: Float64, near_m: float) -> Bool:
 
 
 def is_pinhole(camera: CameraModel) -> bool:
-    """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where its distortion isn't
-    modeled.
-    """
+    """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where it isn't modeled."""
     return lens_of(camera) is None
 
 
@@ -79,9 +76,7 @@ def not_projectable(camera: CameraModel) -> str | None:
 
 
 def require_projection(rig: Rig, name: str) -> None:
-    """Refuse a camera into which points can't be projected. Raises LogError where the rig has no intrinsics of it, or
-    its distortion isn't modeled.
-    """
+    """Refuse a camera without projection. Raises LogError without intrinsics, or where distortion isn't modeled."""
     if name not in rig.cameras:
         raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
     why = not_projectable(rig.cameras[name])
@@ -115,9 +110,7 @@ def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
 
 
 def rays(camera: CameraModel, uv: Array) -> Float64:
-    """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does. Raises LogError
-    where the camera's distortion isn't modeled.
-    """
+    """Unit vectors (N, 3) in camera coordinates of pixels (N, 2), NaN without. Raises LogError as `project` does."""
     uv = np.asarray(uv, np.float64)
     y = (uv[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
     x = (uv[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
@@ -129,9 +122,7 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
 
 
 def undistort_pixels(camera: CameraModel, uv: Array) -> Float64:
-    """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see. Raises LogError
-    where the camera's distortion isn't modeled.
-    """
+    """Pixels (N, 2) of a pinhole camera with the same `K`; NaN where unseen. Raises LogError as `project` does."""
     if is_pinhole(camera):
         return np.array(uv, np.float64)
     ray = rays(camera, uv)
@@ -154,10 +145,9 @@ def in_image(camera: CameraModel, uv: Float64) -> Bool:
 
 
 def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:
-    """Outline boxes (body coordinates) in camera `name`, clipped to the image.
-
-    Returns rectangles (N, 4) left, top, right, bottom [px], NaN where not `seen`, and `seen` (N,). The part of a
-    box behind the camera is cut off at `NEAR_M` before it is projected, and so is what its lens doesn't see.
+    """Outline boxes (body coordinates) in camera `name`, clipped to the image. Returns rectangles (N, 4) left, top,
+    right, bottom [px], NaN where not `seen`, and `seen` (N,). The part of a box behind the camera is cut off at
+    `NEAR_M` before it is projected, and so is what its lens doesn't see.
     """
     require_projection(rig, name)
     camera, points = rig.cameras[name], _camera_corners(rig, name, boxes)

@@ -72,9 +72,8 @@ def _iou(one: Float64, other: Float64, solid: bool, room: Float64) -> float:
 
 @kernel
 def _common_area(a: Float64, b: Float64, room: Float64) -> float:
-    """Area in both footprints: b, seen from a, is cut along the sides of a (Sutherland and Hodgman, 1974).
-
-    In a's own axes the cuts are exact, so that slivers and nearly equal boxes keep their digits.
+    """Area in both footprints: b, seen from a, is cut along the sides of a (Sutherland and Hodgman, 1974). In a's own
+    axes the cuts are exact, so that slivers and nearly equal boxes keep their digits.
     """
     x, y = b[0] - a[0], b[1] - a[1]
     cos, sin = math.cos(a[6]), math.sin(a[6])

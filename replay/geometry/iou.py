@@ -13,9 +13,8 @@ _SIGNS = np.array([[1 - 2 * (i & 1), 1 - 2 * (i >> 1 & 1), 1 - 2 * (i >> 2 & 1)]
 
 
 def corners(boxes: Boxes3D) -> Float64:
-    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4.
-
-    R = Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
+    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4. R =
+    Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
     """
     local = boxes.size_lwh_m[:, None, :] * _SIGNS[None]
     x, y, z = local[..., 0], local[..., 1], local[..., 2]
@@ -58,9 +57,8 @@ def distance_bev(a: Array, b: Array) -> Float64:
 
 
 def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
-    """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4).
-
-    A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.
+    """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4). A box that stands on
+    end in `dst` has no unique yaw; it gets the one with roll 0.
     """
     zeros = np.zeros(len(boxes))
     angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
@@ -80,17 +78,15 @@ def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
 
 
 def iou_bev(a: Boxes3D, b: Boxes3D) -> Float64:
-    """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out.
-
-    0 where a box has no area; -inf where one isn't finite or has a negative size.
+    """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out. 0 where a
+    box has no area; -inf where one isn't finite or has a negative size.
     """
     return _iou(a, b, solid=False)
 
 
 def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
-    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out.
-
-    0 where a box has no volume; -inf where one isn't finite or has a negative size.
+    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out. 0 where a box
+    has no volume; -inf where one isn't finite or has a negative size.
     """
     return _iou(a, b, solid=True)
 

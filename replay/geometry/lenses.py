@@ -163,9 +163,8 @@ Lens: TypeAlias = Polynomial | Fisheye
 
 
 def _first_root(ascending: Array) -> float:
-    """Smallest positive real root of a polynomial that is 1 at 0; infinite where there is none.
-
-    Its inverse is the largest root of the polynomial with the coefficients in reverse, whose leading one is 1.
+    """Smallest positive real root of a polynomial that is 1 at 0; infinite where there is none. Its inverse is the
+    largest root of the polynomial with the coefficients in reverse, whose leading one is 1.
     """
     roots = polynomial.polyroots(ascending[::-1])
     real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 1 / _FARTHEST**2)]
@@ -186,7 +185,6 @@ def _invert(
     value: Callable[[Float64], Float64], slope: Callable[[Float64], Float64], wanted: Float64, limit: float
 ) -> Float64:
     """Where a function that grows from 0 at 0 up to `limit` reaches the wanted values (N,); NaN where it doesn't.
-
     Newton's method, kept between bounds by halving.
     """
     low, high = np.zeros(len(wanted)), np.full(len(wanted), limit)
@@ -216,10 +214,9 @@ _ALIASES = {
 
 
 def lens_of(camera: CameraModel) -> Lens | None:
-    """Return the lens that bends a camera's rays; `None`: a pinhole.
-
-    Coefficients that are all zero mean none, but not for a fisheye: it is equidistant then. Raises LogError where the
-    model isn't known, or its coefficients don't fit it.
+    """Return the lens that bends a camera's rays; `None`: a pinhole. Coefficients that are all zero mean none, but not
+    for a fisheye: it is equidistant then. Raises LogError where the model isn't known, or its coefficients don't fit
+    it.
     """
     return _lens(camera.distortion_model, tuple(camera.distortion.tolist()))
 

@@ -64,9 +64,7 @@ def pairs(rig: Rig) -> Sequence[Pair]:
 
 
 def rectify(rig: Rig, pair: Pair) -> Rectified:
-    """Compute how a pair is rectified. Raises LogError where the lens distortion of one isn't modeled, or images are
-    too small to be matched.
-    """
+    """Rectify a pair. Raises LogError where a lens distortion isn't modeled, or images are too small to be matched."""
     import cv2
 
     if min(rig.cameras[pair.left].size_wh) < _MIN_SIDE_PX:

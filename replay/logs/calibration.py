@@ -31,9 +31,7 @@ class LogCalibration:
 
     @cached_property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
-        the camera that isn't calibrated.
-        """
+        """Sensors as the log begins. Raises LogError naming one without transform or calibration."""
         return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
 
     @cached_property

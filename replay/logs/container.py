@@ -108,9 +108,8 @@ class Entry(NamedTuple):
 
 
 class Container(Protocol):
-    """One file, folder or set of files that holds a log; faults of the data are counted once each.
-
-    Files are opened when entries are read and closed afterwards.
+    """One file, folder or set of files that holds a log; faults of the data are counted once each. Files are opened
+    when entries are read and closed afterwards.
     """
 
     @property

@@ -32,10 +32,7 @@ class _Part(NamedTuple):
 
 
 class Parts:
-    """A recording that was split into files; implements `Container`.
-
-    Files are opened when their time comes, so that many of them don't fill the memory.
-    """
+    """Files of a split recording as one `Container`, opened when their time comes so that they don't fill memory."""
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
         self.path, self._faults = path, faults

@@ -72,9 +72,7 @@ class TfSource:
         return self.topic.strip("/")
 
     def poses(self) -> TfPoses | None:
-        """Begin a pass over the log; `None` where the topic has no transforms. Raises LogError where none says where
-        the body is.
-        """
+        """Begin a pass; `None` where the topic has no transforms. Raises LogError where none says where the body is."""
         if not self.channels:
             return None
         state = self.state()
@@ -102,9 +100,7 @@ class TfSource:
 
 
 def of_body(pose: Pose, body_T_child: Float64) -> Pose:
-    """Return the body's pose from that of a coordinate frame which is fixed to it (4, 4). Raises DecodeError where the
-    pose has no valid rotation.
-    """
+    """Return the body's pose from that of a coordinate frame fixed to it. Raises DecodeError without valid rotation."""
     try:
         world_T_child = pose_matrix(pose.translation_m, pose.rotation_xyzw)
     except ValueError as error:

@@ -26,10 +26,8 @@ _TRUTH = ("truth", "detections")
 
 
 class LogReader:
-    """One log; implements `fbench.replay.contracts.protocols.Reader`.
-
-    Holds only blocks that overlap in time. Faults are counted once, however many passes are made. Raises ConfigError
-    where a pattern in `topics` fits nothing.
+    """One log; implements `fbench.replay.contracts.protocols.Reader`. Holds only blocks that overlap in time. Faults
+    are counted once, however many passes are made. Raises ConfigError where a pattern in `topics` fits nothing.
     """
 
     def __init__(
@@ -54,9 +52,7 @@ class LogReader:
 
     @cached_property
     def info(self) -> LogInfo:
-        """Name, id and metadata, without credentials; a log without an id gets one from its topics, schemas and first
-        messages.
-        """
+        """Name, id and metadata, without credentials; a missing id is made of topics, schemas and first messages."""
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
         return LogInfo(without_secrets(self.container.path.stem), without_secrets(log_id), self._calibration.metadata)
@@ -72,9 +68,7 @@ class LogReader:
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
-        the camera that isn't calibrated.
-        """
+        """Sensors as the log begins. Raises LogError naming one without transform or calibration."""
         return self._calibration.rig
 
     @property
@@ -96,9 +90,7 @@ class LogReader:
 
     @cached_property
     def tick_channels(self) -> frozenset[int]:
-        """Channels whose messages give the instants: of a topic with truth, else with results; none where a sensor has
-        a message.
-        """
+        """Channels that give the instants: of a topic with truth, else results; none where sensors have messages."""
         heard = self._channels(*SENSORS)
         if not heard.isdisjoint(id_ for id_, num in self.container.counts.items() if num):
             return frozenset()
@@ -134,9 +126,7 @@ class LogReader:
         return self._events(frozenset(self.container.channels))
 
     def _events(self, channels: frozenset[int], ticks: frozenset[int] = frozenset()) -> Iterator[tuple[Entry, Event]]:
-        """Yield the entries of some channels with what each holds, and before messages and `ticks` where the rig
-        changes.
-        """
+        """Yield entries with what each holds; changes of the rig come before messages and `ticks`."""
         changes, moving = self._calibration.changes(), self._calibration.tf.poses()
         for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
@@ -170,9 +160,7 @@ class LogReader:
                 yield pose
 
     def detections(self, topic: str) -> Iterator[Truth]:
-        """Results of another system; see `fbench.replay.contracts.protocols.BoxReader`. Raises LogError where there is
-        no such topic.
-        """
+        """Results of another system; see `contracts.protocols.BoxReader`. Raises LogError without such a topic."""
         if not topic and self.setup.results is not None:
             return self._read_boxes(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)

@@ -46,10 +46,7 @@ class RigState:
         return self.patch.tree(self.logged, self.setup.body or logged_body)
 
     def take(self, entry: Entry) -> bool:
-        """Take a transform or calibration, replacing what was known; tells whether anything is new.
-
-        A damaged message is counted.
-        """
+        """Take a transform or calibration, and tell whether it says anything new; damaged ones are counted."""
         role = self.roles[entry.channel]
         if role.codec is None or not isinstance(entry.data, memoryview):
             return False

@@ -99,9 +99,7 @@ def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
 
 
 def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
-    """Refuse transforms that none of a log's sensors stands on: their names must be wrong. Raises ConfigError naming
-    the file and the log's sensors.
-    """
+    """Refuse transforms that no sensor stands on: names must be wrong. Raises ConfigError naming file and sensors."""
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
     used = {step for frame in frames for step in tree.trace(frame)}

@@ -77,9 +77,7 @@ class Codecs:
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return the codec for a channel's messages; `None` where fbench has none. Raises DecodeError where the
-        definition of its type is damaged.
-        """
+        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
         if channel.encoding == "protobuf":
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
@@ -128,9 +126,7 @@ def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, R
 
 
 def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
-    """Kind and coordinate frame of a channel with measurements or poses, from the first message that can be read;
-    `None` where there is none.
-    """
+    """Kind and coordinate frame of measurements or poses, from the first readable message, if there is any."""
     if codec.kinds[0] not in (*MESSAGES, "odometry"):
         return Probe(codec.kinds[0], "")
     topic = container.channels[channel].topic

@@ -89,9 +89,7 @@ class StampParams:
 
 
 def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
-    """Read `--stamps` and the `SENSOR=MS` of `--offset`. Raises ConfigError where one can't be understood, or a sensor
-    has two offsets.
-    """
+    """Read `--stamps` and `--offset SENSOR=MS`. Raises ConfigError where one is malformed or given twice."""
     if source not in get_args(StampSource):
         raise ConfigError(f"--stamps {source}: expected 'header' or 'log'")
     given: dict[str, int] = {}

@@ -40,10 +40,9 @@ NO_POSES = PosesIn(are_there=False)
 def in_body(
     part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn = NO_POSES
 ) -> TruthPart:
-    """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
-
-    Boxes in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links
-    the boxes' coordinate frame to the body, poses are in another world, or no camera has it.
+    """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is. Boxes
+    in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links the
+    boxes' coordinate frame to the body, poses are in another world, or no camera has it.
     """
 
     def move(boxes: Boxes3D, frame: str) -> Boxes3D:
@@ -80,9 +79,8 @@ WINDOW = 256  # Truth is put into the order of its stamps within so many, which 
 
 
 def join_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
-    """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`).
-
-    What comes more than `WINDOW` messages late, after a clock that jumped back, stays where it is.
+    """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`). What comes more than `WINDOW`
+    messages late, after a clock that jumped back, stays where it is.
     """
     heap: list[tuple[int, int, int, Truth]] = []
     for i, truth in enumerate(pair_parts(parts)):
@@ -94,9 +92,7 @@ def join_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
 
 
 def pair_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
-    """Join parts in the order in which they come: both have one `log_ns`, and in canonical order the topic of 3D truth
-    comes first.
-    """
+    """Join parts as they come: both have one `log_ns`, and in canonical order the topic of 3D truth comes first."""
     for _, group in groupby(parts, key=lambda part: part.truth.log_ns):
         truths: list[Truth] = []
         waiting: dict[tuple[int, int | None], list[int]] = {}

@@ -1,6 +1,4 @@
-"""Boxes from messages of several programs: scenes of viewers, where boxes are cubes whose entity has metadata, and
-columns of box parts.
-"""
+"""Boxes from messages: scenes of viewers, whose boxes are cubes with metadata, and columns of box parts."""
 
 import re
 from collections.abc import Mapping, Sequence

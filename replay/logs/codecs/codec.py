@@ -54,9 +54,7 @@ class Probe(NamedTuple):
 
 class Codec(Protocol):
     """Decodes the payloads of one channel. Payloads are views of buffers that outlive the call: what is kept of them
-    must be copied, once.
-
-    All methods raise DecodeError where a payload is damaged, and nothing else.
+    must be copied, once. All methods raise DecodeError where a payload is damaged, and nothing else.
     """
 
     @property

@@ -117,9 +117,7 @@ def lidar_sweep(columns: Columns, stamp_ns: int, origin: Origin, offsets: Array 
 
 
 def radar_scan(columns: Columns, stamp_ns: int, origin: Origin) -> RadarScan:
-    """Make a radar scan of points; Doppler is NaN on the sensor's axis where only a vector is given. Raises PointsError
-    as `lidar_sweep` does.
-    """
+    """Make a radar scan; Doppler of a vector is NaN on the sensor's axis. Raises PointsError as `lidar_sweep` does."""
     names = (DOPPLER_FIELDS, RCS_FIELDS, RANGE_FIELDS, AZIMUTH_FIELDS, ALTITUDE_FIELDS)
     xyz, (velocity, rcs, distance, azimuth, altitude) = columns.xyz(), (columns.get(name, "f4") for name in names)
     if velocity is None:

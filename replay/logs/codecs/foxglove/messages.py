@@ -101,10 +101,9 @@ def _pack(points: PointCloud | RadarScan, columns: Mapping[str, Array | None]) -
 
 
 def read_cloud(data: memoryview, origin: Origin) -> PointCloud:
-    """Decode a LiDAR sweep; points are moved by the message's pose where it has one.
-
-    Times of points under other names than that of fbench are read as drivers write them; see `offset_ns`. Raises
-    DecodeError where the message is damaged or has no coordinates.
+    """Decode a LiDAR sweep; points are moved by the message's pose where it has one. Times of points under other names
+    than that of fbench are read as drivers write them; see `offset_ns`. Raises DecodeError where the message is damaged
+    or has no coordinates.
     """
     proto, columns = _read_columns(data)
     return _place(proto, lidar_sweep(columns, _stamp_ns(proto, origin), origin, columns.get(("offset_ns",), "i4")))

@@ -20,9 +20,8 @@ M = TypeVar("M", bound=Proto)
 
 
 def descriptor_set(message: type[Proto]) -> bytes:
-    """Serialise the file that defines `message` with all files it needs, dependencies first.
-
-    Self-contained, so that any MCAP reader can decode the messages without our code.
+    """Serialise the file that defines `message` with all files it needs, dependencies first. Self-contained, so that
+    any MCAP reader can decode the messages without our code.
     """
     files: dict[str, Any] = {}
 

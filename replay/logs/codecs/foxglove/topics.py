@@ -19,9 +19,7 @@ from fbench.replay.logs.coordinate_frames import BODY
 
 
 def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
-    """Decode the coordinate frame and intrinsics of a camera. Raises DecodeError where the message is damaged or the
-    camera isn't calibrated.
-    """
+    """Decode coordinate frame and intrinsics. Raises DecodeError where the message is damaged or not calibrated."""
     proto = parse(CameraCalibration, data)
     if len(proto.K) != 9 or not any(proto.K):
         raise DecodeError(f"camera '{proto.frame_id}' isn't calibrated (K has {len(proto.K)} values)")

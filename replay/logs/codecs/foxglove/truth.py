@@ -78,9 +78,7 @@ def _add_cubes(scene: SceneUpdate, boxes: Boxes3D) -> None:
 
 
 def read_boxes(data: memoryview, kind: type[B]) -> tuple[B | None, dict[str, str]]:
-    """Decode boxes and the metadata of their frame. Raises DecodeError where the message isn't one that `boxes_proto`
-    made.
-    """
+    """Decode boxes and the metadata of their frame. Raises DecodeError where `boxes_proto` didn't make the message."""
     scene = parse(SceneUpdate, data)
     entities = {entity.id: {pair.key: pair.value for pair in entity.metadata} for entity in scene.entities}
     frame = entities.get(FRAME)

@@ -33,7 +33,6 @@ def detections3d(message: Any, encoding: str, origin: Origin) -> TruthPart:
 
 def detections2d(message: Any, encoding: str, origin: Origin) -> TruthPart:
     """Read a Detection2DArray, whose coordinate frame is that of the camera; turned boxes as the rectangle around them.
-
     vision_msgs doesn't say where pixels have their centers: values are taken as they are, centers at integers. Raises
     DecodeError where boxes are in several coordinate frames.
     """
@@ -81,9 +80,7 @@ def _rectangle(box: Any) -> tuple[float, float, float, float]:
 
 
 def radar_tracks(message: Any, encoding: str, origin: Origin) -> TruthPart:
-    """Read a RadarTracks: sizes along the axes of the sensor, so yaw is 0; ids are UUIDs, in the first generation
-    numbers.
-    """
+    """Read a RadarTracks: sizes along the sensor's axes, so yaw is 0; ids are UUIDs, at first numbers."""
     head, parts = header(message, encoding), get(message, "tracks")
     center, size, velocity = (_vectors(parts, name) for name in ("position", "size", "velocity"))
     names = labels([str(get(part, "classification")) for part in parts])
@@ -100,10 +97,9 @@ _POLYGON = 2  # Of Autoware's `Shape.type`; cylinders have their diameter for le
 
 
 def autoware_objects(message: Any, encoding: str, origin: Origin) -> TruthPart:
-    """Read DetectedObjects, TrackedObjects or PredictedObjects (where they are now, not their paths).
-
-    The class is the most probable one, the score the probability that the object exists; velocities are those of the
-    twist, which is given in the object's own axes; of a polygon it is the rectangle around it along the object's axes.
+    """Read DetectedObjects, TrackedObjects or PredictedObjects (where they are now, not their paths). The class is the
+    most probable one, the score the probability that the object exists; velocities are those of the twist, which is
+    given in the object's own axes; of a polygon it is the rectangle around it along the object's axes.
     """
     head, parts = header(message, encoding), get(message, "objects")
     motions = [get(part, "kinematics") for part in parts]

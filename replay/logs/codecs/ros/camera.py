@@ -89,7 +89,6 @@ _MODELS = {"equidistant": "fisheye", "kannala_brandt": "fisheye"}
 
 def camera_model(info: Any, encoding: str) -> tuple[str, CameraModel]:
     """Return coordinate frame and intrinsics of the images published with a CameraInfo: binning and region are applied.
-
     A pixel of b x b binned ones has its center at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
     DecodeError where the camera isn't calibrated, or the numbers can't be those of a camera.
     """

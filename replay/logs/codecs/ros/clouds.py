@@ -33,9 +33,8 @@ class Cloud:
     is_dense: bool  # Whether all points are valid; else those that aren't have NaN for coordinates
 
     def columns(self) -> points.Columns:
-        """The points, row by row for organized clouds. Raises PointsError where sizes don't fit together.
-
-        Some drivers give a wrong `row_step`; without padding the data alone say it.
+        """The points, row by row for organized clouds. Raises PointsError where sizes don't fit together. Some drivers
+        give a wrong `row_step`; without padding the data alone say it.
         """
         row, size = self.width * self.point_step, len(self.data)
         if size != row * self.height or not (size or not self.height * self.width):
@@ -87,10 +86,9 @@ _RETURN = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")
 
 
 def radar_scan(kind: str, message: Any, encoding: str, origin: Origin) -> RadarScan:
-    """Read a RadarScan: azimuth positive to the left, elevation upwards (REP 103), x = r cos(el) cos(az).
-
-    radar_msgs doesn't define the sign of `doppler_velocity`: it counts as positive when receding. `amplitude` is in
-    dB, so `rcs_dbsm` is an uncalibrated magnitude.
+    """Read a RadarScan: azimuth positive to the left, elevation upwards (REP 103), x = r cos(el) cos(az). radar_msgs
+    doesn't define the sign of `doppler_velocity`: it counts as positive when receding. `amplitude` is in dB, so
+    `rcs_dbsm` is an uncalibrated magnitude.
     """
     stamp_ns = header(message, encoding).stamp_ns
     returns = [[get(point, name) for name in _RETURN] for point in get(message, "returns")]

@@ -23,9 +23,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class _Type:
-    """How fbench reads one type of message: functions of the decoded message and its encoding; `None` where the type
-    holds no such thing.
-    """
+    """Functions of decoded messages of a type and their encoding; `None` where the type holds no such thing."""
 
     kinds: tuple[str, ...]
     message: Callable[[str, Any, str, Origin], Message] | None = None

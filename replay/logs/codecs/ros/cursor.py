@@ -19,10 +19,9 @@ class Header(NamedTuple):
 
 
 class Cursor:
-    """Position in a payload. CDR aligns each number to its size, counted from the end of the encapsulation.
-
-    Lengths are checked against the payload before anything is allocated. All methods raise DecodeError where the
-    payload ends early.
+    """Position in a payload. CDR aligns each number to its size, counted from the end of the encapsulation. Lengths are
+    checked against the payload before anything is allocated. All methods raise DecodeError where the payload ends
+    early.
     """
 
     def __init__(self, data: memoryview, encoding: str) -> None:

@@ -14,10 +14,9 @@ Decode = Callable[[memoryview], Any]
 
 
 def decoder(name: str, types: Types, encoding: str) -> Decode:
-    """Return a function from payloads to message objects, whose attributes are the fields.
-
-    The function raises DecodeError where a payload is damaged or larger than `MAX_BYTES`. Raises DecodeError where
-    rosbags can't make code of the types.
+    """Return a function from payloads to message objects, whose attributes are the fields. The function raises
+    DecodeError where a payload is damaged or larger than `MAX_BYTES`. Raises DecodeError where rosbags can't make code
+    of the types.
     """
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
@@ -65,8 +64,6 @@ def stamp_ns(time: Any, encoding: str) -> int:
 
 
 def header(message: Any, encoding: str) -> Header:
-    """Stamp and coordinate frame of a message. Raises DecodeError where it has no header, or the stamp is out of
-    range.
-    """
+    """Stamp and coordinate frame. Raises DecodeError without a header, or where the stamp is out of range."""
     part = get(message, "header")
     return Header(stamp_ns(get(part, "stamp"), encoding), plain_frame(get(part, "frame_id")))
