@@ -25,7 +25,7 @@ class Source(IntFlag):
     S = 8
 
 
-class _Rows:
+class Rows:
     """Selecting rows of a struct of arrays."""
 
     def arrays(self) -> dict[str, Array]:
@@ -34,7 +34,7 @@ class _Rows:
         return {name: value for name, value in named if value is not None}
 
     def __getitem__(self, rows: Array | slice) -> Self:
-        """Select rows by mask, index array or slice."""
+        """Select rows by mask, index array or slice; those of `Objects` must stay in order."""
         return replace(self, **{name: value[rows] for name, value in self.arrays().items()})  # type: ignore[type-var]
 
 
@@ -48,7 +48,7 @@ _COMMON: dict[str, tuple[str, Shape]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes3D(_Rows):
+class Boxes3D(Rows):
     """N boxes in body coordinates at the frame's stamp: x forward, y left, z up."""
 
     center_m: Float64
@@ -103,7 +103,7 @@ class Boxes3D(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes2D(_Rows):
+class Boxes2D(Rows):
     """N boxes in images, of one or several cameras."""
 
     camera: Text

@@ -163,8 +163,7 @@ class FrameBuffer:
         self._released: list[_Released] = []
         self.num_frames, self.segment, self._first_of_segment = 0, 0, 0
         """Frames opened so far, and the segment of the one that opens next, as far as it is known."""
-        self.breaks: list[str] = []
-        """Why each segment after the first begins."""
+        self.breaks: list[str] = []  # Why each segment after the first begins
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
         self._late_ms: dict[tuple[int, str], float] = {}

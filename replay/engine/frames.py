@@ -43,31 +43,25 @@ class FrameStream:
         self._left_out = frozenset(names) - frozenset(chosen)
         self.rig: Rig = whole.without(self._left_out)
         """The chosen sensors; which they are changes neither instants nor segments nor the log's digest."""
-        self.rigs: dict[int, Rig] = {0: whole}
-        """Rig of the log in the first segment and in those from which on another one holds."""
+        self.rigs = {0: whole}  # Of the log, in the first segment and in those from which on another one holds
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
         self.sync = sync = sync.complete_from(reader.info)
-        """How messages are put into frames."""
         self._max_between_ns = max_between_ns
         self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
         stamps.require_known(self._known)
         self.buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)
-        """Which frames there are, and what was late or unused."""
         self._clocks = ClockCheck(self.reference, stamps)
-        self.digest = Digest()
-        """Of all messages and truth that were read."""
+        self.digest = Digest()  # Of all messages and truth that were read
         self._start_ns: int | None = None
         self._num_released = 0
         self._stop, self._waits = excerpt.stop, excerpt.is_whole
         self._instants: list[Instant] = []
-        self.poses = FramePoses(min(reader.poses, default=None))
-        """Of all frames that were opened."""
+        self.poses = FramePoses(min(reader.poses, default=None))  # Of all frames that were opened
         self.skipped = SkippedMessages(sync.tolerance_ns)
         self.num_between = 0
         """Frames that have no truth of their own, but got some from the truths around them; see `TruthTimes`."""
-        self.is_cut = False
-        """Whether reading stopped before the log's end."""
+        self.is_cut = False  # Whether reading stopped before the log's end
 
     def frames(self, reader: Reader) -> Iterator[Frame]:
         """Read the log and yield the chosen frames. Raises LogError where the clocks of sensors differ."""

@@ -49,7 +49,7 @@ def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: 
         return
     staged = StagedFaults()
     try:
-        ahead = AheadReader(open_log(staged), staged, faults, limit)
+        ahead = _AheadReader(open_log(staged), staged, faults, limit)
         try:
             yield ahead
         finally:
@@ -90,7 +90,6 @@ class _Queue(Generic[R]):
             return True
 
     def get(self) -> _Item[R]:
-        """Wait for the next item."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._items)
             if not self._items:
@@ -108,7 +107,7 @@ class _Queue(Generic[R]):
             self._changed.notify_all()
 
 
-class AheadReader:
+class _AheadReader:
     """A reader that reads ahead of whoever iterates over its messages; only one thread uses the log at a time."""
 
     def __init__(self, reader: Reader, staged: StagedFaults, faults: FaultLog, limit: int | None) -> None:
@@ -117,22 +116,18 @@ class AheadReader:
 
     @property
     def info(self) -> LogInfo:
-        """Name, id and metadata."""
         return self._describe(self._reader.info)
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins."""
         return self._describe(self._reader.rig)
 
     @property
     def num_messages(self) -> Mapping[str, int]:
-        """Messages of each sensor and stream of poses, by name."""
         return self._describe(self._reader.num_messages)
 
     @property
     def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
         return self._describe(self._reader.poses)
 
     def messages(self) -> Iterator[Message | RigChange]:
@@ -140,7 +135,6 @@ class AheadReader:
         return self._ahead(self._reader.messages)
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
-        """The same with the instants of boxes."""
         return self._ahead(self._reader.events)
 
     def _ahead(self, messages: Callable[[], Iterator[R]]) -> Iterator[R]:
@@ -185,7 +179,6 @@ class AheadReader:
         return value
 
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
-        """Runs in the thread."""
         end: BaseException | None = None
         try:
             for message in messages():

@@ -140,8 +140,7 @@ def in_image(camera: CameraModel, uv: Float64) -> Bool:
     """Tell which pixels (N, 2) lie inside the image; NaN doesn't."""
     width, height = camera.size_wh
     u, v = uv[:, 0], uv[:, 1]
-    inside: Bool = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
-    return inside
+    return np.asarray((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5), np.bool_)
 
 
 def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:

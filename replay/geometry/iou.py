@@ -38,8 +38,7 @@ def iou_2d(a: Array, b: Array) -> Float64:
     overlap *= _common(a[:, 1], a[:, 3], b[:, 1], b[:, 3])
     area_a, area_b = (np.maximum(r[:, 2] - r[:, 0], 0) * np.maximum(r[:, 3] - r[:, 1], 0) for r in (a, b))
     union = area_a[:, None] + area_b[None, :] - overlap
-    iou: Float64 = np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
-    return iou
+    return np.asarray(np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0), np.float64)
 
 
 def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) -> Float64:
@@ -52,8 +51,7 @@ def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) ->
 def distance_bev(a: Array, b: Array) -> Float64:
     """Distance (N, M) [m] in the ground plane between centers (N, 2 or 3) and (M, 2 or 3)."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
-    return distance
+    return np.asarray(np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1]), np.float64)
 
 
 def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
@@ -110,8 +108,7 @@ def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool
 def comparable(boxes: Float64) -> Bool:
     """Tell which upright boxes (N, 7) are finite and have no negative size."""
     finite: Bool = np.all(np.abs(np.nan_to_num(boxes, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
-    sound: Bool = finite & np.all(boxes[:, 3:6] >= 0, axis=1)
-    return sound
+    return np.asarray(finite & np.all(boxes[:, 3:6] >= 0, axis=1), np.bool_)
 
 
 def upright(boxes: Boxes3D) -> Float64:

@@ -31,7 +31,7 @@ class _Part(NamedTuple):
     container: Container
 
 
-class Parts:
+class _Parts:
     """Files of a split recording as one `Container`, opened when their time comes so that they don't fill memory."""
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
@@ -45,25 +45,20 @@ class Parts:
         self.rigs: Sequence[tuple[int, Rig]] = ()
 
     def entries(self, channels: frozenset[int]) -> Iterator[Entry]:
-        """All messages of these channels in canonical order."""
         return self._merge(channels, lambda container, own: container.entries(own))
 
     def entries_from(self, channels: frozenset[int], start_ns: int) -> Iterator[Entry]:
-        """All messages of these channels from a log time on, in canonical order."""
         return self._merge(channels, lambda container, own: entries_from(container, own, start_ns))
 
     def log_times(self) -> Mapping[int, Int64] | None:
-        """Log times of each channel, where all parts know them."""
         times = [part.container.log_times() for part in self._parts]
         return None if any(t is None for t in times) else self._by_id([t for t in times if t is not None])
 
     def verify(self) -> None:
-        """Check all parts."""
         for part in self._parts:
             part.container.verify()
 
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
-        """Count a fault unless `key`, the place, was counted under the same code before."""
         self._faults.once(code, (str(self.path), *key), f"{self.path.name}: {where}")
 
     def _merge(
@@ -138,13 +133,13 @@ def _folder(path: Path, faults: FaultLog) -> Container:
 
     if is_recording(path):
         parts = rosbag2_files(path, faults)
-        return Parts(path, [_file(part.path, faults, part.compression) for part in parts], faults)
+        return _Parts(path, [_file(part.path, faults, part.compression) for part in parts], faults)
     bags = by_number(p for p in path.iterdir() if p.suffix == ".bag" and p.is_file())
     if not bags:
         raise LogError(f"{path}: no log (a folder without {LOG_JSON} and without .mcap, .db3 or .bag files)", "LOG001")
     for name in missing_numbers(bags):
         faults.add("LOG011", f"{path.name}: '{name}'")
-    return Parts(path, [_file(bag, faults) for bag in bags], faults)
+    return _Parts(path, [_file(bag, faults) for bag in bags], faults)
 
 
 @dataclass(frozen=True)

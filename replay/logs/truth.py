@@ -34,12 +34,7 @@ class PosesIn:
         return True
 
 
-NO_POSES = PosesIn(are_there=False)
-
-
-def in_body(
-    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn = NO_POSES
-) -> TruthPart:
+def in_body(part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn) -> TruthPart:
     """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is. Boxes
     in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links the
     boxes' coordinate frame to the body, poses are in another world, or no camera has it.

@@ -141,8 +141,7 @@ def along_ray(xyz: Float32, vx: Float64, vy: Float64) -> Float32:
     """Radial velocity (N,) of vectors in the sensor's coordinates: (x vx + y vy) / hypot(x, y), NaN on its axis."""
     x, y = xyz[:, 0].astype(np.float64), xyz[:, 1].astype(np.float64)
     with np.errstate(all="ignore"):  # what isn't finite is dealt with where it matters
-        radial: Float32 = ((x * vx + y * vy) / np.hypot(x, y)).astype(np.float32)
-    return radial
+        return np.asarray((x * vx + y * vy) / np.hypot(x, y), np.float32)
 
 
 _NS_PER_S = 1_000_000_000

@@ -52,11 +52,11 @@ _SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
     is_own = KIND in channel.metadata
-    return FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _KINDS else None
+    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _KINDS else None
 
 
 @dataclass(frozen=True)
-class FoxgloveCodec:
+class _FoxgloveCodec:
     """Decodes the messages of one schema; see `Codec`."""
 
     schema: str
@@ -65,7 +65,6 @@ class FoxgloveCodec:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What the channel can be."""
         return _KINDS[self.schema]
 
     def probe(self, data: memoryview) -> Probe:
@@ -84,7 +83,6 @@ class FoxgloveCodec:
         return Probe(kind, proto.frame_id)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
-        """Decode a measurement or pose."""
         match self.schema, kind:
             case "foxglove.RawImage", _:
                 return messages.read_raw_image(data, origin)
@@ -98,7 +96,6 @@ class FoxgloveCodec:
                 return messages.read_pose(data, origin)
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
-        """Decode one or several transforms: child and its pose in the parent."""
         return [
             (proto.child_frame_id, Edge(proto.parent_frame_id, *messages.arrays(proto.translation, proto.rotation)))
             for proto in self._transforms(data)
@@ -114,7 +111,6 @@ class FoxgloveCodec:
         return [parse(FrameTransform, data)]
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
-        """Decode the coordinate frame and intrinsics of a camera."""
         return read_calibration(data)
 
     def truth(self, data: memoryview, origin: Origin) -> TruthPart:

@@ -80,13 +80,13 @@ def ros_codec(channel: Channel) -> Codec | None:
         return None
     types = types_of(name, channel.schema, encoding)
     if (layout := known.layout) is None:
-        return RosCodec(name, known, encoding, decoder(name, types, encoding))
+        return _RosCodec(name, known, encoding, decoder(name, types, encoding))
     if types == types_of(name, None, encoding):
-        return RosCodec(name, known, encoding, lambda data: layout(data, encoding))
+        return _RosCodec(name, known, encoding, lambda data: layout(data, encoding))
     raise DecodeError(f"definition of {name} isn't the standard one")
 
 
-class RosCodec:
+class _RosCodec:
     """Implements `Codec` for one type of message, `pkg/msg/Name`."""
 
     def __init__(self, name: str, known: _Type, encoding: str, decode: Decode) -> None:
@@ -94,7 +94,6 @@ class RosCodec:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What the channel can be."""
         return self._type.kinds
 
     def probe(self, data: memoryview) -> Probe:
@@ -108,7 +107,6 @@ class RosCodec:
             return read(kind, self._decode(data), self._encoding, origin)
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
-        """Decode transforms: child and its pose in the parent."""
         with self._guard(self._type.transforms, "transform") as read:
             return read(self._decode(data))
 
@@ -118,7 +116,6 @@ class RosCodec:
             return read(self._decode(data), self._encoding)
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
-        """Decode the coordinate frame and intrinsics of a camera."""
         with self._guard(self._type.calibration, "calibration") as read:
             return read(self._decode(data), self._encoding)
 
