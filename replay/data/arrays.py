@@ -26,7 +26,9 @@ def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: 
     others refused. Raises DataError naming field, expected and got.
     """
     array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
-    fits = array.ndim == len(shape) and _castable(array, wanted)
+    is_same = array.dtype.kind == "U" if wanted.kind == "U" else array.dtype == wanted
+    can_cast = wanted.kind != "U" and np.can_cast(array.dtype, wanted, "safe")
+    fits = array.ndim == len(shape) and (is_same or array.size == 0 or can_cast)
     if fits:
         for want, have in zip(shape, array.shape, strict=True):
             fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
@@ -56,9 +58,3 @@ def freeze_fields(owner: object, **specs: tuple[str, Shape]) -> None:
         if value is not None:
             array = check_array(type(owner).__name__, name, value, dtype, shape, sizes)
             object.__setattr__(owner, name, array)
-
-
-def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
-    if dtype.kind == "U":
-        return array.dtype.kind == "U" or array.size == 0
-    return array.dtype == dtype or array.size == 0 or np.can_cast(array.dtype, dtype, "safe")

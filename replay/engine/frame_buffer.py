@@ -53,20 +53,15 @@ def make_sync_params(
     """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`. Raises ConfigError
     where a duration isn't a number, or negative.
     """
-    return SyncParams(
-        reference,
-        timeout_ns=SyncParams.timeout_ns if timeout_ms is None else _to_ns("--timeout-ms", timeout_ms, 1e6),
-        tolerance_ns=_to_ns("--tolerance-ms", tolerance_ms, 1e6),
-        max_gap_ns=_to_ns("--max-gap-s", max_gap_s, 1e9),
-        is_default_timeout=timeout_ms is None,
-    )
-
-
-def _to_ns(option: str, value: float, unit_ns: float) -> int:
-    """Infinity becomes longer than any log."""
-    if not value >= 0:
-        raise ConfigError(f"{option} {value}: expected a duration, such as 20")
-    return round(min(value * unit_ns, 1e18))
+    durations: list[int] = []
+    asked = (("--timeout-ms", timeout_ms, 1e6), ("--tolerance-ms", tolerance_ms, 1e6), ("--max-gap-s", max_gap_s, 1e9))
+    for option, value, unit_ns in asked:
+        if value is not None and not value >= 0:
+            raise ConfigError(f"{option} {value}: expected a duration, such as 20")
+        # Infinity becomes longer than any log.
+        durations.append(SyncParams.timeout_ns if value is None else round(min(value * unit_ns, 1e18)))
+    timeout_ns, tolerance_ns, max_gap_ns = durations
+    return SyncParams(reference, timeout_ns, tolerance_ns, max_gap_ns, is_default_timeout=timeout_ms is None)
 
 
 def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:

@@ -32,7 +32,7 @@ class FramePoses:
         self._recent: list[Pose] = []  # By stamp
         self._waiting: deque[tuple[int, int]] = deque()
         self._values = array("d")
-        self._num_known = 0
+        self.is_known = False  # Whether any frame has a pose
 
     def open(self, index: int, stamp_ns: int) -> None:
         """Take the next frame; its pose may come later."""
@@ -74,11 +74,6 @@ class FramePoses:
         """(N, 7) of all frames, the first one's first; NaN where unknown."""
         return np.array(self._values, np.float64).reshape(-1, NUM)
 
-    @property
-    def is_known(self) -> bool:
-        """Whether any frame has a pose."""
-        return self._num_known > 0
-
     def world_T_body(self, index: int) -> Float64 | None:
         """Pose (4, 4) at a frame; `None` where unknown."""
         return pose_of(np.array(self._values[NUM * index : NUM * index + NUM]))
@@ -92,7 +87,7 @@ class FramePoses:
 
     def _set(self, index: int, value: Float64) -> None:
         if not np.isnan(value[0]):
-            self._num_known += 1
+            self.is_known = True
             self._values[NUM * index : NUM * index + NUM] = array("d", value.tolist())
 
 

@@ -106,9 +106,8 @@ class LogReader:
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
-        for _, event in self._events(self._channels(*MESSAGES) | self._calibration.tf.channels):
-            if event is not None and not isinstance(event, TruthPart):
-                yield event
+        events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels)
+        yield from (event for _, event in events if event is not None and not isinstance(event, TruthPart))
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes, in a log without measurements."""

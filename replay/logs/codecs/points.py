@@ -112,7 +112,7 @@ def lidar_sweep(columns: Columns, stamp_ns: int, origin: Origin, offsets: Array 
         offsets = offset_ns(times, stamp_ns)
     return PointCloud(
         origin.sensor, stamp_ns, origin.log_ns, columns.xyz(), columns.get(INTENSITY_FIELDS, "f4"),
-        ring_numbers(columns.get(RING_FIELDS)), offsets, origin.frame_number,
+        _ring_numbers(columns.get(RING_FIELDS)), offsets, origin.frame_number,
     )  # fmt: skip
 
 
@@ -122,26 +122,22 @@ def radar_scan(columns: Columns, stamp_ns: int, origin: Origin) -> RadarScan:
     xyz, (velocity, rcs, distance, azimuth, altitude) = columns.xyz(), (columns.get(name, "f4") for name in names)
     if velocity is None:
         vx, vy = (columns.get((name,), "f8") for name in VECTOR_FIELDS)
-        velocity = None if vx is None or vy is None else along_ray(xyz, vx, vy)
+        if vx is not None and vy is not None:  # (x vx + y vy) / hypot(x, y) in the sensor's coordinates
+            x, y = xyz[:, 0].astype(np.float64), xyz[:, 1].astype(np.float64)
+            with np.errstate(all="ignore"):  # what isn't finite is dealt with where it matters
+                velocity = np.asarray((x * vx + y * vy) / np.hypot(x, y), np.float32)
     return RadarScan(
         origin.sensor, stamp_ns, origin.log_ns, xyz, velocity, rcs, distance, azimuth, altitude, origin.frame_number
     )
 
 
-def ring_numbers(column: Array | None) -> Array | None:
+def _ring_numbers(column: Array | None) -> Array | None:
     """Numbers of the lasers (N,) uint16; `None` where they aren't such numbers."""
     if column is None or column.dtype == np.uint16:
         return column
     if not np.all((column >= 0) & (column <= np.iinfo(np.uint16).max) & (column == np.trunc(column))):
         return None
     return column.astype(np.uint16)
-
-
-def along_ray(xyz: Float32, vx: Float64, vy: Float64) -> Float32:
-    """Radial velocity (N,) of vectors in the sensor's coordinates: (x vx + y vy) / hypot(x, y), NaN on its axis."""
-    x, y = xyz[:, 0].astype(np.float64), xyz[:, 1].astype(np.float64)
-    with np.errstate(all="ignore"):  # what isn't finite is dealt with where it matters
-        return np.asarray((x * vx + y * vy) / np.hypot(x, y), np.float32)
 
 
 _NS_PER_S = 1_000_000_000
@@ -181,6 +177,6 @@ def only_finite(cloud: C) -> C:
     if np.isfinite(cloud.xyz).all():
         return cloud
     good = np.isfinite(cloud.xyz).all(axis=1)
-    values = {f.name: getattr(cloud, f.name) for f in fields(cloud)}
-    points: dict[str, Any] = {name: v[good] for name, v in values.items() if isinstance(v, np.ndarray)}
+    arrays = ((f.name, v) for f in fields(cloud) if isinstance(v := getattr(cloud, f.name), np.ndarray))
+    points: dict[str, Any] = {name: array[good] for name, array in arrays}
     return replace(cloud, **points)

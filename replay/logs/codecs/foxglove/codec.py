@@ -32,27 +32,23 @@ _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
 
-_KINDS: Mapping[str, tuple[str, ...]] = {
-    "foxglove.CompressedImage": ("camera",),
-    "foxglove.RawImage": ("camera",),
-    "foxglove.PointCloud": ("lidar", "radar"),
-    "foxglove.PoseInFrame": ("pose",),
-    "foxglove.CameraCalibration": ("calibration",),
-    "foxglove.FrameTransform": ("transform",),
-    "foxglove.FrameTransforms": ("transform",),
-    "foxglove.SceneUpdate": ("truth", "detections"),
+_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | CloudProto] | None]] = {
+    "foxglove.CompressedImage": (("camera",), CompressedImage),
+    "foxglove.RawImage": (("camera",), RawImage),
+    "foxglove.PointCloud": (("lidar", "radar"), CloudProto),
+    "foxglove.PoseInFrame": (("pose",), None),
+    "foxglove.CameraCalibration": (("calibration",), None),
+    "foxglove.FrameTransform": (("transform",), None),
+    "foxglove.FrameTransforms": (("transform",), None),
+    "foxglove.SceneUpdate": (("truth", "detections"), None),
 }
-_SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
-    "foxglove.CompressedImage": CompressedImage,
-    "foxglove.RawImage": RawImage,
-    "foxglove.PointCloud": CloudProto,
-}
+"""What channels of a schema can be, and the messages of those with bulk data."""
 
 
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
     is_own = KIND in channel.metadata
-    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _KINDS else None
+    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _SCHEMAS else None
 
 
 @dataclass(frozen=True)
@@ -65,16 +61,16 @@ class _FoxgloveCodec:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        return _KINDS[self.schema]
+        return _SCHEMAS[self.schema][0]
 
     def probe(self, data: memoryview) -> Probe:
         """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
         kind = self.kinds[0]
         if self.schema == "foxglove.PoseInFrame":
             return Probe(kind, "", messages.pose_frame(data))
-        if self.schema not in _SENSORS:
+        message = _SCHEMAS[self.schema][1]
+        if message is None:
             return Probe(kind, "")
-        message = _SENSORS[self.schema]
         proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
