@@ -149,15 +149,9 @@ def rain_echoes(
     """Return what beams to targets receive; one that meets no target has a reflectivity of 0 or an infinite range.
 
     The range noise is 0.09 m / sqrt(2 P / P_min). Exact, though only those drops are drawn whose echo is above the
-    floor: the sizes of larger drops are exponential too.
-
-    Args:
-        rain_mm_h: rain rate, 0 without rain: then echoes are only weakened, lost and noisy.
-        extinction_per_m: of all that is in the air.
-        range_m: (N,) of the targets.
-        reflectivity: (N,) of the targets, 0 to 1, with the cosine of incidence.
-        rng: draws all chances.
-        sensor_range_m: how far a reflectivity of 90 % is seen in vacuum.
+    floor: the sizes of larger drops are exponential too. `extinction_per_m` is that of all in the air; `range_m` (N,)
+    and `reflectivity` (N,), 0 to 1 with the cosine of incidence, are of the targets; `sensor_range_m` is how far a
+    reflectivity of 90 % is seen in vacuum. Without rain echoes are only weakened, lost and noisy.
     """
     floor = power_floor(sensor_range_m)
     power = np.zeros(len(range_m))

@@ -61,12 +61,9 @@ def rain_extinction_per_m(rain_mm_h: float) -> float:
 
 
 def through_air(light: Array, share: Array, airlight: Array) -> Array:
-    """Return what is seen through air: I' = I t + L (1 - t) (Koschmieder).
+    """Return what is seen through air: I' = I t + L (1 - t) (Koschmieder), of the linear light I (..., 3) of surfaces.
 
-    Args:
-        light: (..., 3) linear light that leaves the surfaces.
-        share: (...) t, what of it arrives, see `transmission`.
-        airlight: (3,) L, the light of fog of endless depth, in the unit of `light`.
+    `share` (...) is t, what of it arrives, see `transmission`; `airlight` (3,) is L, that of fog of endless depth.
     """
     t = share[..., None]
     return np.asarray(light * t + airlight * (1 - t))

@@ -26,11 +26,7 @@ class Skipped(NamedTuple):
 
 
 class SkippedMessages:
-    """Keeps them so that finding one takes no longer in a long log.
-
-    Args:
-        tolerance_ns: How far a stamp may be from the instant of its frame [ns].
-    """
+    """Keeps them so that finding one is quick in a long log, up to `tolerance_ns` from the instant of its frame."""
 
     def __init__(self, tolerance_ns: int) -> None:
         self._tolerance_ns = tolerance_ns

@@ -68,20 +68,11 @@ def replay(
     overwrite: bool = False,
     complete: Callable[[Path], None] = lambda folder: None,
 ) -> Path:
-    """Replay a log into a pipeline and write the run folder; returns its path.
+    """Replay a log into a pipeline as planned and write the run folder; returns its path.
 
-    Args:
-        reader: The log.
-        plan: What to run and how.
-        folder: Where the run goes.
-        faults: Where faults are counted, those of the reader too.
-        overwrite: Replace a run that is there.
-        complete: Adds to the folder, scores for instance, before it gets its name.
-
-    Raises:
-        ConfigError: where the folder exists or can't be written.
-        LogError: where the log can't be used by this pipeline.
-        RunError: where the pipeline keeps failing.
+    `faults` counts those of the reader too; `overwrite` replaces a run that is there; `complete` adds to the folder,
+    scores for instance, before it gets its name. Raises ConfigError where the folder exists or can't be written,
+    LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
     with RunWriter(folder, overwrite) as writer:
         loop = _Loop(reader, plan, faults, writer)

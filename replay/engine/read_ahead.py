@@ -37,12 +37,9 @@ def make_limit(text: str) -> int | None:
 
 @contextmanager
 def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
-    """Open a log and read ahead while the `with` block runs.
+    """Open a log and read ahead while the `with` block runs; faults are counted when their message is delivered.
 
-    Args:
-        open_log: Opens it, given where its faults are counted.
-        faults: Where they are counted when their message is delivered.
-        limit: Messages that may wait; 0: don't read ahead, `None`: as many as fit into `MAX_BYTES`.
+    At most `limit` messages wait; 0: don't read ahead, `None`: as many as fit into `MAX_BYTES`.
     """
     if limit == 0:
         yield open_log(faults)

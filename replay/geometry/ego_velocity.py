@@ -31,15 +31,9 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     """Find the velocity that makes the most points stationary: v_r = -d . v for unit vectors d (N, 3) in body axes.
 
     After D. Kellner et al., "Instantaneous ego-motion estimation using Doppler radar", ITSC 2013; instead of RANSAC all
-    forward speeds up to 45 m/s are tried, so that nothing is random, then the agreeing points refine it.
-
-    Args:
-        directions: From the radar to its points.
-        speed_mps: (N,) radial velocities, positive receding [m/s].
-        period_mps: With which they alias; `None`: unambiguous.
-
-    Returns:
-        `None` with fewer than eight points.
+    forward speeds up to 45 m/s are tried, so that nothing is random, then the agreeing points refine it. `directions`
+    lead from the radar to its points, `speed_mps` (N,) is positive receding and aliases with `period_mps`, `None`:
+    unambiguous. `None` with fewer than eight points.
     """
     known = np.isfinite(speed_mps)
     d, v = directions[known, :2], speed_mps[known]

@@ -92,12 +92,8 @@ def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
 def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool) -> Float64:
     """Intersection over union of the pairs of S steps, flat: step by step, row-major, one row a box of `a`.
 
-    Args:
-        a: (N, 7) upright boxes: center x, y, z, length, width, height [m], heading [rad].
-        b: (M, 7)
-        start_a: (S + 1,) offsets: step s has rows `start_a[s]:start_a[s + 1]` of `a`.
-        start_b: (S + 1,)
-        solid: In space; else of the footprints.
+    `a` (N, 7) and `b` (M, 7) are upright boxes: center x, y, z, length, width, height [m], heading [rad]; step s has
+    rows `start_a[s]:start_a[s + 1]` of `a`, likewise of `b`. `solid`: in space; else of the footprints.
     """
     from fbench.replay.geometry.compiled import iou_blocks  # numba takes a while to import
 

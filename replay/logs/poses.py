@@ -21,11 +21,7 @@ _MAX_SEARCHED = 2000  # So many messages are searched for the world
 class TfPoses:
     """Composes the way from the body to the world, transform by transform; made anew for every pass over a log.
 
-    Args:
-        sensor: Name of the stream of poses.
-        tree: Transforms that hold from the beginning, the static ones.
-        body: Coordinate frame of the body.
-        world: That of the world.
+    `sensor` names the stream of poses; `tree` has the transforms that hold from the beginning, the static ones.
     """
 
     def __init__(self, sensor: str, tree: TransformTree, body: str, world: str) -> None:

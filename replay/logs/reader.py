@@ -26,22 +26,17 @@ _TRUTH = ("truth", "detections")
 
 
 class LogReader:
-    """One log; implements `fbench.replay.contracts.protocols.Reader`. Holds only blocks that overlap in time. Faults
-    are counted once, however many passes are made. Raises ConfigError where a pattern in `topics` fits nothing.
+    """One log; implements `fbench.replay.contracts.protocols.Reader`.
+
+    `topics` are patterns of those that are read, all where there are none; `faults` counts those of files beside the
+    log, the container its own: once, however many passes are made. Holds only blocks that overlap in time. Raises
+    ConfigError where a pattern fits nothing.
     """
 
     def __init__(
         self, container: Container, topics: Sequence[str] = (), setup: Setup | None = None,
         faults: FaultLog | None = None,
     ) -> None:  # fmt: skip
-        """Open a log.
-
-        Args:
-            container: Its messages.
-            topics: Patterns of those that are read; all where there are none.
-            setup: What the user says about the log.
-            faults: Where faults of files beside the log are counted; the container counts its own.
-        """
         self.container, self.setup, self.faults = container, setup or Setup(), faults or FaultLog()
         if container.header is not None and self.setup.body not in ("", BODY):
             raise ConfigError(f"{self.setup.source}: body.frame: in a log that fbench wrote it is '{BODY}'")

@@ -53,11 +53,8 @@ class FittedPatch:
         return TransformTree({**logged.edges, **own})
 
     def on(self, rig: Rig, kinds: Mapping[str, Kind]) -> Rig:
-        """Return a rig with the patch's mounts and cameras; what it doesn't change stays bit for bit.
-
-        Args:
-            rig: What the log says.
-            kinds: Of all sensors, by name, those too that the rig lacks.
+        """Return a rig with the patch's mounts and cameras; what it doesn't change stays bit for bit. `kinds` has
+        all sensors by name, those too that the rig lacks.
         """
         tree = self.tree(tree_of(rig), BODY)
         mounts = dict(rig.mounts)

@@ -108,11 +108,8 @@ def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
 
 
 class ClockCheck:
-    """Compares the clocks of sensors where each speaks first: the skew between its stamp and the time of recording.
-
-    Args:
-        reference: With whose clock the others are compared.
-        params: Sensors with an offset are trusted.
+    """Compares the clocks of sensors with that of `reference` where each speaks first: the skew between its stamp and
+    the time of recording. Sensors with an offset are trusted.
     """
 
     def __init__(self, reference: str, params: StampParams) -> None:
