@@ -29,8 +29,7 @@ class FogReturn:
 
     alpha_per_m: float  # Extinction of the air, all that is in it
     beta_per_m: float  # Backscatter of the fog, 0.046 / MOR
-    integral_s: Float64
-    """J(r) at multiples of 5 mm from 0 to 5 m: the largest convolution of pulse and fog up to r."""
+    integral_s: Float64  # J(r) at multiples of 5 mm from 0 to 5 m: the largest convolution of pulse and fog up to r
 
     def __post_init__(self) -> None:
         freeze_fields(self, integral_s=("f8", ("K",)))

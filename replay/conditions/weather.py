@@ -9,8 +9,7 @@ from fbench.replay.conditions.lidar import FogReturn, fog_return
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Array
 
-CLEAR_MOR_M = 20_000.0
-"""Visibility of clear air [m]: 20 km, where haze is no longer spoken of (WMO)."""
+CLEAR_MOR_M = 20_000.0  # Visibility of clear air [m]: 20 km, where haze is no longer spoken of (WMO)
 _LIMITS = {
     "visibility_m": (10.0, 100_000.0),
     "rain_mm_h": (0.0, 300.0),

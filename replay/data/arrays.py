@@ -16,8 +16,7 @@ Bool = NDArray[np.bool_]
 Text = NDArray[np.str_]
 
 Shape = tuple[int | str, ...]
-MAX_TEXT = 1000
-"""Characters of a text in an array, where each takes the room of the longest."""
+MAX_TEXT = 1000  # Characters of a text in an array, where each takes the room of the longest
 
 
 def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:

@@ -11,8 +11,7 @@ from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 
-IGNORE = "ignore"
-"""Instead of a label: boxes of the class count neither as hits nor as misses."""
+IGNORE = "ignore"  # Instead of a label: boxes of the class count neither as hits nor as misses
 
 _SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "car": ("sedan", "suv", "taxi", "passenger_car", "vehicle_car", "32001"),

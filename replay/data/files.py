@@ -56,8 +56,7 @@ def sync(path: Path) -> None:
         os.close(number)
 
 
-_MAX_BYTES = 180
-"""File systems take 255, and what is being written has a longer name."""
+_MAX_BYTES = 180  # File systems take 255, and what is being written has a longer name
 
 
 def file_name(name: str) -> str:

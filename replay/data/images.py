@@ -11,8 +11,7 @@ from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.messages import Image
 
 Pixels = NDArray[np.uint8]
-MAX_PIXELS = 178_956_970
-"""Larger images are refused before they are decoded (Pillow's limit for decompression bombs)."""
+MAX_PIXELS = 178_956_970  # Larger images are refused before they are decoded (Pillow's limit for decompression bombs)
 
 
 @dataclass(frozen=True)

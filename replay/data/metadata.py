@@ -24,10 +24,8 @@ MAX_POINTS = 200_000  # Of all outlines of a log
 class Region:
     """One outline in the ground plane, without holes; regions may overlap."""
 
-    kind: str
-    """What it is, such as `road` or `sidewalk`."""
-    points_m: Float64
-    """(P, 2) x, y in world coordinates, counter-clockwise, not closed; at least 3."""
+    kind: str  # What it is, such as `road` or `sidewalk`
+    points_m: Float64  # (P, 2) x, y in world coordinates, counter-clockwise, not closed; at least 3
 
     def __post_init__(self) -> None:
         freeze_fields(self, points_m=("f8", ("P", 2)))

@@ -32,12 +32,10 @@ class SyncParams:
     known only from the arrival of its reference message on."""
     tolerance_ns: int = 50_000_000
     """How far a stamp may be from the instant [ns]; never more than half a mean period of it or the reference."""
-    max_gap_ns: int = 2_000_000_000
-    """A longer pause between two instants begins a new segment [ns]."""
+    max_gap_ns: int = 2_000_000_000  # A longer pause between two instants begins a new segment [ns]
     max_jump_ns: int = 1_000_000_000
     """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
-    is_default_timeout: bool = False
-    """Whether nobody asked for `timeout_ns`, so that what the log says counts."""
+    is_default_timeout: bool = False  # Whether nobody asked for `timeout_ns`, so that what the log says counts
 
     def complete_from(self, info: LogInfo) -> "SyncParams":
         """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""

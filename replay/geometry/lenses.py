@@ -158,8 +158,7 @@ class Fisheye:
         return np.asarray(1 + square * (3 * a + square * (5 * b + square * (7 * c + square * 9 * d))))
 
 
-Lens: TypeAlias = Polynomial | Fisheye
-"""A lens that isn't a pinhole."""
+Lens: TypeAlias = Polynomial | Fisheye  # A lens that isn't a pinhole
 
 
 def _first_root(ascending: Array) -> float:
@@ -205,8 +204,7 @@ def _invert(
 
 _COUNTS: Mapping[str, tuple[int, ...]] = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "fisheye": (4,)}
 """How many coefficients each model has."""
-MODELS = tuple(_COUNTS)
-"""Names of the distortion models that can be projected with, as in ROS."""
+MODELS = tuple(_COUNTS)  # Names of the distortion models that can be projected with, as in ROS
 _ALIASES = {
     "radtan": "plumb_bob", "rational": "rational_polynomial",
     "equidistant": "fisheye", "equi": "fisheye", "kannala_brandt": "fisheye", "kannala_brandt4": "fisheye",

@@ -114,8 +114,7 @@ class EventDecoder:
         if item.stamp_ns or not entry.log_ns or self._roles[entry.channel].is_own:
             return item
         self._container.once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
-        stamped: T = replace(item, stamp_ns=entry.log_ns)
-        return stamped
+        return replace(item, stamp_ns=entry.log_ns)
 
     def _count(self, entry: Entry, error: Exception) -> None:
         code = "DEC003" if isinstance(error, PointsError) else "DEC001"

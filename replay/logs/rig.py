@@ -1,8 +1,11 @@
 """The rig of a log, from its transforms and calibrations, and how it changes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -66,10 +69,9 @@ class RigState:
 
     def copy(self) -> "RigState":
         """Return an independent copy."""
-        return replace(
-            self, logged=TransformTree(dict(self.logged.edges)), cameras=dict(self.cameras),
-            neighbors=dict(self.neighbors), by_topic=dict(self.by_topic), calibrated=set(self.calibrated),
-        )  # fmt: skip
+        names = ("cameras", "neighbors", "by_topic", "calibrated")
+        tables: dict[str, Any] = {name: copy(getattr(self, name)) for name in names}
+        return replace(self, logged=TransformTree(dict(self.logged.edges)), **tables)
 
     def rig(self) -> Rig:
         """Return the rig. Raises LogError naming the sensor without transform, or the camera that isn't calibrated."""
@@ -119,9 +121,8 @@ class RigState:
             to = "" if body == frame else f" to '{body}'"
             why = f"'{frame}'{to} on /tf or /tf_static" if frame else "its messages name no frame_id"
             moving = self.setup.rig.moving  # what a file with calibration says, where it can't tell the pose
-            why += next(
-                (f"; {moving[step]} has no fixed pose" for step in self.tree.trace(frame) if step in moving), ""
-            )
+            steps = [moving[step] for step in self.tree.trace(frame) if step in moving]
+            why += f"; {steps[0]} has no fixed pose" if steps else ""
             raise LogError(f"{where} has no transform to the body ({why}); add it, {leave_out}", "CAL001")
         return Mount(kind, *pose)
 
@@ -216,18 +217,10 @@ class RigChanges:
         rig = None
         while self._stored and self._stored[0][0] <= log_ns:
             _, rig = self._stored.pop(0)
-        if rig is not None:
-            yield from self._change_rig(log_ns, rig)
         if self._is_new and self._state is not None:
             self._is_new = False
-            try:
+            with suppress(LogError):  # what was broken in the middle of a log doesn't end it: the old rig stays
                 rig = self._state.rig()
-            except LogError:  # what was broken in the middle of a log doesn't end it: the old rig stays
-                return
-            yield from self._change_rig(log_ns, rig)
-
-    def _change_rig(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
-        sensors = () if self._rig is None else rig.changed_since(self._rig)
-        if sensors:
+        if rig is not None and self._rig is not None and (sensors := rig.changed_since(self._rig)):
             self._rig = rig
             yield RigChange(log_ns, rig, sensors)

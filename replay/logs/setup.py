@@ -68,12 +68,9 @@ StampSource = Literal["header", "log"]
 class StampParams:
     """How the stamps of frames are made from those that were recorded."""
 
-    source: StampSource = "header"
-    """`header`: when the sensor says it measured; `log`: when the message was recorded."""
-    offsets_ns: Mapping[str, int] = field(default_factory=dict)
-    """Added to the stamps of one sensor, by its name [ns]."""
-    assumed: tuple[str, ...] = ()
-    """Sensors whose offset a configuration gives, which may be left out."""
+    source: StampSource = "header"  # `header`: when the sensor says it measured; `log`: when the message was recorded
+    offsets_ns: Mapping[str, int] = field(default_factory=dict)  # Added to the stamps of one sensor, by its name [ns]
+    assumed: tuple[str, ...] = ()  # Sensors whose offset a configuration gives, which may be left out
 
     def restamp(self, message: Message) -> Message:
         """Return the message with the stamp that counts."""
