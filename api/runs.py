@@ -16,10 +16,10 @@ from fbench.replay.contracts.variants import Variant, variant_of
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.rig import LogInfo
 from fbench.replay.data.scores import score_rows
-from fbench.replay.engine.clock import Clock, make_clock
+from fbench.replay.engine.clock import VirtualClock, make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
-from fbench.replay.engine.read_ahead import opened_ahead
+from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.runs.folder import Run
 from fbench.replay.runs.manifest import VariantEntry, describe_host
 from fbench.replay.runs.redaction import public_name, public_pipeline
@@ -245,7 +245,7 @@ def replay(
             failed=failed,
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
-        with opened_ahead(options.log.open, faults, options.read_ahead) as reader:
+        with open_ahead(options.log.open, faults, options.read_ahead) as reader:
             folder = request.out or default_folder(request, reader.info)
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)
@@ -292,7 +292,7 @@ def _describe_variant(variant: Variant | None) -> VariantEntry | None:
     return VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
 
-def _measure_pace(clock: Clock) -> dict[str, float]:
+def _measure_pace(clock: VirtualClock) -> dict[str, float]:
     """Return what is known of the pace, for host.json."""
     pace = clock.pace
     values = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}

@@ -23,7 +23,7 @@ from fbench.replay.contracts.plugins import give_log, opened_pipeline
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import Plan, replay
-from fbench.replay.engine.read_ahead import opened_ahead
+from fbench.replay.engine.read_ahead import open_ahead
 from fbench.replay.logs.open import open_container
 from fbench.replay.setup.source import LogSource
 
@@ -46,7 +46,7 @@ def run(task: VerifyTask) -> None:
     with (
         opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
         _open_source(task, options.log) as log,
-        opened_ahead(log.open, faults, options.read_ahead) as ahead,
+        open_ahead(log.open, faults, options.read_ahead) as ahead,
     ):
         give_log(pipeline, request.pipeline, lambda: log.open(faults))
         reader = WatchedReader(ahead)

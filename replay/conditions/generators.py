@@ -6,9 +6,8 @@ import numpy as np
 
 
 def generator(seed: int, *scope: str | int) -> np.random.Generator:
-    """Return the Philox generator of a seed and a scope: what is drawn, of which sensor, at which stamp.
-
-    Equal arguments give equal numbers in any process, thread and order; others are independent.
+    """Return the Philox generator of a seed and a scope: what is drawn, of which sensor, at which stamp. Equal
+    arguments give equal numbers in any process, thread and order; others are independent.
     """
     digest = blake2b(digest_size=16)
     for part in (seed, *scope):

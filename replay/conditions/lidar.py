@@ -15,16 +15,11 @@ from scipy.special import lambertw
 from fbench.replay.data.arrays import Array, Bool, Float64, freeze_fields
 
 LIGHT_MPS = 299_792_458.0
-PULSE_S = 20e-9
-"""Half-power width of the pulse, tau_H; it lasts twice as long."""
-NEAR_M, FULL_M = 0.9, 1.0
-"""Where the receiver's view begins to cover the beam, and from where it covers all of it."""
-TARGET = 1e-6 / np.pi
-"""Differential reflectivity beta_0 of the target that intensities refer to."""
-BACKSCATTER = 0.046
-"""Backscatter coefficient of fog times its visibility."""
-CONSTANT_FROM_M = 5.0
-"""From here on the strongest echo of the fog lies before any target."""
+PULSE_S = 20e-9  # Half-power width of the pulse, tau_H; it lasts twice as long
+NEAR_M, FULL_M = 0.9, 1.0  # Where the receiver's view begins to cover the beam, and from where it covers all of it
+TARGET = 1e-6 / np.pi  # Differential reflectivity beta_0 of the target that intensities refer to
+BACKSCATTER = 0.046  # Backscatter coefficient of fog times its visibility
+CONSTANT_FROM_M = 5.0  # From here on the strongest echo of the fog lies before any target
 _STEP_M = 0.005
 
 
@@ -32,12 +27,9 @@ _STEP_M = 0.005
 class FogReturn:
     """How strong the echoes of targets and of the fog before them are, at one density."""
 
-    alpha_per_m: float
-    """Extinction of the air, all that is in it."""
-    beta_per_m: float
-    """Backscatter of the fog, 0.046 / MOR."""
-    integral_s: Float64
-    """J(r) at multiples of 5 mm from 0 to 5 m: the largest convolution of pulse and fog up to r."""
+    alpha_per_m: float  # Extinction of the air, all that is in it
+    beta_per_m: float  # Backscatter of the fog, 0.046 / MOR
+    integral_s: Float64  # J(r) at multiples of 5 mm from 0 to 5 m: the largest convolution of pulse and fog up to r
 
     def __post_init__(self) -> None:
         freeze_fields(self, integral_s=("f8", ("K",)))
@@ -49,33 +41,28 @@ class FogReturn:
 
     @cached_property
     def switch_m(self) -> float:
-        """r*: the echo of the fog is stronger than that of every target farther away, whatever its reflectivity.
-
-        Solves r^2 (beta / beta_0) J = exp(-2 alpha r) for r from 5 m on, which holds for any fog of 10 m and more.
+        """r*: the echo of the fog is stronger than that of every target farther away, whatever its reflectivity. Solves
+        r^2 (beta / beta_0) J = exp(-2 alpha r) for r from 5 m on, which holds for any fog of 10 m and more.
         """
         middle = np.sqrt(TARGET / (self.beta_per_m * self.integral_s[-1]))
         return float(lambertw(self.alpha_per_m * middle).real / self.alpha_per_m)
 
     def soft_range_m(self, range_m: Array) -> Array:
         """Return where the echo of the fog before targets at `range_m` (N,) is strongest."""
-        nearer: Array = np.minimum(range_m, self.peak_m)
-        return nearer
+        return np.asarray(np.minimum(range_m, self.peak_m))
 
     def integral(self, range_m: Array) -> Array:
         """Return J (N,) [s] for targets at `range_m` (N,)."""
         grid = np.arange(len(self.integral_s)) * _STEP_M
-        value: Array = np.interp(range_m, grid, self.integral_s)
-        return value
+        return np.asarray(np.interp(range_m, grid, self.integral_s))
 
     def soft_strength(self, range_m: Array) -> Array:
         """Return the echo of the fog, as a share of the intensity that the target at `range_m` (N,) has in vacuum."""
-        strength: Array = range_m * range_m * (self.beta_per_m / TARGET) * self.integral(range_m)
-        return strength
+        return np.asarray(range_m * range_m * (self.beta_per_m / TARGET) * self.integral(range_m))
 
     def hard_strength(self, range_m: Array) -> Array:
         """Return the echo of the target in the same unit: exp(-2 alpha r)."""
-        strength: Array = np.exp(-2 * self.alpha_per_m * range_m)
-        return strength
+        return np.asarray(np.exp(-2 * self.alpha_per_m * range_m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +70,8 @@ class FogEchoes:
     """The stronger echo of each of N beams."""
 
     range_m: Float64
-    strength: Float64
-    """As a share of the intensity that the target has in vacuum; may exceed 1, so sensors clip."""
-    soft: Bool
-    """Whether it is the fog's."""
+    strength: Float64  # As a share of the intensity that the target has in vacuum; may exceed 1, so sensors clip
+    soft: Bool  # Whether it is the fog's
 
 
 def fog_return(alpha_per_m: float, visibility_m: float) -> FogReturn:
@@ -95,9 +80,8 @@ def fog_return(alpha_per_m: float, visibility_m: float) -> FogReturn:
 
 
 def fog_echoes(fog: FogReturn, range_m: Array, rng: np.random.Generator) -> FogEchoes:
-    """Return what beams to targets at `range_m` (N,) [m] receive; echoes of fog lie at R_f + 10 m Beta(2, 20).
-
-    Hahner's bounded scatter; here never behind the target.
+    """Return what beams to targets at `range_m` (N,) [m] receive; echoes of fog lie at R_f + 10 m Beta(2, 20). Hahner's
+    bounded scatter; here never behind the target.
     """
     hard, soft = fog.hard_strength(range_m), fog.soft_strength(range_m)
     is_soft = soft > hard
@@ -108,10 +92,9 @@ def fog_echoes(fog: FogReturn, range_m: Array, rng: np.random.Generator) -> FogE
 
 
 def _convolution(alpha_per_m: float) -> Float64:
-    """Integrate sin^2(pi t / 2 tau) exp(-2 alpha x) / x^2 xi(x) over t, x = R - c t / 2, at every R of the grid.
-
-    With sin^2 a = (1 - cos 2a) / 2 and the cosine of a difference it is made of three running sums; the pulse is
-    longer than the grid, so that none of them ever loses its beginning.
+    """Integrate sin^2(pi t / 2 tau) exp(-2 alpha x) / x^2 xi(x) over t, x = R - c t / 2, at every R of the grid. With
+    sin^2 a = (1 - cos 2a) / 2 and the cosine of a difference it is made of three running sums; the pulse is longer than
+    the grid, so that none of them ever loses its beginning.
     """
     x = np.arange(round(CONSTANT_FROM_M / _STEP_M) + 1) * _STEP_M
     fog = np.exp(-2 * alpha_per_m * x) * np.clip((x - NEAR_M) / (FULL_M - NEAR_M), 0, 1) / np.maximum(x, NEAR_M) ** 2
@@ -121,18 +104,14 @@ def _convolution(alpha_per_m: float) -> Float64:
     return np.asarray(shape * (_STEP_M * 2 / LIGHT_MPS), np.float64)
 
 
-LOST, SCATTERED, KEPT = 0, 1, 2
-"""Labels: no echo is strong enough; a drop's is the strongest; the target's is."""
-DROPS_PER_M3_MM = 8000.0
-"""N0 of Marshall and Palmer (1948): N(D) = N0 exp(-Lambda D)."""
+LOST, SCATTERED, KEPT = 0, 1, 2  # Labels: no echo is strong enough; a drop's is the strongest; the target's is
+DROPS_PER_M3_MM = 8000.0  # N0 of Marshall and Palmer (1948): N(D) = N0 exp(-Lambda D)
 SMALLEST_MM = 0.05
 DIVERGENCE_RAD = 3e-3
-NEAREST_M = 1.5
-"""Drops nearer than this aren't in the receiver's view."""
+NEAREST_M = 1.5  # Drops nearer than this aren't in the receiver's view
 WATER = ((1.328 - 1) / (1.328 + 1)) ** 2
 """Share that water reflects at normal incidence, with its index of refraction at 905 nm."""
-WEAKEST = 0.9
-"""Reflectivity of the target that is just seen at the range of the sensor."""
+WEAKEST = 0.9  # Reflectivity of the target that is just seen at the range of the sensor
 RANGE_M = 200.0
 NOISE_M = 0.09
 _RAIN_STEP_M = 0.01
@@ -142,12 +121,10 @@ _RAIN_STEP_M = 0.01
 class RainEchoes:
     """The strongest echo of each of N beams."""
 
-    range_m: Float64
-    """(N,) with the noise of the weak signal, infinite where the echo is lost."""
+    range_m: Float64  # (N,) with the noise of the weak signal, infinite where the echo is lost
     power: Float64
     """(N,) reflectivity times exp(-2 alpha r) / r^2; times r^2 it is what sensors call intensity; 0 where lost."""
-    label: Array
-    """(N,) uint8: `LOST`, `SCATTERED` or `KEPT`."""
+    label: Array  # (N,) uint8: `LOST`, `SCATTERED` or `KEPT`
 
     def __post_init__(self) -> None:
         one = ("f8", ("N",))
@@ -171,15 +148,9 @@ def rain_echoes(
     """Return what beams to targets receive; one that meets no target has a reflectivity of 0 or an infinite range.
 
     The range noise is 0.09 m / sqrt(2 P / P_min). Exact, though only those drops are drawn whose echo is above the
-    floor: the sizes of larger drops are exponential too.
-
-    Args:
-        rain_mm_h: rain rate, 0 without rain: then echoes are only weakened, lost and noisy.
-        extinction_per_m: of all that is in the air.
-        range_m: (N,) of the targets.
-        reflectivity: (N,) of the targets, 0 to 1, with the cosine of incidence.
-        rng: draws all chances.
-        sensor_range_m: how far a reflectivity of 90 % is seen in vacuum.
+    floor: the sizes of larger drops are exponential too. `extinction_per_m` is that of all in the air; `range_m` (N,)
+    and `reflectivity` (N,), 0 to 1 with the cosine of incidence, are of the targets; `sensor_range_m` is how far a
+    reflectivity of 90 % is seen in vacuum. Without rain echoes are only weakened, lost and noisy.
     """
     floor = power_floor(sensor_range_m)
     power = np.zeros(len(range_m))
@@ -189,27 +160,24 @@ def rain_echoes(
     result = np.array(range_m, np.float64)
     scattered = np.zeros(len(power), bool)
     if rain_mm_h > 0:
-        beam, drop_m, drop_power = _strongest(_drops(rain_mm_h, extinction_per_m, floor, len(power), rng))
+        beam, drop_m, drop_power = _strongest_drops(rain_mm_h, extinction_per_m, floor, len(power), rng)
         wins = (drop_m < result[beam]) & (drop_power > power[beam])
         result[beam[wins]], power[beam[wins]], scattered[beam[wins]] = drop_m[wins], drop_power[wins], True
-    return _receive(result, power, scattered, floor, rng)
-
-
-def _receive(range_m: Float64, power: Float64, scattered: Array, floor: float, rng: np.random.Generator) -> RainEchoes:
     lost = power < floor
     noise = rng.standard_normal(len(power)) * (NOISE_M / np.sqrt(2 * np.maximum(power, floor) / floor))
     label = np.where(lost, LOST, np.where(scattered, SCATTERED, KEPT)).astype(np.uint8)
-    return RainEchoes(np.where(lost, np.inf, range_m + noise), np.where(lost, 0.0, power), label)
+    return RainEchoes(np.where(lost, np.inf, result + noise), np.where(lost, 0.0, power), label)
 
 
-Drops = tuple[Array, Float64, Float64]
-"""Of K drops the beam, how far away they are [m] and the power of their echo."""
-
-
-def _drops(rain_mm_h: float, extinction_per_m: float, floor: float, num_beams: int, rng: np.random.Generator) -> Drops:
-    """Draw all drops in beams of endless length whose echo is above the floor: a Poisson process along each beam."""
+def _strongest_drops(
+    rain_mm_h: float, extinction_per_m: float, floor: float, num_beams: int, rng: np.random.Generator
+) -> tuple[Array, Float64, Float64]:
+    """Draw all drops in beams of endless length whose echo is above the floor: a Poisson process along each beam.
+    Returns the strongest of every beam that has one: the beam, how far away it is [m] and the power of its echo.
+    """
     rate = drop_rate_per_mm(rain_mm_h)
-    r = np.arange(NEAREST_M, max(_farthest_m(floor), NEAREST_M) + _RAIN_STEP_M, _RAIN_STEP_M)
+    farthest_m = float(np.sqrt(WATER / floor))  # where the echo of a full beam falls to the floor in clear air
+    r = np.arange(NEAREST_M, max(farthest_m, NEAREST_M) + _RAIN_STEP_M, _RAIN_STEP_M)
     smallest = _smallest_mm(r, extinction_per_m, floor)
     beam_m2 = np.pi * (r * tan(DIVERGENCE_RAD) / 2) ** 2
     per_m = np.where(np.isfinite(smallest), DROPS_PER_M3_MM / rate * np.exp(-rate * smallest) * beam_m2, 0.0)
@@ -218,34 +186,17 @@ def _drops(rain_mm_h: float, extinction_per_m: float, floor: float, num_beams: i
     beam = rng.integers(0, num_beams, num)
     distance = np.interp(rng.random(num) * expected[-1], expected, r)
     size = _smallest_mm(distance, extinction_per_m, floor) + rng.exponential(1 / rate, num)
-    return beam, distance, _echo(size, distance, extinction_per_m)
-
-
-def _strongest(drops: Drops) -> Drops:
-    """Keep the strongest drop of every beam that has one."""
-    beam, distance, power = drops
+    # What water reflects, of the share of the beam that the drop fills.
+    share = np.minimum((size / (1000 * tan(DIVERGENCE_RAD) * distance)) ** 2, 1)
+    power = WATER * np.exp(-2 * extinction_per_m * distance) * share / (distance * distance)
     order = np.lexsort((distance, -power, beam))
-    beam = beam[order]
-    first = order[np.concatenate([[True], beam[1:] != beam[:-1]])[: len(beam)]]
-    return drops[0][first], distance[first], power[first]
-
-
-def _echo(size_mm: Float64, distance_m: Float64, extinction_per_m: float) -> Float64:
-    """Power of drops: what water reflects, of the share of the beam that the drop fills."""
-    beam_mm = 1000 * tan(DIVERGENCE_RAD) * distance_m
-    share = np.minimum((size_mm / beam_mm) ** 2, 1)
-    power: Float64 = WATER * np.exp(-2 * extinction_per_m * distance_m) * share / (distance_m * distance_m)
-    return power
+    ordered = beam[order]
+    first = order[np.concatenate([[True], ordered[1:] != ordered[:-1]])[:num]]
+    return beam[first], distance[first], power[first]
 
 
 def _smallest_mm(distance_m: Float64, extinction_per_m: float, floor: float) -> Float64:
     """Diameter above which the echo of a drop is above the floor; infinite where even a full beam's isn't."""
     share = floor / (WATER * np.exp(-2 * extinction_per_m * distance_m)) * distance_m * distance_m
     beam_mm = 1000 * tan(DIVERGENCE_RAD) * distance_m
-    size: Float64 = np.where(share <= 1, np.maximum(beam_mm * np.sqrt(share), SMALLEST_MM), np.inf)
-    return size
-
-
-def _farthest_m(floor: float) -> float:
-    """Where the echo of a full beam falls to the floor in clear air."""
-    return float(np.sqrt(WATER / floor))
+    return np.asarray(np.where(share <= 1, np.maximum(beam_mm * np.sqrt(share), SMALLEST_MM), np.inf), np.float64)

@@ -17,21 +17,18 @@ Bool = NDArray[np.bool_]
 Text = NDArray[np.str_]
 
 Shape = tuple[int | str, ...]
-MAX_TEXT = 1000
-"""Characters of a text in an array, where each takes the room of the longest."""
+MAX_TEXT = 1000  # Characters of a text in an array, where each takes the room of the longest
 
 
 def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: Shape, sizes: dict[str, int]) -> Array:
-    """Return `value` as a read-only array of `dtype` and `shape`.
-
-    A letter in `shape` stands for a size that must agree between all fields of one object; `sizes` holds
-    those met so far and is extended. Casts that lose nothing are made, others refused.
-
-    Raises:
-        DataError: naming field, expected and got.
+    """Return `value` as a read-only array of `dtype` and `shape`. A letter in `shape` stands for a size that must agree
+    between all fields of one object; `sizes` holds those met so far and is extended. Casts that lose nothing are made,
+    others refused. Raises DataError naming field, expected and got.
     """
     array, wanted, known = np.asarray(value), np.dtype(dtype), dict(sizes)
-    fits = array.ndim == len(shape) and _castable(array, wanted)
+    is_same = array.dtype.kind == "U" if wanted.kind == "U" else array.dtype == wanted
+    can_cast = wanted.kind != "U" and np.can_cast(array.dtype, wanted, "safe")
+    fits = array.ndim == len(shape) and (is_same or array.size == 0 or can_cast)
     if fits:
         for want, have in zip(shape, array.shape, strict=True):
             fixed = sizes.setdefault(want, have) if isinstance(want, str) else want
@@ -46,11 +43,7 @@ def check_array(owner: str, field: str, value: object, dtype: DTypeLike, shape: 
 
 
 def text_array(texts: Sequence[str]) -> Text:
-    """Return texts of others as an array (N,).
-
-    Raises:
-        DataError: where one is longer than `MAX_TEXT`.
-    """
+    """Return texts of others as an array (N,). Raises DataError where one is longer than `MAX_TEXT`."""
     longest = max(map(len, texts), default=0)
     if longest > MAX_TEXT:
         raise DataError(f"a text has {longest} characters, more than {MAX_TEXT}")
@@ -84,9 +77,3 @@ def own_arrays(value: T) -> T:
     own = object.__new__(type(value))
     vars(own).update({name: own_arrays(part) for name, part in vars(value).items()})
     return own
-
-
-def _castable(array: Array, dtype: np.dtype[Any]) -> bool:
-    if dtype.kind == "U":
-        return array.dtype.kind == "U" or array.size == 0
-    return array.dtype == dtype or array.size == 0 or np.can_cast(array.dtype, dtype, "safe")

@@ -25,7 +25,7 @@ class Source(IntFlag):
     S = 8
 
 
-class _Rows:
+class Rows:
     """Selecting rows of a struct of arrays."""
 
     def arrays(self) -> dict[str, Array]:
@@ -34,7 +34,7 @@ class _Rows:
         return {name: value for name, value in named if value is not None}
 
     def __getitem__(self, rows: Array | slice) -> Self:
-        """Select rows by mask, index array or slice."""
+        """Select rows by mask, index array or slice; those of `Objects` must stay in order."""
         return replace(self, **{name: value[rows] for name, value in self.arrays().items()})  # type: ignore[type-var]
 
 
@@ -48,7 +48,7 @@ _COMMON: dict[str, tuple[str, Shape]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes3D(_Rows):
+class Boxes3D(Rows):
     """N boxes in body coordinates at the frame's stamp: x forward, y left, z up."""
 
     center_m: Float64
@@ -84,16 +84,8 @@ class Boxes3D(_Rows):
 
     def __post_init__(self) -> None:
         three: tuple[str, Shape] = ("f8", ("N", 3))
-        freeze_fields(
-            self,
-            center_m=three,
-            size_lwh_m=three,
-            yaw_rad=_ONE,
-            roll_rad=_ONE,
-            pitch_rad=_ONE,
-            velocity_mps=three,
-            **_COMMON,
-        )
+        angles = {"yaw_rad": _ONE, "roll_rad": _ONE, "pitch_rad": _ONE}
+        freeze_fields(self, center_m=three, size_lwh_m=three, **angles, velocity_mps=three, **_COMMON)
 
     def __len__(self) -> int:
         return len(self.center_m)
@@ -111,7 +103,7 @@ class Boxes3D(_Rows):
 
 
 @dataclass(frozen=True, eq=False)
-class Boxes2D(_Rows):
+class Boxes2D(Rows):
     """N boxes in images, of one or several cameras."""
 
     camera: Text
@@ -139,15 +131,8 @@ class Boxes2D(_Rows):
 
     def __post_init__(self) -> None:
         four: tuple[str, Shape] = ("f8", ("N", 4))
-        freeze_fields(
-            self,
-            camera=_TEXT,
-            xyxy_px=four,
-            visible_xyxy_px=four,
-            distance_m=_ONE,
-            range_rate_mps=_ONE,
-            **_COMMON,
-        )
+        radial = {"distance_m": _ONE, "range_rate_mps": _ONE}
+        freeze_fields(self, camera=_TEXT, xyxy_px=four, visible_xyxy_px=four, **radial, **_COMMON)
 
     def __len__(self) -> int:
         return len(self.xyxy_px)
@@ -174,24 +159,18 @@ B = TypeVar("B", "Boxes2D", "Boxes3D")
 
 
 def concatenate(parts: list[B]) -> B:
-    """Join boxes of one type; an optional field must be present in all non-empty parts or in none.
-
-    Raises:
-        DataError: where an optional field is present only in some parts.
-    """
+    """Join boxes of one type. Raises DataError where an optional field is present only in some non-empty parts."""
     full = [part for part in parts if len(part)] or parts[:1]
     if not full:
         raise DataError("concatenate: expected at least one part, got none")
-    names = set().union(*(part.arrays() for part in full))
     joined: dict[str, Any] = {}
     for f in fields(full[0]):
-        if f.name in names:
-            absent = [part for part in full if getattr(part, f.name) is None]
-            if absent:
-                raise DataError(
-                    f"{type(full[0]).__name__}.{f.name}: expected in all {len(full)} parts, absent in {len(absent)}"
-                )
-            joined[f.name] = np.concatenate([getattr(part, f.name) for part in full])
+        present = [array for part in full if (array := getattr(part, f.name)) is not None]
+        if present and len(present) < len(full):
+            what = f"expected in all {len(full)} parts, absent in {len(full) - len(present)}"
+            raise DataError(f"{type(full[0]).__name__}.{f.name}: {what}")
+        if present:
+            joined[f.name] = np.concatenate(present)
     return type(full[0])(**joined)
 
 

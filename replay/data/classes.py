@@ -6,13 +6,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.replay.data.arrays import Text, text_array
+from fbench.replay.data.arrays import text_array
 from fbench.replay.data.boxes import LABELS, Boxes2D, Boxes3D
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 
-IGNORE = "ignore"
-"""Instead of a label: boxes of the class count neither as hits nor as misses."""
+IGNORE = "ignore"  # Instead of a label: boxes of the class count neither as hits nor as misses
 
 _SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "car": ("sedan", "suv", "taxi", "passenger_car", "vehicle_car", "32001"),
@@ -31,13 +30,12 @@ _LABELS = {name: label for label in LABELS for name in (label, *_SYNONYMS[label]
 
 def labels(names: Sequence[str]) -> dict[str, Any]:
     """Columns `label` and `source_label` of boxes; what isn't known is `other`."""
-    return {"label": _texts([label(name) for name in names]), "source_label": _texts(list(names))}
+    return {"label": text_array([label(name) for name in names]), "source_label": text_array(list(names))}
 
 
 def label(name: str) -> str:
-    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`.
-
-    Without a name there is no class: such boxes are scored as those of sensors that know none.
+    """The class of fbench for the name of another system, whatever its case, spaces and dashes; else `other`. Without a
+    name there is no class: such boxes are scored as those of sensors that know none.
     """
     return _LABELS.get(_plain(name), "other") if name.strip() else ""
 
@@ -70,7 +68,7 @@ class ClassMap:
         before = [label(name) for name in names] if boxes.label is None else boxes.label.tolist()
         found = [self.own.get(name, old) for name, old in zip(names, before, strict=True)]
         ignored = np.array([text == IGNORE for text in found], bool)
-        columns: dict[str, Any] = {"label": _texts(["other" if text == IGNORE else text for text in found])}
+        columns: dict[str, Any] = {"label": text_array(["other" if text == IGNORE else text for text in found])}
         if ignored.any():
             columns["ignore"] = ignored if boxes.ignore is None else boxes.ignore | ignored
         return replace(boxes, **columns)
@@ -78,7 +76,3 @@ class ClassMap:
 
 def _plain(name: str) -> str:
     return name.strip().lower().replace(" ", "_").replace("-", "_").replace(".", "_")
-
-
-def _texts(names: list[str]) -> Text:
-    return text_array(names)

@@ -9,9 +9,7 @@ from platformdirs import user_cache_path
 
 
 def fbench_cache() -> Path:
-    """Return the folder of fbench's caches: `$FBENCH_CACHE` where that is set, else in the user's cache. Raises
-    RuntimeError where the user has no home folder.
-    """
+    """Return the folder of caches: `$FBENCH_CACHE`, else the user's. Raises RuntimeError without a home folder."""
     given = os.environ.get("FBENCH_CACHE", "")
     return Path(given).expanduser().absolute() if given else user_cache_path("fbench", appauthor=False)
 
@@ -58,8 +56,7 @@ def sync(path: Path) -> None:
         os.close(number)
 
 
-_MAX_BYTES = 180
-"""File systems take 255, and what is being written has a longer name."""
+_MAX_BYTES = 180  # File systems take 255, and what is being written has a longer name
 
 
 def file_name(name: str) -> str:

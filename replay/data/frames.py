@@ -52,7 +52,6 @@ class Output:
     """
 
     def __post_init__(self) -> None:
-        if type(self.detections) is not type(self.tracks):
-            raise DataError(
-                f"Output.tracks: expected {type(self.detections).__name__}, got {type(self.tracks).__name__}"
-            )
+        kind, other = type(self.detections), type(self.tracks)
+        if kind is not other:
+            raise DataError(f"Output.tracks: expected {kind.__name__}, got {other.__name__}")

@@ -10,20 +10,18 @@ from numpy.typing import NDArray
 from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.messages import Image
 
-RawPixels = NDArray[np.uint8]
+Pixels = NDArray[np.uint8]
+MAX_PIXELS = 178_956_970  # Larger images are refused before they are decoded (Pillow's limit for decompression bombs)
 
 
 @dataclass(frozen=True)
 class Layout:
     """How the pixels of one row follow each other."""
 
-    channels: int
-    """Samples a pixel."""
-    conversion: str = ""
-    """Name of OpenCV's conversion to BGR; empty: none is needed."""
+    channels: int  # Samples a pixel
+    conversion: str = ""  # Name of OpenCV's conversion to BGR; empty: none is needed
     sample_bytes: int = 1
-    even: tuple[int, int] = (1, 1)
-    """Width and height are multiples of these [px]."""
+    even: tuple[int, int] = (1, 1)  # Width and height are multiples of these [px]
     rows: tuple[int, int] = (1, 1)
     """Rows in memory a row of the image, as a fraction: planes of color follow that of brightness."""
 
@@ -53,7 +51,8 @@ LAYOUTS: Mapping[str, Layout] = {
     "nv21": Layout(1, "COLOR_YUV2BGR_NV21", even=(2, 2), rows=(3, 2)),
 }
 """Raw layouts by name; samples of 16 bits are little-endian."""
-
+RAW_CHANNELS = {name: layout.pixel_bytes for name, layout in LAYOUTS.items()}
+"""Bytes a pixel in a row of the raw layouts."""
 _OTHER_NAMES: Mapping[str, str] = {
     "8UC1": "mono8", "8UC3": "bgr8", "8UC4": "bgra8", "16UC3": "bgr16", "16UC4": "bgra16",
     "yuv422": "uyvy", "yuv422_yuy2": "yuyv",
@@ -63,9 +62,7 @@ DEPTH = ("16UC1", "32FC1")  # [mm] and [m], REP 118
 
 def layout_name(encoding: str) -> str:
     """Return the one name of a raw layout that ROS and OpenCV give several: `uyvy` for `yuv422`, `bgr8` for `8UC3`.
-
-    Raises:
-        UnsupportedError: where it isn't in `LAYOUTS`, or is that of depth images.
+    Raises UnsupportedError where it isn't in `LAYOUTS`, or is that of depth images.
     """
     if encoding in DEPTH:
         raise UnsupportedError(f"image encoding '{encoding}' is that of a depth image, not supported")
@@ -79,9 +76,7 @@ def pack_rows(
     data: memoryview, encoding: str, size_wh: tuple[int, int], step: int, *, is_bigendian: bool = False
 ) -> bytes:
     """Copy an image of layout `encoding` without the padding at the end of its rows of `step` bytes, little-endian.
-
-    Raises:
-        DecodeError: where size, step and data don't fit together.
+    Raises DecodeError where size, step and data don't fit together.
     """
     layout, (width, height) = LAYOUTS[encoding], size_wh
     row, rows = width * layout.pixel_bytes, layout.num_rows(height)
@@ -100,50 +95,31 @@ def pack_rows(
     return pixels.tobytes()
 
 
-def raw_to_bgr(data: bytes, encoding: str, size_wh: tuple[int, int]) -> RawPixels | None:
-    """Convert packed pixels to (H, W, 3) BGR; of 16 bits the upper 8 count. `None` where sizes don't fit."""
-    layout, (width, height) = LAYOUTS[encoding], size_wh
-    rows = layout.num_rows(height)
-    fits = width % layout.even[0] == 0 and height % layout.even[1] == 0
-    if not fits or len(data) != rows * width * layout.pixel_bytes:
+def decode(image: Image) -> Pixels | None:
+    """Decode to (H, W, 3) BGR uint8, of raw 16 bits the upper 8; `None` where data are corrupt or sizes don't fit."""
+    width, height = image.size_wh
+    if width * height > MAX_PIXELS or width <= 0 or height <= 0:
         return None
-    samples = np.frombuffer(data, np.uint8).reshape(rows, width, layout.channels, layout.sample_bytes)
-    return _convert(samples[..., -1], layout)
-
-
-def _convert(samples: RawPixels, layout: Layout) -> RawPixels | None:
-    if not layout.conversion:
-        return np.ascontiguousarray(samples)
+    if image.encoding not in LAYOUTS:
+        return _decode_compressed(image, is_grey=False)
     import cv2
 
-    pixels = samples[..., 0] if layout.channels == 1 else samples
+    layout, rows = LAYOUTS[image.encoding], LAYOUTS[image.encoding].num_rows(height)
+    fits = width % layout.even[0] == 0 and height % layout.even[1] == 0
+    if not fits or len(image.data) != rows * width * layout.pixel_bytes:
+        return None
+    samples = np.frombuffer(image.data, np.uint8).reshape(rows, width, layout.channels, layout.sample_bytes)
+    pixels = np.ascontiguousarray(samples[..., 0, -1] if layout.channels == 1 else samples[..., -1])
+    if not layout.conversion:
+        return pixels
     try:
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(pixels), getattr(cv2, layout.conversion)), np.uint8)
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, layout.conversion)), np.uint8)
     except cv2.error:
         return None
 
 
-Pixels = NDArray[np.uint8]
-MAX_PIXELS = 178_956_970
-"""Larger images are refused before they are decoded (Pillow's limit for decompression bombs)."""
-
-RAW_CHANNELS = {name: layout.pixel_bytes for name, layout in LAYOUTS.items()}
-"""Bytes a pixel in a row of the raw layouts."""
-
-
-def decode(image: Image) -> Pixels | None:
-    """Decode to (H, W, 3) BGR uint8; `None` where the data are corrupt or their size isn't `size_wh`."""
-    width, height = image.size_wh
-    if width * height > MAX_PIXELS or width <= 0 or height <= 0:
-        return None
-    if image.encoding in LAYOUTS:
-        return raw_to_bgr(image.data, image.encoding, image.size_wh)
-    return _decode_compressed(image, is_grey=False)
-
-
 def decode_grey(image: Image) -> Pixels | None:
     """Decode to (H, W) uint8; of a JPEG that is the brightness it stores, which takes less than half of the time.
-
     `None` as `decode` gives it.
     """
     if image.encoding not in LAYOUTS and max(image.size_wh) > 0 and image.size_wh[0] * image.size_wh[1] <= MAX_PIXELS:
@@ -189,11 +165,7 @@ def scale_down(pixels: Pixels, max_width: int) -> Pixels:
 
 
 def encoded_format(data: bytes | memoryview) -> str:
-    """Return `jpeg`, `png` or `webp` as the first bytes say, whatever name an image has.
-
-    Raises:
-        DecodeError: where it is none of them.
-    """
+    """Return `jpeg`, `png` or `webp` as the first bytes say. Raises DecodeError where an image is none of them."""
     head = bytes(data[:12])
     if head.startswith(b"\x89PNG\r\n\x1a\n"):
         return "png"
@@ -205,10 +177,8 @@ def encoded_format(data: bytes | memoryview) -> str:
 
 
 def encoded_size(data: bytes) -> tuple[int, int]:
-    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it.
-
-    Raises:
-        DecodeError: where it is none of them, or the header is damaged.
+    """Width and height [px] as the header of a JPEG, PNG or WebP says, without decoding it. Raises DecodeError where it
+    is none of them, or the header is damaged.
     """
     return _SIZES[encoded_format(data)](data)
 

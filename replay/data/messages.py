@@ -50,13 +50,8 @@ class PointCloud:
     frame_number: int | None = None
 
     def __post_init__(self) -> None:
-        freeze_fields(
-            self,
-            xyz=("f4", ("N", 3)),
-            intensity=("f4", ("N",)),
-            ring=("u2", ("N",)),
-            offset_ns=("i4", ("N",)),
-        )
+        one = ("N",)
+        freeze_fields(self, xyz=("f4", ("N", 3)), intensity=("f4", one), ring=("u2", one), offset_ns=("i4", one))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +74,8 @@ class RadarScan:
 
     def __post_init__(self) -> None:
         one = ("f4", ("N",))
-        freeze_fields(
-            self,
-            xyz=("f4", ("N", 3)),
-            radial_velocity_mps=one,
-            rcs_dbsm=one,
-            range_m=one,
-            azimuth_rad=one,
-            altitude_rad=one,
-        )
+        polar = {"range_m": one, "azimuth_rad": one, "altitude_rad": one}
+        freeze_fields(self, xyz=("f4", ("N", 3)), radial_velocity_mps=one, rcs_dbsm=one, **polar)
 
 
 @dataclass(frozen=True, eq=False)

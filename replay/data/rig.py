@@ -11,12 +11,8 @@ from fbench.replay.data.metadata import Region, regions_of
 from fbench.replay.geometry.transforms import pose_matrix
 
 Kind: TypeAlias = Literal["camera", "lidar", "radar"]
-
-
 KINDS: Mapping[str, Kind] = {kind: kind for kind in get_args(Kind)}
 """Kinds of sensors by their names, to read what is only a text."""
-
-
 T = TypeVar("T", "Mount", "CameraModel")
 
 
@@ -35,9 +31,8 @@ class Mount:
 
     def equals(self, other: "Mount") -> bool:
         """Tell whether both are the same, bit for bit."""
-        return (self.kind, self.translation_m.tobytes(), self.rotation_xyzw.tobytes()) == (
-            other.kind, other.translation_m.tobytes(), other.rotation_xyzw.tobytes(),
-        )  # fmt: skip
+        pairs = (self.translation_m, other.translation_m), (self.rotation_xyzw, other.rotation_xyzw)
+        return self.kind == other.kind and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +52,9 @@ class CameraModel:
 
     def equals(self, other: "CameraModel") -> bool:
         """Tell whether both are the same, bit for bit."""
-        return (self.size_wh, self.distortion_model, self.K.tobytes(), self.distortion.tobytes()) == (
-            other.size_wh, other.distortion_model, other.K.tobytes(), other.distortion.tobytes(),
-        )  # fmt: skip
+        same = (self.size_wh, self.distortion_model) == (other.size_wh, other.distortion_model)
+        pairs = (self.K, other.K), (self.distortion, other.distortion)
+        return same and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +82,14 @@ class Rig:
 
     def changed_since(self, old: "Rig") -> tuple[str, ...]:
         """Names of the sensors whose mount or camera model isn't the same as in `old`, bit for bit; sorted."""
+
+        def same(a: T | None, b: T | None) -> bool:
+            return a is b if a is None or b is None else a.equals(b)
+
         names = sorted({*self.mounts, *self.cameras, *old.mounts, *old.cameras})
-        return tuple(
-            name
-            for name in names
-            if not _same(self.mounts.get(name), old.mounts.get(name))
-            or not _same(self.cameras.get(name), old.cameras.get(name))
-        )
-
-
-def _same(a: T | None, b: T | None) -> bool:
-    return a is b if a is None or b is None else a.equals(b)
+        mounts = {name for name in names if not same(self.mounts.get(name), old.mounts.get(name))}
+        cameras = {name for name in names if not same(self.cameras.get(name), old.cameras.get(name))}
+        return tuple(sorted(mounts | cameras))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +118,5 @@ class LogInfo:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """Where road users are expected, in world coordinates; none where the log doesn't say.
-
-        Raises:
-            LogError: where the metadata say it in another form than ours.
-        """
+        """Where road users are expected, in world coordinates. Raises LogError where metadata have another form."""
         return regions_of(self.metadata)

@@ -78,15 +78,14 @@ class Score:
         return self.metric, self.class_, self.slice, self.matching
 
     def __post_init__(self) -> None:
+        where = f"score {self.metric} ({self.matching})"
         if self.value is not None and not math.isfinite(self.value):
-            raise MetricError(
-                f"score {self.metric} ({self.matching}): {self.value} isn't a number, use null and a reason"
-            )
+            raise MetricError(f"{where}: {self.value} isn't a number, use null and a reason")
         if (self.value is None) != (self.reason is not None):
-            raise MetricError(f"score {self.metric} ({self.matching}): a reason goes with null and only with null")
+            raise MetricError(f"{where}: a reason goes with null and only with null")
         ends = [end for end in (self.low, self.high) if end is not None]
         if len(ends) == 1 or not all(map(math.isfinite, ends)) or ends != sorted(ends) or (ends and not self.interval):
-            raise MetricError(f"score {self.metric} ({self.matching}): {self.low} to {self.high} isn't an interval")
+            raise MetricError(f"{where}: {self.low} to {self.high} isn't an interval")
 
 
 def ratio(
@@ -112,21 +111,16 @@ def save_scores(path: Path, scores: Sequence[Score]) -> None:
 
 def score_rows(scores: Sequence[Score]) -> list[dict[str, object]]:
     """Return scores as they stand in `scores.json`; nothing is said of intervals where none was asked for."""
-    return [_row(score) for score in scores]
-
-
-def _row(score: Score) -> dict[str, object]:
-    values = {("class" if f.name == "class_" else f.name): getattr(score, f.name) for f in fields(score)}
-    unsaid = {name for name in _OF_INTERVALS if values[name] is None}
-    return {name: value for name, value in values.items() if name not in unsaid} | {"counts": dict(score.counts)}
+    rows: list[dict[str, object]] = []
+    for score in scores:
+        values = {("class" if f.name == "class_" else f.name): getattr(score, f.name) for f in fields(score)}
+        row = {name: value for name, value in values.items() if value is not None or name not in _OF_INTERVALS}
+        rows.append(row | {"counts": dict(score.counts)})
+    return rows
 
 
 def load_scores(path: Path) -> list[Score]:
-    """Read what `save_scores` wrote.
-
-    Raises:
-        RunError: where the file is missing or isn't a list of scores.
-    """
+    """Read what `save_scores` wrote. Raises RunError where the file is missing or isn't a list of scores."""
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
         return [Score(**{("class_" if k == "class" else k): v for k, v in row.items()}) for row in rows]
@@ -218,10 +212,8 @@ def format_number(value: float | None, kind: Kind) -> str:
     """A number as people read it; an en dash for none."""
     if value is None:
         return DASH
-    if kind == "count":
-        return f"{value:.0f}"
-    if kind == "ms":
-        return f"{value:.2f}"
+    if kind in ("count", "ms"):
+        return f"{value:.0f}" if kind == "count" else f"{value:.2f}"
     text = f"{100 * value:+.1f}" if kind == "change" else f"{100 * value:.1f}"
     return text.lstrip("+-") if float(text) == 0 else text
 

@@ -1,23 +1,22 @@
 """One sequence as it is scored: truth beside estimates, boxes as columns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Literal, Self
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from fbench.replay.contracts.errors import DataError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, Text, freeze_fields
-from fbench.replay.data.boxes import MAX_MAGNITUDE
+from fbench.replay.data.boxes import MAX_MAGNITUDE, Rows
 
 Space = Literal["2d", "3d", "both"]  # Where boxes are compared: in images, or in the ground plane and in space
 
 
 @dataclass(frozen=True, eq=False)
-class Objects:
-    """N boxes of one side, truth or estimates, in the order of their steps; a field is `None` where nobody knows it.
-
-    A box has a rectangle in an image, a solid in space, or both (KITTI's rows have both).
+class Objects(Rows):
+    """N boxes of one side, truth or estimates, in the order of their steps; a field is `None` where nobody knows it. A
+    box has a rectangle in an image, a solid in space, or both (KITTI's rows have both).
     """
 
     step: Int64
@@ -60,11 +59,6 @@ class Objects:
 
     def __len__(self) -> int:
         return len(self.step)
-
-    def __getitem__(self, rows: Array | slice) -> Self:
-        """Select rows by mask, index array or slice; keep them in order."""
-        named = ((f.name, getattr(self, f.name)) for f in fields(self))
-        return replace(self, **{name: value[rows] for name, value in named if value is not None})
 
     def starts(self, num_steps: int) -> Int64:
         """Offsets (num_steps + 1,) of the rows of each step: step s has rows `starts[s]:starts[s + 1]`."""
@@ -112,9 +106,8 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """What one log, sequence or scene holds for one kind of results.
-
-    Only labeled frames are there: those without truth are left out, and counted in `num_unlabeled`.
+    """What one log, sequence or scene holds for one kind of results. Only labeled frames are there: those without truth
+    are left out, and counted in `num_unlabeled`.
     """
 
     name: str  # As its source calls it: unique within an evaluation

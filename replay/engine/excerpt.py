@@ -58,25 +58,20 @@ class Excerpt:
 
 def make_excerpt(from_: str | None, to: str | None, frames: str | None) -> Excerpt:
     """Read `--from`, `--to` and `--frames`. Raises ConfigError where one can't be understood, or a range is empty."""
-    first, stop = (0, None) if frames is None else _indices(frames)
+    first, stop = 0, None
+    if frames is not None:
+        single, ranged = re.fullmatch(r"[0-9]{1,12}", frames), re.fullmatch(r"([0-9]{0,12}):([0-9]{0,12})", frames)
+        if not single and (ranged is None or frames == ":"):
+            raise ConfigError(f"--frames {frames}: expected A:B, A:, :B or one index, such as 30:40")
+        low, high = (frames, str(int(frames) + 1)) if ranged is None else ranged.groups()
+        first, stop = int(low or 0), int(high) if high else None
+        if stop is not None and stop <= first:
+            raise ConfigError(f"--frames {frames}: the range is empty")
     start = None if from_ is None else _moment("--from", from_)
     end = None if to is None else _moment("--to", to)
     if start and end and start.since_start == end.since_start and start.ns >= end.ns:
         raise ConfigError(f"--from {from_} --to {to}: the range is empty")
     return Excerpt(first, stop, start, end)
-
-
-def _indices(text: str) -> tuple[int, int | None]:
-    single = re.fullmatch(r"[0-9]{1,12}", text)
-    ranged = re.fullmatch(r"([0-9]{0,12}):([0-9]{0,12})", text)
-    if single:
-        return int(text), int(text) + 1
-    if ranged is None or text == ":":
-        raise ConfigError(f"--frames {text}: expected A:B, A:, :B or one index, such as 30:40")
-    first, stop = int(ranged[1] or 0), int(ranged[2]) if ranged[2] else None
-    if stop is not None and stop <= first:
-        raise ConfigError(f"--frames {text}: the range is empty")
-    return first, stop
 
 
 def _moment(option: str, text: str) -> Moment:

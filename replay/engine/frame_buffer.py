@@ -32,12 +32,10 @@ class SyncParams:
     known only from the arrival of its reference message on."""
     tolerance_ns: int = 50_000_000
     """How far a stamp may be from the instant [ns]; never more than half a mean period of it or the reference."""
-    max_gap_ns: int = 2_000_000_000
-    """A longer pause between two instants begins a new segment [ns]."""
+    max_gap_ns: int = 2_000_000_000  # A longer pause between two instants begins a new segment [ns]
     max_jump_ns: int = 1_000_000_000
     """A step back by more is a clock that was reset, and begins a new segment; by less, a message out of order [ns]."""
-    is_default_timeout: bool = False
-    """Whether nobody asked for `timeout_ns`, so that what the log says counts."""
+    is_default_timeout: bool = False  # Whether nobody asked for `timeout_ns`, so that what the log says counts
 
     def complete_from(self, info: LogInfo) -> "SyncParams":
         """Return the same with the time-out [ms] of a log's metadata, unless one was asked for."""
@@ -53,20 +51,15 @@ def make_sync_params(
     """Read `--reference`, `--timeout-ms` (`None`: not given), `--tolerance-ms` and `--max-gap-s`. Raises ConfigError
     where a duration isn't a number, or negative.
     """
-    return SyncParams(
-        reference,
-        timeout_ns=SyncParams.timeout_ns if timeout_ms is None else _to_ns("--timeout-ms", timeout_ms, 1e6),
-        tolerance_ns=_to_ns("--tolerance-ms", tolerance_ms, 1e6),
-        max_gap_ns=_to_ns("--max-gap-s", max_gap_s, 1e9),
-        is_default_timeout=timeout_ms is None,
-    )
-
-
-def _to_ns(option: str, value: float, unit_ns: float) -> int:
-    """Infinity becomes longer than any log."""
-    if not value >= 0:
-        raise ConfigError(f"{option} {value}: expected a duration, such as 20")
-    return round(min(value * unit_ns, 1e18))
+    durations: list[int] = []
+    asked = (("--timeout-ms", timeout_ms, 1e6), ("--tolerance-ms", tolerance_ms, 1e6), ("--max-gap-s", max_gap_s, 1e9))
+    for option, value, unit_ns in asked:
+        if value is not None and not value >= 0:
+            raise ConfigError(f"{option} {value}: expected a duration, such as 20")
+        # Infinity becomes longer than any log.
+        durations.append(SyncParams.timeout_ns if value is None else round(min(value * unit_ns, 1e18)))
+    timeout_ns, tolerance_ns, max_gap_ns = durations
+    return SyncParams(reference, timeout_ns, tolerance_ns, max_gap_ns, is_default_timeout=timeout_ms is None)
 
 
 def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], params: SyncParams) -> str:
@@ -77,8 +70,8 @@ def choose_reference(rig: Rig, info: LogInfo, num_messages: Mapping[str, int], p
     messages, boxes give the instants: `BOXES`. Raises ConfigError where the sensor that was asked for isn't in the log.
     Raises LogError where the log has no message of any sensor with calibration.
     """
-    told = info.metadata.get(REFERENCE)
-    wanted = params.reference or (told if told in rig.mounts else None)  # it may have been left out
+    logged = info.metadata.get(REFERENCE)
+    wanted = params.reference or (logged if logged in rig.mounts else None)  # it may have been left out
     if wanted is not None:
         if wanted not in rig.mounts:
             raise ConfigError(f"reference sensor '{wanted}' isn't in the log; it has: {', '.join(sorted(rig.mounts))}")
@@ -103,11 +96,10 @@ class _Open:
     opened_ns: int
     messages: dict[str, Message] = field(default_factory=dict)
 
-    @property
-    def first_arrival_ns(self) -> int:
-        if self.number is None:
-            return self.opened_ns
-        return min((m.log_ns for m in self.messages.values()), default=self.opened_ns)
+    def rank(self, message: Message) -> tuple[bool, int]:
+        """Order of messages that could be the frame's: those with its number first, then the nearest."""
+        is_own = message.frame_number is not None and message.frame_number == self.number
+        return not is_own, abs(message.stamp_ns - self.stamp_ns)
 
 
 class _Released(NamedTuple):
@@ -162,63 +154,83 @@ class FrameBuffer:
         self._open: list[_Open] = []
         self._pending: list[Message] = []
         self._released: list[_Released] = []
-        self._num_frames, self._segment, self._first_of_segment = 0, 0, 0
+        self.num_frames, self.segment, self._first_of_segment = 0, 0, 0
+        """Frames opened so far, and the segment of the one that opens next, as far as it is known."""
+        self.breaks: list[str] = []  # Why each segment after the first begins
         self._last_stamp_ns: int | None = None
         self._periods = _Periods()
         self._late_ms: dict[tuple[int, str], float] = {}
         self._unused: dict[str, int] = dict.fromkeys(self._expected, 0)
         self._disordered = 0
-        self._is_numbered = False
-        """Whether frames have numbers, all of them or some."""
-        self.breaks: list[str] = []
+        self._is_numbered = False  # Whether frames have numbers, all of them or some
 
-    def advance(self, now_ns: int) -> Iterator[Frame]:
-        """Release the frames whose time-out has passed at log time `now_ns`, and complete ones before them."""
-        while self._open and (self._complete(self._open[0]) or now_ns > self._deadline_ns(self._open[0])):
-            yield self._release(self._open.pop(0))
+    @property
+    def counts(self) -> SyncCounts:
+        """What was late or unused so far."""
+        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
 
     def open_frame(self, message: Message | Tick) -> Iterator[Frame]:
-        """Open the frame at the instant of a message of the reference sensor, as recorded.
-
-        Yields the frames of the segment that ends where a gap or a jump of the clock is. A message that is merely out
-        of order, or a repeated stamp, opens no frame, so that time never stands still or runs back within a segment.
+        """Open the frame at the instant of a message of the reference sensor, as recorded. Yields the frames of the
+        segment that ends where a gap or a jump of the clock is. A message that is merely out of order, or a repeated
+        stamp, opens no frame, so that time never stands still or runs back within a segment.
         """
         stamp = message.stamp_ns
-        step = None if self._last_stamp_ns is None else stamp - self._last_stamp_ns
-        if step is not None and (why := self._border(step)):
-            yield from self.break_off(why)
-        elif step is not None and step <= 0:
+        step_ns = 1 if self._last_stamp_ns is None else stamp - self._last_stamp_ns
+        if self._last_stamp_ns is not None and step_ns > self._params.max_gap_ns:
+            yield from self.break_off(f"gap of {step_ns / 1e9:.3f} s")
+        elif -step_ns > self._params.max_jump_ns:
+            yield from self.break_off(f"clock jumps back by {-step_ns / 1e9:.3f} s")
+        elif step_ns <= 0:
             self._disordered += 1
             return
         self._last_stamp_ns = stamp
         self._periods.note(self._reference, stamp)
         self._is_numbered = self._is_numbered or message.frame_number is not None
-        frame = _Open(self._num_frames, stamp, self._segment, message.frame_number, message.log_ns)
-        self._num_frames += 1
+        frame = _Open(self.num_frames, stamp, self.segment, message.frame_number, message.log_ns)
+        self.num_frames += 1
         self._open.append(frame)
-        self._adopt(frame)
+        # The frame gets the messages that came before it; those that no later frame can want are dropped.
+        waiting, self._pending = self._pending, []
+        for early in waiting:
+            if self._distance_ns(early, frame) is not None:
+                self._join(frame, early)
+            elif early.stamp_ns > stamp or (early.frame_number is not None and frame.number is None):
+                self._pending.append(early)
+            else:
+                self._unused[early.sensor] += 1
 
     def break_off(self, why: str) -> Iterator[Frame]:
         """Release all frames and begin a new segment with the next one, where there were frames already."""
         yield from self._release_all()
         self._periods, self._released = _Periods(), []
-        if self._num_frames and self._num_frames != self._first_of_segment:
-            self.breaks.append(f"{why} before frame {self._num_frames}")
-            self._segment, self._first_of_segment = self._segment + 1, self._num_frames
+        if self.num_frames and self.num_frames != self._first_of_segment:
+            self.breaks.append(f"{why} before frame {self.num_frames}")
+            self.segment, self._first_of_segment = self.segment + 1, self.num_frames
 
     def add(self, message: Message) -> Iterator[Frame]:
-        """Put one message into the frame that it belongs to, or keep it until that frame opens."""
+        """Put a message into its frame, or keep it until that opens, but not for longer than a segment can pause."""
         if message.sensor not in self._unused:
             return
         yield from self.advance(message.log_ns)
         if message.sensor != self._reference:
             self._periods.note(message.sensor, message.stamp_ns)
-        frame = self._find(message)
-        if frame is not None:
-            self._join(frame, message)
+        near = [(d, f.index, f) for f in self._open if (d := self._distance_ns(message, f)) is not None]
+        if near:
+            self._join(min(near, key=lambda n: n[:2])[2], message)
         elif not self._is_late(message):
-            self._wait(message)
+            oldest = message.log_ns - self._params.max_gap_ns
+            for old in [m for m in self._pending if m.log_ns < oldest]:
+                self._unused[old.sensor] += 1
+            self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
         yield from self.advance(message.log_ns)
+
+    def advance(self, now_ns: int) -> Iterator[Frame]:
+        """Release the frames whose time-out has passed at log time `now_ns`, and complete ones before them."""
+        while self._open:
+            first, is_complete = self._open[0], all(name in self._open[0].messages for name in self._expected)
+            if not (is_complete or now_ns > self._deadline_ns(first)):
+                return
+            yield self._release(self._open.pop(0))
 
     def flush(self) -> Iterator[Frame]:
         """Release all frames: the log ends."""
@@ -227,90 +239,36 @@ class FrameBuffer:
             self._unused[message.sensor] += 1
         self._pending = []
 
-    @property
-    def segment(self) -> int:
-        """Segment of the frame that opens next, as far as it is known."""
-        return self._segment
-
-    @property
-    def num_frames(self) -> int:
-        """Frames opened so far."""
-        return self._num_frames
-
-    @property
-    def counts(self) -> SyncCounts:
-        """What was late or unused so far."""
-        return SyncCounts(dict(self._late_ms), dict(self._unused), self._disordered)
-
     def _release_all(self) -> Iterator[Frame]:
         while self._open:
             yield self._release(self._open.pop(0))
 
-    def _border(self, step_ns: int) -> str | None:
-        if step_ns > self._params.max_gap_ns:
-            return f"gap of {step_ns / 1e9:.3f} s"
-        if -step_ns > self._params.max_jump_ns:
-            return f"clock jumps back by {-step_ns / 1e9:.3f} s"
-        return None
-
-    def _complete(self, frame: _Open) -> bool:
-        return all(name in frame.messages for name in self._expected)
-
     def _deadline_ns(self, frame: _Open) -> int:
-        return frame.first_arrival_ns + self._params.timeout_ns
+        arrivals = () if frame.number is None else (m.log_ns for m in frame.messages.values())
+        return min(arrivals, default=frame.opened_ns) + self._params.timeout_ns
 
-    def _tolerance_ns(self, sensor: str) -> int:
-        limit = self._periods.limit_ns(self._reference, self._params.tolerance_ns)
-        return self._periods.limit_ns(sensor, limit)
-
-    def _distance_ns(self, message: Message, stamp_ns: int, number: int | None) -> int | None:
-        """How far a message is from an instant, or `None` where it doesn't belong there.
-
-        Of frames of which only some have numbers, as keyframes do, a message with a number belongs to no other.
+    def _distance_ns(self, message: Message, frame: _Open | _Released) -> int | None:
+        """How far a message is from a frame's instant, or `None` where it doesn't belong there. Of frames of which only
+        some have numbers, as keyframes do, a message with a number belongs to no other.
         """
-        if message.frame_number is not None and (number is not None or self._is_numbered):
-            return 0 if message.frame_number == number else None
-        distance = abs(message.stamp_ns - stamp_ns)
-        return distance if distance <= self._tolerance_ns(message.sensor) else None
-
-    def _find(self, message: Message) -> _Open | None:
-        near = [
-            (d, f.index, f) for f in self._open if (d := self._distance_ns(message, f.stamp_ns, f.number)) is not None
-        ]
-        return min(near, key=lambda n: n[:2])[2] if near else None
+        if message.frame_number is not None and (frame.number is not None or self._is_numbered):
+            return 0 if message.frame_number == frame.number else None
+        distance = abs(message.stamp_ns - frame.stamp_ns)
+        limit = self._periods.limit_ns(self._reference, self._params.tolerance_ns)
+        return distance if distance <= self._periods.limit_ns(message.sensor, limit) else None
 
     def _join(self, frame: _Open, message: Message) -> None:
         """Take the message; of two of one sensor that with the frame's number stays, else the nearer or earlier one."""
-        other = frame.messages.get(message.sensor)
-        if other is None:
-            frame.messages[message.sensor] = message
-            return
-        self._unused[message.sensor] += 1
-        if _rank(message, frame) < _rank(other, frame):
-            frame.messages[message.sensor] = message
-
-    def _wait(self, message: Message) -> None:
-        """Keep a message whose frame isn't open yet, but not for longer than a segment can pause."""
-        oldest = message.log_ns - self._params.max_gap_ns
-        for old in [m for m in self._pending if m.log_ns < oldest]:
-            self._unused[old.sensor] += 1
-        self._pending = [*(m for m in self._pending if m.log_ns >= oldest), message]
-
-    def _adopt(self, frame: _Open) -> None:
-        """Give a new frame the messages that came before it; drop those that no later frame can want."""
-        waiting, self._pending = self._pending, []
-        for message in waiting:
-            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
-                self._join(frame, message)
-            elif message.stamp_ns > frame.stamp_ns or (message.frame_number is not None and frame.number is None):
-                self._pending.append(message)
-            else:
-                self._unused[message.sensor] += 1
+        other = frame.messages.setdefault(message.sensor, message)
+        if other is not message:
+            self._unused[message.sensor] += 1
+            if frame.rank(message) < frame.rank(other):
+                frame.messages[message.sensor] = message
 
     def _is_late(self, message: Message) -> bool:
         """Tell whether the message belongs to a released frame; where that lacks it, note by how much it is late."""
         for frame in reversed(self._released):
-            if self._distance_ns(message, frame.stamp_ns, frame.number) is not None:
+            if self._distance_ns(message, frame) is not None:
                 key = (frame.frame, message.sensor)
                 if message.sensor in frame.absent and key not in self._late_ms:
                     self._late_ms[key] = max(0, message.log_ns - frame.deadline_ns) / 1e6
@@ -321,16 +279,8 @@ class FrameBuffer:
 
     def _release(self, frame: _Open) -> Frame:
         absent = [name for name in self._expected if name not in frame.messages]
-        wait_ms = self._params.timeout_ns / 1e6
         released = _Released(frame.index, frame.stamp_ns, frame.number, self._deadline_ns(frame), frozenset(absent))
         self._released = [*self._released[1 - _REMEMBERED :], released]
-        return Frame(
-            frame.index, frame.stamp_ns, frame.segment, dict(sorted(frame.messages.items())),
-            dict.fromkeys(absent, f"{NOT_THERE} {wait_ms:g} ms"), frame.number,
-        )  # fmt: skip
-
-
-def _rank(message: Message, frame: _Open) -> tuple[bool, int]:
-    """Order of messages that could be a frame's: those with its number first, then the nearest."""
-    is_own = message.frame_number is not None and message.frame_number == frame.number
-    return not is_own, abs(message.stamp_ns - frame.stamp_ns)
+        missing = dict.fromkeys(absent, f"{NOT_THERE} {self._params.timeout_ns / 1e6:g} ms")
+        messages = dict(sorted(frame.messages.items()))
+        return Frame(frame.index, frame.stamp_ns, frame.segment, messages, missing, frame.number)

@@ -10,9 +10,9 @@ from fbench.replay.data.frames import Frame
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import Rig, RigChange
 from fbench.replay.engine.cleaning import Skipped, SkippedMessages, clean
-from fbench.replay.engine.clock import Clock
+from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
-from fbench.replay.engine.frame_buffer import FrameBuffer, SyncCounts, SyncParams, choose_reference
+from fbench.replay.engine.frame_buffer import FrameBuffer, SyncParams, choose_reference
 from fbench.replay.engine.poses import FramePoses
 from fbench.replay.logs.setup import ClockCheck, StampParams
 from fbench.replay.runs.digest import Digest
@@ -32,7 +32,7 @@ class FrameStream:
         sync: SyncParams,
         stamps: StampParams,
         excerpt: Excerpt,
-        clock: Clock,
+        clock: VirtualClock,
         faults: FaultLog,
         sensors: Sequence[str] = (),
         max_between_ns: int = 0,
@@ -43,31 +43,25 @@ class FrameStream:
         self._left_out = frozenset(names) - frozenset(chosen)
         self.rig: Rig = whole.without(self._left_out)
         """The chosen sensors; which they are changes neither instants nor segments nor the log's digest."""
-        self.rigs: dict[int, Rig] = {0: whole}
-        """Rig of the log in the first segment and in those from which on another one holds."""
+        self.rigs = {0: whole}  # Of the log, in the first segment and in those from which on another one holds
         self._stamps, self._excerpt, self._clock, self._faults = stamps, excerpt, clock, faults
         self.sync = sync = sync.complete_from(reader.info)
-        """How messages are put into frames."""
-        self._max_gap_ns = sync.max_gap_ns
         self._max_between_ns = max_between_ns
         self.reference = choose_reference(whole, reader.info, reader.num_messages, sync)
         self._known = (*names, *reader.poses)
         stamps.require_known(self._known)
-        self._buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)
+        self.buffer = FrameBuffer((*chosen, *reader.poses), self.reference, sync)
         self._clocks = ClockCheck(self.reference, stamps)
-        self._digest = Digest()
+        self.digest = Digest()  # Of all messages and truth that were read
         self._start_ns: int | None = None
         self._num_released = 0
-        self._stop = excerpt.stop
-        self._waits = excerpt.is_whole
+        self._stop, self._waits = excerpt.stop, excerpt.is_whole
         self._instants: list[Instant] = []
-        self.poses = FramePoses(min(reader.poses, default=None))
-        """Of all frames that were opened."""
+        self.poses = FramePoses(min(reader.poses, default=None))  # Of all frames that were opened
         self.skipped = SkippedMessages(sync.tolerance_ns)
         self.num_between = 0
         """Frames that have no truth of their own, but got some from the truths around them; see `TruthTimes`."""
-        self.is_cut = False
-        """Whether reading stopped before the log's end."""
+        self.is_cut = False  # Whether reading stopped before the log's end
 
     def frames(self, reader: Reader) -> Iterator[Frame]:
         """Read the log and yield the chosen frames. Raises LogError where the clocks of sensors differ."""
@@ -80,7 +74,8 @@ class FrameStream:
         """Read the truth and yield that of chosen frames, with their indices, in body coordinates at their instants.
         Raises LogError where it is in the world, and the log has no pose then.
         """
-        first_ns, last_ns = self._choose_ns()
+        stamps = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
+        first_ns, last_ns = min(stamps, default=0), max(stamps, default=-1)
         times = TruthTimes(self._instants, self.poses.values, self._max_between_ns)
         for index, truth in times.match(self._truths(reader)):
             if index is None:
@@ -92,111 +87,76 @@ class FrameStream:
                     self.num_between += times.is_between(index)
                     yield index, kept
 
-    @property
-    def counts(self) -> SyncCounts:
-        """What was late or unused."""
-        return self._buffer.counts
-
-    @property
-    def breaks(self) -> Sequence[str]:
-        """Why each segment after the first begins."""
-        return self._buffer.breaks
-
-    @property
-    def log_digest(self) -> str:
-        """Digest of all messages and truth that were read."""
-        return self._digest.hex()
-
     def require_frames(self, log: str) -> None:
         """Refuse to go on without a frame. Raises LogError: saying why there is none."""
         if not self._instants:
             hint = "choose another with --reference"
             raise LogError(f"log '{log}' gives no frames: no message of '{self.reference}', {hint}")
         if not any(instant.is_chosen for instant in self._instants):
-            there = f"it has {len(self._instants)} over {self._span_s():.3f} s"
+            stamps = [instant.stamp_ns for instant in self._instants]
+            there = f"it has {len(stamps)} over {(max(stamps) - min(stamps)) / 1e9:.3f} s"
             raise LogError(f"log '{log}' has no frames in the range '{self._excerpt}'; {there}")
-
-    def _span_s(self) -> float:
-        stamps = [instant.stamp_ns for instant in self._instants]
-        return (max(stamps) - min(stamps)) / 1e9
 
     def _release(self, reader: Reader) -> Iterator[Frame]:
         for recorded in reader.events() if self.reference == BOXES else reader.messages():
-            self._digest.add(recorded)
-            if isinstance(recorded, RigChange):
-                yield from self._change_rig(recorded)
+            self.digest.add(recorded)
+            if isinstance(recorded, RigChange):  # ends the segment: what comes next was measured by other sensors
+                yield from self.buffer.break_off(recorded.reason)
+                self._faults.add("CAL002", f"{recorded.reason} at {recorded.log_ns} ns")
+                self.rigs[self.buffer.segment] = recorded.rig
+                self.rig = recorded.rig.without(self._left_out)
             elif isinstance(recorded, Tick):
-                yield from self._ticked(recorded)
+                yield from self._take(recorded, recorded)
             else:
                 yield from self._take(recorded, self._stamps.restamp(recorded))
             if self._stop is not None and self._num_released >= self._stop:
                 self.is_cut = True
                 self.poses.finish()
                 return
-        yield from self._buffer.flush()
+        yield from self.buffer.flush()
         self.poses.finish()
 
-    def _take(self, recorded: Message, message: Message) -> Iterator[Frame]:
-        if message.sensor in self._known:
+    def _take(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
+        if not isinstance(message, Tick) and message.sensor in self._known:
             self._clocks.check(message)
-            self._start_ns = message.stamp_ns if self._start_ns is None else self._start_ns
-        yield from self._buffer.advance(message.log_ns)
+        if self._start_ns is None and (isinstance(message, Tick) or message.sensor in self._known):
+            self._start_ns = message.stamp_ns
+        yield from self.buffer.advance(message.log_ns)
         if isinstance(message, Pose):
             self.poses.add(message)
         if message.sensor == self.reference:
             yield from self._open(recorded, message)
         if self._waits:
             self._clock.wait_until(message.log_ns)
-        if message.sensor in self._left_out:
+        if isinstance(message, Tick) or message.sensor in self._left_out:
             return
         usable = clean(message, self.rig, self._faults)
         if isinstance(usable, Skipped):
             self.skipped.add(usable)
         else:
-            yield from self._buffer.add(usable)
-
-    def _ticked(self, tick: Tick) -> Iterator[Frame]:
-        self._start_ns = tick.stamp_ns if self._start_ns is None else self._start_ns
-        yield from self._buffer.advance(tick.log_ns)
-        yield from self._open(tick, tick)
-        if self._waits:
-            self._clock.wait_until(tick.log_ns)
-
-    def _change_rig(self, change: RigChange) -> Iterator[Frame]:
-        """End the segment: what comes next was measured by other sensors."""
-        yield from self._buffer.break_off(change.reason)
-        self._faults.add("CAL002", f"{change.reason} at {change.log_ns} ns")
-        self.rigs[self._buffer.segment] = change.rig
-        self.rig = change.rig.without(self._left_out)
+            yield from self.buffer.add(usable)
 
     def _open(self, recorded: Message | Tick, message: Message | Tick) -> Iterator[Frame]:
-        num_breaks, num_frames = len(self._buffer.breaks), self._buffer.num_frames
-        yield from self._buffer.open_frame(message)
-        for why in self._buffer.breaks[num_breaks:]:
+        """Open a frame, and decide whether it is chosen and whether it is the first behind the chosen ones."""
+        buffer, num_breaks, index = self.buffer, len(self.buffer.breaks), self.buffer.num_frames
+        yield from buffer.open_frame(message)
+        for why in buffer.breaks[num_breaks:]:
             self._faults.add("TIM007" if why.startswith("gap") else "TIM005", why)
-        if self._buffer.num_frames > num_frames:
-            self._note(num_frames, recorded, message.stamp_ns)
-
-    def _note(self, index: int, recorded: Message | Tick, stamp_ns: int) -> None:
-        """Decide whether a frame is chosen, and whether it is the first behind the chosen ones."""
+        if buffer.num_frames == index:
+            return
+        stamp_ns = message.stamp_ns
         start_ns = stamp_ns if self._start_ns is None else self._start_ns
         chosen = self._excerpt.has(index, stamp_ns, start_ns)
         if self._waits and self._excerpt.is_past(index, stamp_ns, start_ns):
             self._stop = index if self._stop is None else min(index, self._stop)
-        segment = self._buffer.segment
-        self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen, segment))
+        self._instants.append(Instant(index, recorded.stamp_ns, recorded.frame_number, chosen, buffer.segment))
         self.poses.open(index, stamp_ns)
         self._waits = self._waits or chosen
 
     def _truths(self, reader: Reader) -> Iterator[Truth]:
         last_ns = max((instant.stamp_ns for instant in self._instants), default=0)
         for truth in reader.truths():
-            if self.is_cut and truth.stamp_ns > last_ns + max(self._max_gap_ns, self._max_between_ns):
+            if self.is_cut and truth.stamp_ns > last_ns + max(self.sync.max_gap_ns, self._max_between_ns):
                 return
-            self._digest.add(truth)
+            self.digest.add(truth)
             yield truth
-
-    def _choose_ns(self) -> tuple[int, int]:
-        """Stamps of the first and the last chosen frame."""
-        stamps = [instant.stamp_ns for instant in self._instants if instant.is_chosen]
-        return min(stamps, default=0), max(stamps, default=-1)

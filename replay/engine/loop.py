@@ -14,27 +14,17 @@ from fbench.replay.contracts.errors import INTERRUPTS, LogError, RunError, one_l
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.contracts.plugins import guarded
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
-from fbench.replay.data.boxes import Boxes, finite
-from fbench.replay.data.frames import ClockName, Frame, Output
+from fbench.replay.data.boxes import finite
+from fbench.replay.data.frames import Frame, Output
 from fbench.replay.engine.cleaning import OutputCheck
-from fbench.replay.engine.clock import Clock, VirtualClock
+from fbench.replay.engine.clock import VirtualClock
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.frame_buffer import NOT_THERE, SyncCounts, SyncParams
 from fbench.replay.engine.frames import FrameStream
 from fbench.replay.logs.setup import StampParams
+from fbench.replay.runs import manifest
 from fbench.replay.runs.digest import START, digest, link
 from fbench.replay.runs.folder import FrameRecord, RunWriter
-from fbench.replay.runs.manifest import (
-    FrameEntry,
-    InputEntry,
-    InterpolationEntry,
-    LogEntry,
-    Manifest,
-    TruthEntry,
-    VariantEntry,
-    package_versions,
-    rig_entry,
-)
 from fbench.replay.runs.media import MediaKeeper
 from fbench.replay.runs.redaction import redact_manifest, redact_record, redact_rows
 from fbench.replay.runs.secrets import clean_mapping, without_secrets
@@ -56,12 +46,12 @@ class Plan:
     topics: Sequence[str] = ()  # Patterns with which the log was opened, for the manifest
     sensors: Sequence[str] = ()
     """Patterns of the sensors that the pipeline gets, see `contracts.sensor_settings`; empty: all."""
-    variant: VariantEntry | None = None  # Which variant the pipeline is, for the manifest
-    inputs: Sequence[InputEntry] = ()  # Files that decided how it was read, for the manifest
-    truth: TruthEntry | None = None  # The file that truth comes from, for the manifest
+    variant: manifest.VariantEntry | None = None  # Which variant the pipeline is, for the manifest
+    inputs: Sequence[manifest.InputEntry] = ()  # Files that decided how it was read, for the manifest
+    truth: manifest.TruthEntry | None = None  # The file that truth comes from, for the manifest
     max_between_ns: int = 0
     """Frames between truths that aren't farther apart get truth by interpolation, see `TruthTimes`; 0: none does."""
-    clock: Clock = field(default_factory=VirtualClock)
+    clock: VirtualClock = field(default_factory=VirtualClock)
     budget: FaultBudget = field(default_factory=FaultBudget)
     """So much data may be lost without the run being incomplete."""
     redact: bool = False  # Leave out of the run what tells whose log it is; see `redact`
@@ -79,20 +69,11 @@ def replay(
     overwrite: bool = False,
     complete: Callable[[Path], None] = lambda folder: None,
 ) -> Path:
-    """Replay a log into a pipeline and write the run folder; returns its path.
+    """Replay a log into a pipeline as planned and write the run folder; returns its path.
 
-    Args:
-        reader: The log.
-        plan: What to run and how.
-        folder: Where the run goes.
-        faults: Where faults are counted, those of the reader too.
-        overwrite: Replace a run that is there.
-        complete: Adds to the folder, scores for instance, before it gets its name.
-
-    Raises:
-        ConfigError: where the folder exists or can't be written.
-        LogError: where the log can't be used by this pipeline.
-        RunError: where the pipeline keeps failing.
+    `faults` counts those of the reader too; `overwrite` replaces a run that is there; `complete` adds to the folder,
+    scores for instance, before it gets its name. Raises ConfigError where the folder exists or can't be written,
+    LogError where the log can't be used by this pipeline, RunError where the pipeline keeps failing.
     """
     with RunWriter(folder, overwrite) as writer:
         loop = _Loop(reader, plan, faults, writer)
@@ -110,9 +91,8 @@ class _Loop:
 
     def __init__(self, reader: Reader, plan: Plan, faults: FaultLog, writer: RunWriter) -> None:
         self._plan, self._faults, self._writer = plan, faults, writer
-        self.stream = FrameStream(
-            reader, plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns
-        )
+        params = (plan.sync, plan.stamps, plan.excerpt, plan.clock, faults, plan.sensors, plan.max_between_ns)
+        self.stream = FrameStream(reader, *params)
         self._rig, self._info = self.stream.rig, reader.info
         self._media = MediaKeeper(self._rig, 0 if plan.redact else plan.num_media)
         self._check = OutputCheck(self._rig)
@@ -144,18 +124,38 @@ class _Loop:
         start = time.perf_counter_ns()
         output, failed = self._guard(frame)
         total_ns = time.perf_counter_ns() - start
-        self._record(frame, output, failed, total_ns)
+        stamp, segment = frame.stamp_ns, frame.segment
+        results = None if output is None else (output.detections, output.tracks)
+        missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
+        frame_digest = digest([frame.index, stamp, segment, missing, failed, results])
+        self._chain = link(self._chain, frame_digest)
+        for name, boxes in zip(("detections", "tracks"), results or (), strict=False):
+            sane, scored = finite(boxes)
+            if num := int(np.count_nonzero(~(sane & scored))):
+                self._faults.add("PRD001", f"frame {frame.index}: {name}", num)
+            self._writer.add_boxes(name, frame.index, boxes)
+        number, chain = frame.frame_number, self._chain
+        record = FrameRecord(frame.index, stamp, segment, number, missing, frame_digest, chain, failed)
+        stages = {} if output is None else output.stage_ns
+        if output is None or output.clock == "host":
+            self._writer.add_frame(record, {**stages, "total": total_ns}, "host")
+        else:
+            self._writer.add_frame(record, {**stages, "total": sum(stages.values())} if stages else {}, "log")
         self._media.offer(frame)
 
     def _guard(self, frame: Frame) -> tuple[Output | None, str | None]:
         """Step the pipeline; a failure is a fault of the frame, until there are too many in a row."""
+        pipeline = self._plan.pipeline
         try:
             if self._rig is not self.stream.rig:
-                self._plan.pipeline.start(self.stream.rig, self._info)
+                pipeline.start(self.stream.rig, self._info)
                 self._rig = self.stream.rig
-            if frame.segment != self._segment:
-                self._enter(frame)
-            output = self._check(self._plan.pipeline.step(frame))
+            if frame.segment != self._segment:  # a segment begins, or an excerpt in the middle of one
+                is_first, self._segment = self._segment is None, frame.segment
+                if frame.index:
+                    begins = f"replay begins with frame {frame.index}"
+                    pipeline.reset(begins if is_first else self.stream.buffer.breaks[frame.segment - 1])
+            output = self._check(pipeline.step(frame))
         except INTERRUPTS:
             raise
         except BaseException as error:
@@ -173,35 +173,8 @@ class _Loop:
             self._faults.add(fault.code, f"frame {frame.index}: {fault.where}")
         return output, None
 
-    def _enter(self, frame: Frame) -> None:
-        """Begin a segment, or an excerpt in the middle of one."""
-        is_first, self._segment = self._segment is None, frame.segment
-        if frame.index:
-            begins = f"replay begins with frame {frame.index}"
-            self._plan.pipeline.reset(begins if is_first else self.stream.breaks[frame.segment - 1])
-
-    def _record(self, frame: Frame, output: Output | None, failed: str | None, total_ns: int) -> None:
-        results = None if output is None else (output.detections, output.tracks)
-        missing = {**frame.missing, **({} if output is None else clean_mapping(output.missing))}
-        content = [frame.index, frame.stamp_ns, frame.segment, missing, failed, results]
-        frame_digest = digest(content)
-        self._chain = link(self._chain, frame_digest)
-        for name, boxes in zip(("detections", "tracks"), results or (), strict=False):
-            self._count_invalid(f"frame {frame.index}: {name}", boxes)
-            self._writer.add_boxes(name, frame.index, boxes)
-        number, stamp = frame.frame_number, frame.stamp_ns
-        record = FrameRecord(frame.index, stamp, frame.segment, number, missing, frame_digest, self._chain, failed)
-        self._writer.add_frame(record, *_times(output, total_ns))
-
-    def _count_invalid(self, where: str, boxes: Boxes) -> None:
-        sane, scored = finite(boxes)
-        if num := int(np.count_nonzero(~(sane & scored))):
-            self._faults.add("PRD001", where, num)
-
     def require_results(self) -> None:
-        """Refuse to write a run of nothing. Raises LogError without a single frame. Raises RunError where the pipeline
-        failed on every frame.
-        """
+        """Refuse to write nothing. Raises LogError without a frame, RunError where all frames failed."""
         records = self._writer.records
         self.stream.require_frames(self._info.name)
         if all(record.failed is not None for record in records):
@@ -213,7 +186,7 @@ class _Loop:
             self._writer.label_frame(index, truth)
         if not self._plan.redact:
             self._writer.set_poses(self.stream.poses.values)
-        counts = self.stream.counts
+        counts = self.stream.buffer.counts
         if counts.disordered:
             self._faults.add("TIM001", self.stream.reference, counts.disordered)
         self._writer.explain_missing(lambda record: self._explain(record, counts))
@@ -222,88 +195,62 @@ class _Loop:
             self._writer.explain_missing(redact_record)
             rows = redact_rows(rows)
         self._writer.write_media(self._media.frames)
-        faults = {
-            "lost": self._faults.lost,
-            "late_messages": counts.late,
-            "unused_messages": counts.unused,
-            "rows": rows,
-        }
-        self._writer.write_json("faults.json", faults)
+        faults = {"lost": self._faults.lost, "late_messages": counts.late, "unused_messages": counts.unused}
+        self._writer.write_json("faults.json", {**faults, "rows": rows})
 
     def _explain(self, record: FrameRecord, counts: SyncCounts) -> FrameRecord:
-        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never.
-
-        What comes too late behind the end of an excerpt isn't read, so there 'never' can't be said.
+        """Say of each sensor that wasn't there in time whether it was skipped, came too late or never. What comes too
+        late behind the end of an excerpt isn't read, so there 'never' can't be said.
         """
+        missing: dict[str, str] = {}
+        for sensor, reason in record.missing.items():
+            late_ms = counts.late_ms.get((record.index, sensor))
+            if late_ms is not None:
+                missing[sensor] = f"late by {late_ms:.1f} ms"
+            elif not reason.startswith(NOT_THERE):
+                missing[sensor] = reason
+            elif skipped := self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number):
+                missing[sensor] = f"skipped: {skipped}"
+            else:
+                missing[sensor] = reason if self.stream.is_cut else "never came"
+        return replace(record, missing=missing)
 
-        def why(sensor: str, reason: str) -> str:
-            late = counts.late_ms.get((record.index, sensor))
-            if late is not None:
-                return f"late by {late:.1f} ms"
-            if not reason.startswith(NOT_THERE):
-                return reason
-            skipped = self.stream.skipped.reason(sensor, record.stamp_ns, record.frame_number)
-            if skipped is not None:
-                return f"skipped: {skipped}"
-            return reason if self.stream.is_cut else "never came"
-
-        return replace(record, missing={sensor: why(sensor, reason) for sensor, reason in record.missing.items()})
-
-    def manifest(self) -> Manifest:
-        """Say what ran."""
-        first, *changed = (rig_entry(segment, rig) for segment, rig in sorted(self.stream.rigs.items()))
-        info, sync = self._info, self.stream.sync
-        manifest = Manifest(
-            complete=not self._plan.budget.find_exceeded(self._faults),
-            log=LogEntry(
-                name=info.name,
-                log_id=info.log_id,
-                digest=self.stream.log_digest,
-                metadata=dict(sorted(info.metadata.items())),
-            ),
-            pipeline=self._plan.name,
-            parameters={**self._plan.parameters, **self._identity()},
-            variant=self._plan.variant,
-            frames=FrameEntry(
-                reference=self.stream.reference,
-                timeout_ns=sync.timeout_ns,
-                tolerance_ns=sync.tolerance_ns,
-                max_gap_ns=sync.max_gap_ns,
-                max_jump_ns=sync.max_jump_ns,
-                stamps=self._plan.stamps.source,
-                offsets_ns=dict(self._plan.stamps.offsets_ns),
-                topics=list(self._plan.topics),
-                sensors=list(self._plan.sensors),
-                excerpt=str(self._plan.excerpt),
-            ),
-            inputs=list(self._plan.inputs),
-            truth=self._plan.truth,
-            interpolation=InterpolationEntry(max_gap_ns=self._plan.max_between_ns, num_frames=self.stream.num_between),
+    def manifest(self) -> manifest.Manifest:
+        """Say what ran. Raises RunError where the pipeline's identity fails, or is what JSON can't hold."""
+        plan, stream, info, records = self._plan, self.stream, self._info, self._writer.records
+        identity: dict[str, object] = {}
+        if isinstance(plan.pipeline, TellsIdentity):
+            with guarded(f"pipeline '{plan.name}' can't say what tells it apart"):
+                identity = dict(plan.pipeline.identity())
+                json.dumps(identity, allow_nan=False)
+        first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))
+        limits = ("timeout_ns", "tolerance_ns", "max_gap_ns", "max_jump_ns")
+        metadata = dict(sorted(info.metadata.items()))
+        frames = manifest.FrameEntry(
+            reference=stream.reference,
+            **{name: getattr(stream.sync, name) for name in limits},
+            stamps=plan.stamps.source,
+            offsets_ns=dict(plan.stamps.offsets_ns),
+            topics=list(plan.topics),
+            sensors=list(plan.sensors),
+            excerpt=str(plan.excerpt),
+        )
+        content = manifest.Manifest(
+            complete=not plan.budget.find_exceeded(self._faults),
+            log=manifest.LogEntry(name=info.name, log_id=info.log_id, digest=stream.digest.hex(), metadata=metadata),
+            pipeline=plan.name,
+            parameters={**plan.parameters, **identity},
+            variant=plan.variant,
+            frames=frames,
+            inputs=list(plan.inputs),
+            truth=plan.truth,
+            interpolation=manifest.InterpolationEntry(max_gap_ns=plan.max_between_ns, num_frames=stream.num_between),
             mounts=first.mounts,
             cameras=first.cameras,
             rig_changes=changed,
-            num_frames=len(self._writer.records),
-            num_segments=len({record.segment for record in self._writer.records}),
+            num_frames=len(records),
+            num_segments=len({record.segment for record in records}),
             digest=self._chain,
-            versions=package_versions(),
+            versions=manifest.package_versions(),
         )
-        return redact_manifest(manifest) if self._plan.redact else manifest
-
-    def _identity(self) -> Mapping[str, object]:
-        """What tells the pipeline apart. Raises RunError where it fails to say, or says what JSON can't hold."""
-        pipeline = self._plan.pipeline
-        if not isinstance(pipeline, TellsIdentity):
-            return {}
-        with guarded(f"pipeline '{self._plan.name}' can't say what tells it apart"):
-            identity = dict(pipeline.identity())
-            json.dumps(identity, allow_nan=False)
-        return identity
-
-
-def _times(output: Output | None, step_ns: int) -> tuple[dict[str, int], ClockName]:
-    """Times [ns] of the stages and of the whole frame, and whose they are."""
-    if output is None:
-        return {"total": step_ns}, "host"
-    if output.clock == "host":
-        return {**output.stage_ns, "total": step_ns}, "host"
-    return {**output.stage_ns, "total": sum(output.stage_ns.values())} if output.stage_ns else {}, "log"
+        return redact_manifest(content) if plan.redact else content

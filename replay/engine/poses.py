@@ -3,6 +3,7 @@
 from array import array
 from bisect import bisect_left, insort
 from collections import deque
+from operator import attrgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -21,20 +22,18 @@ NUM = 7  # Position [m] and quaternion x, y, z, w
 
 
 class FramePoses:
-    """Keeps seven numbers a frame: interpolated between the poses before and after its instant.
-
-    Positions are interpolated linearly, rotations on the shortest arc. A frame may open long after the poses around it
-    came: a sweep is recorded when it is over, and often stamped as it begins.
+    """Keeps seven numbers a frame: interpolated between the poses before and after its instant. Positions are
+    interpolated linearly, rotations on the shortest arc. A frame may open long after the poses around it came: a sweep
+    is recorded when it is over, and often stamped as it begins.
     """
 
     def __init__(self, name: str | None) -> None:
         """Begin; `name` is that of the stream, `None` where the log has none."""
         self._name = name
-        self._recent: list[Pose] = []
-        """By stamp."""
+        self._recent: list[Pose] = []  # By stamp
         self._waiting: deque[tuple[int, int]] = deque()
         self._values = array("d")
-        self._num_known = 0
+        self.is_known = False  # Whether any frame has a pose
 
     def open(self, index: int, stamp_ns: int) -> None:
         """Take the next frame; its pose may come later."""
@@ -51,13 +50,13 @@ class FramePoses:
         if self._recent and pose.stamp_ns < self._recent[-1].stamp_ns - MAX_BACK_NS:
             self.finish()
             self._recent.clear()
-        insort(self._recent, pose, key=_stamp)
+        insort(self._recent, pose, key=attrgetter("stamp_ns"))
         while self._waiting and self._waiting[0][1] <= pose.stamp_ns:
             index, stamp_ns = self._waiting.popleft()
             self._set(index, self._at(stamp_ns))
         oldest_ns = self._recent[-1].stamp_ns - MAX_KEPT_NS
         if self._recent[0].stamp_ns < oldest_ns - MAX_BACK_NS:  # not at every pose
-            del self._recent[: bisect_left(self._recent, oldest_ns, key=_stamp)]
+            del self._recent[: bisect_left(self._recent, oldest_ns, key=attrgetter("stamp_ns"))]
 
     def finish(self) -> None:
         """No pose of this clock comes any more: what waits gets the last one, if that is near."""
@@ -75,17 +74,12 @@ class FramePoses:
         """(N, 7) of all frames, the first one's first; NaN where unknown."""
         return np.array(self._values, np.float64).reshape(-1, NUM)
 
-    @property
-    def is_known(self) -> bool:
-        """Whether any frame has a pose."""
-        return self._num_known > 0
-
     def world_T_body(self, index: int) -> Float64 | None:
         """Pose (4, 4) at a frame; `None` where unknown."""
         return pose_of(np.array(self._values[NUM * index : NUM * index + NUM]))
 
     def _at(self, stamp_ns: int) -> Float64:
-        place = bisect_left(self._recent, stamp_ns, key=_stamp)
+        place = bisect_left(self._recent, stamp_ns, key=attrgetter("stamp_ns"))
         around = self._recent[max(place - 1, 0) : place + 1]
         if len(around) == 2 and place > 0:
             return pose_between(around[0], around[1], stamp_ns)
@@ -93,17 +87,13 @@ class FramePoses:
 
     def _set(self, index: int, value: Float64) -> None:
         if not np.isnan(value[0]):
-            self._num_known += 1
+            self.is_known = True
             self._values[NUM * index : NUM * index + NUM] = array("d", value.tolist())
 
 
 def pose_of(value: Float64) -> Float64 | None:
     """Return the matrix (4, 4) of seven numbers; `None` where they are NaN."""
     return None if np.isnan(value).any() else pose_matrix(value[:3], value[3:])
-
-
-def _stamp(pose: Pose) -> int:
-    return pose.stamp_ns
 
 
 def _near(pose: Pose, stamp_ns: int) -> Float64:

@@ -36,20 +36,17 @@ def make_limit(text: str) -> int | None:
 
 
 @contextmanager
-def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
-    """Open a log and read ahead while the `with` block runs.
+def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: int | None) -> Iterator[Reader]:
+    """Open a log and read ahead while the `with` block runs; faults are counted when their message is delivered.
 
-    Args:
-        open_log: Opens it, given where its faults are counted.
-        faults: Where they are counted when their message is delivered.
-        limit: Messages that may wait; 0: don't read ahead, `None`: as many as fit into `MAX_BYTES`.
+    At most `limit` messages wait; 0: don't read ahead, `None`: as many as fit into `MAX_BYTES`.
     """
     if limit == 0:
         yield open_log(faults)
         return
     staged = StagedFaults()
     try:
-        ahead = AheadReader(open_log(staged), staged, faults, limit)
+        ahead = _AheadReader(open_log(staged), staged, faults, limit)
         try:
             yield ahead
         finally:
@@ -75,8 +72,13 @@ class _Queue(Generic[R]):
 
     def put(self, item: _Item[R]) -> bool:
         """Wait for room and append; `False` where nobody wants it any more."""
+
+        def has_room() -> bool:
+            full = self._limit is not None and len(self._items) >= self._limit
+            return not self._items or (not full and self._num_bytes + item.num_bytes <= MAX_BYTES)
+
         with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._has_room(item))
+            self._changed.wait_for(lambda: self._closed or has_room())
             if self._closed:
                 return False
             self._items.append(item)
@@ -85,7 +87,6 @@ class _Queue(Generic[R]):
             return True
 
     def get(self) -> _Item[R]:
-        """Wait for the next item."""
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._items)
             if not self._items:
@@ -102,14 +103,8 @@ class _Queue(Generic[R]):
             self._items.clear()
             self._changed.notify_all()
 
-    def _has_room(self, item: _Item[R]) -> bool:
-        if not self._items:
-            return True
-        full = self._limit is not None and len(self._items) >= self._limit
-        return not full and self._num_bytes + item.num_bytes <= MAX_BYTES
 
-
-class AheadReader:
+class _AheadReader:
     """A reader that reads ahead of whoever iterates over its messages; only one thread uses the log at a time."""
 
     def __init__(self, reader: Reader, staged: StagedFaults, faults: FaultLog, limit: int | None) -> None:
@@ -118,22 +113,18 @@ class AheadReader:
 
     @property
     def info(self) -> LogInfo:
-        """Name, id and metadata."""
         return self._describe(self._reader.info)
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins."""
         return self._describe(self._reader.rig)
 
     @property
     def num_messages(self) -> Mapping[str, int]:
-        """Messages of each sensor and stream of poses, by name."""
         return self._describe(self._reader.num_messages)
 
     @property
     def poses(self) -> tuple[str, ...]:
-        """Names of the streams of poses."""
         return self._describe(self._reader.poses)
 
     def messages(self) -> Iterator[Message | RigChange]:
@@ -141,7 +132,6 @@ class AheadReader:
         return self._ahead(self._reader.messages)
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
-        """The same with the instants of boxes."""
         return self._ahead(self._reader.events)
 
     def _ahead(self, messages: Callable[[], Iterator[R]]) -> Iterator[R]:
@@ -151,7 +141,14 @@ class AheadReader:
         self._running = (thread, queue)
         thread.start()
         try:
-            yield from self._deliver(queue)
+            while True:
+                item = queue.get()
+                item.faults.tell(self._faults)
+                if isinstance(item.content, BaseException):
+                    raise item.content
+                if item.content is None:
+                    return
+                yield item.content
         finally:
             self.stop()
 
@@ -178,28 +175,15 @@ class AheadReader:
             self._staged.tell(self._faults)
         return value
 
-    def _deliver(self, queue: _Queue[R]) -> Iterator[R]:
-        while True:
-            item = queue.get()
-            item.faults.tell(self._faults)
-            if isinstance(item.content, BaseException):
-                raise item.content
-            if item.content is None:
-                return
-            yield item.content
-
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
-        """Runs in the thread."""
         end: BaseException | None = None
         try:
             for message in messages():
-                if not queue.put(_Item(message, self._staged.taken(), _num_bytes(message))):
+                values = [getattr(message, f.name) for f in fields(message)]
+                num_bytes = sum(v.nbytes for v in values if isinstance(v, np.ndarray))
+                num_bytes += sum(len(v) for v in values if isinstance(v, bytes))
+                if not queue.put(_Item(message, self._staged.taken(), num_bytes)):
                     return
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
             end = error
         queue.put(_Item(end, self._staged.taken(), 0))
-
-
-def _num_bytes(message: Message | RigChange | Tick) -> int:
-    values = (getattr(message, f.name) for f in fields(message))
-    return sum(v.nbytes if isinstance(v, np.ndarray) else len(v) if isinstance(v, bytes) else 0 for v in values)

@@ -7,23 +7,25 @@ from fbench.replay.data.arrays import Array, Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.iou import corners
-from fbench.replay.geometry.lenses import Lens, lens_of
+from fbench.replay.geometry.lenses import lens_of
 from fbench.replay.geometry.transforms import inverse, transform
 
+NEAR_M = 0.1
+"""Points closer than this to the image plane count as behind the camera; for a fisheye, closer to the camera."""
+_SAMPLES = 17  # Points along each edge of a box where a lens bends it
 EDGES = np.array([(i, j) for i in range(8) for j in range(i + 1, 8) if (i ^ j) in (1, 2, 4)])
 """Corners (12, 2) at both ends of each edge, numbered as `corners` does."""
 
 
 def curves(points: Float64, num: int, near_m: float) -> Float64:
-    """Points (N, 12, `num`, 3) along the edges of boxes with corners (N, 8, 3) in camera coordinates [m].
-
-    They are evenly spread as seen from the camera. Edges are cut off where they come nearer to the image plane than
-    `near_m`, NaN where nothing is left; with 0 they stay whole.
+    """Points (N, 12, `num`, 3) along the edges of boxes with corners (N, 8, 3) in camera coordinates [m]. They are
+    evenly spread as seen from the camera. Edges are cut off where they come nearer to the image plane than `near_m`,
+    NaN where nothing is left; with 0 they stay whole.
     """
     a, b = points[:, EDGES[:, 0]], points[:, EDGES[:, 1]]
     if near_m > 0:
         a, b = _cut(a, b, near_m * (1 + 1e-9))
-    length_a, length_b = _length(a), _length(b)
+    length_a, length_b = (np.sqrt((xyz * xyz).sum(axis=2))[..., None] for xyz in (a, b))
     share = np.linspace(0.0, 1.0, num)
     # The point on the edge whose direction is (1 - share) a/|a| + share b/|b|.
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -43,10 +45,6 @@ def _cut(a: Float64, b: Float64, near_m: float) -> tuple[Float64, Float64]:
     return np.where(behind_a, crossing, a), np.where(behind_b, crossing, b)
 
 
-def _length(xyz: Float64) -> Float64:
-    return np.asarray(np.sqrt((xyz * xyz).sum(axis=2))[..., None], np.float64)
-
-
 def border_hits(points: Float64, rays: Float64, near_m: float) -> Bool:
     """Tell which rays (M, 3) from the origin meet which boxes with corners (N, 8, 3) farther than `near_m`: (N, M)."""
     axes = points[:, [1, 2, 4]] - points[:, :1]
@@ -63,15 +61,8 @@ def border_hits(points: Float64, rays: Float64, near_m: float) -> Bool:
     return np.asarray((leave > enter) & (leave > near_m) & (square > 0).all(axis=1)[:, None], np.bool_)
 
 
-NEAR_M = 0.1
-"""Points closer than this to the image plane count as behind the camera; for a fisheye, closer to the camera."""
-_SAMPLES = 17  # Points along each edge of a box where a lens bends it
-
-
 def is_pinhole(camera: CameraModel) -> bool:
-    """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where its distortion isn't
-    modeled.
-    """
+    """Tell whether a camera has no lens distortion, as after rectification. Raises LogError where it isn't modeled."""
     return lens_of(camera) is None
 
 
@@ -85,9 +76,7 @@ def not_projectable(camera: CameraModel) -> str | None:
 
 
 def require_projection(rig: Rig, name: str) -> None:
-    """Refuse a camera into which points can't be projected. Raises LogError where the rig has no intrinsics of it, or
-    its distortion isn't modeled.
-    """
+    """Refuse a camera without projection. Raises LogError without intrinsics, or where distortion isn't modeled."""
     if name not in rig.cameras:
         raise LogError(f"camera '{name}' has no intrinsics", "CAL001")
     why = not_projectable(rig.cameras[name])
@@ -104,20 +93,15 @@ def project(camera: CameraModel, xyz: Array) -> tuple[Float64, Float64]:
     """
     p = np.asarray(xyz, np.float64)
     lens = lens_of(camera)
+    depth = np.sqrt((p * p).sum(axis=1)) if lens is not None and lens.is_wide else p[:, 2]
     if lens is not None:
-        return _bent(camera, lens, p)
-    depth = p[:, 2]
+        uv = _to_pixels(camera, lens.bend(p))
+        uv[~(depth > NEAR_M)] = np.nan
+        return uv, depth
     safe = np.where(depth > NEAR_M, depth, np.nan)
     u = (camera.K[0, 0] * p[:, 0] + camera.K[0, 1] * p[:, 1]) / safe + camera.K[0, 2]
     v = camera.K[1, 1] * p[:, 1] / safe + camera.K[1, 2]
     return np.stack([u, v], axis=1), depth
-
-
-def _bent(camera: CameraModel, lens: Lens, p: Float64) -> tuple[Float64, Float64]:
-    depth = np.sqrt((p * p).sum(axis=1)) if lens.is_wide else p[:, 2]
-    uv = _to_pixels(camera, lens.bent(p))
-    uv[~(depth > NEAR_M)] = np.nan
-    return uv, depth
 
 
 def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
@@ -126,9 +110,7 @@ def _to_pixels(camera: CameraModel, xy: Float64) -> Float64:
 
 
 def rays(camera: CameraModel, uv: Array) -> Float64:
-    """Unit vectors (N, 3) in camera coordinates that project to pixels (N, 2); NaN where none does. Raises LogError
-    where the camera's distortion isn't modeled.
-    """
+    """Unit vectors (N, 3) in camera coordinates of pixels (N, 2), NaN without. Raises LogError as `project` does."""
     uv = np.asarray(uv, np.float64)
     y = (uv[:, 1] - camera.K[1, 2]) / camera.K[1, 1]
     x = (uv[:, 0] - camera.K[0, 2] - camera.K[0, 1] * y) / camera.K[0, 0]
@@ -140,9 +122,7 @@ def rays(camera: CameraModel, uv: Array) -> Float64:
 
 
 def undistort_pixels(camera: CameraModel, uv: Array) -> Float64:
-    """Pixels (N, 2) in the image of a pinhole camera with the same `K`; NaN for what that doesn't see. Raises LogError
-    where the camera's distortion isn't modeled.
-    """
+    """Pixels (N, 2) of a pinhole camera with the same `K`; NaN where unseen. Raises LogError as `project` does."""
     if is_pinhole(camera):
         return np.array(uv, np.float64)
     ray = rays(camera, uv)
@@ -160,20 +140,29 @@ def in_image(camera: CameraModel, uv: Float64) -> Bool:
     """Tell which pixels (N, 2) lie inside the image; NaN doesn't."""
     width, height = camera.size_wh
     u, v = uv[:, 0], uv[:, 1]
-    inside: Bool = (u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5)
-    return inside
+    return np.asarray((u >= -0.5) & (u <= width - 0.5) & (v >= -0.5) & (v <= height - 0.5), np.bool_)
 
 
 def project_boxes(rig: Rig, name: str, boxes: Boxes3D) -> tuple[Float64, Bool]:
-    """Outline boxes (body coordinates) in camera `name`, clipped to the image.
-
-    Returns rectangles (N, 4) left, top, right, bottom [px], NaN where not `seen`, and `seen` (N,). The part of a
-    box behind the camera is cut off at `NEAR_M` before it is projected, and so is what its lens doesn't see.
+    """Outline boxes (body coordinates) in camera `name`, clipped to the image. Returns rectangles (N, 4) left, top,
+    right, bottom [px], NaN where not `seen`, and `seen` (N,). The part of a box behind the camera is cut off at
+    `NEAR_M` before it is projected, and so is what its lens doesn't see.
     """
     require_projection(rig, name)
     camera, points = rig.cameras[name], _camera_corners(rig, name, boxes)
     lens = lens_of(camera)
-    rectangles = _outlines(camera, points) if lens is None else _curve_outlines(camera, lens, points)
+    outline = _in_front(points)
+    if lens is not None:
+        outline = curves(points, _SAMPLES, 0.0 if lens.is_wide else NEAR_M).reshape(len(points), 12 * _SAMPLES, 3)
+    uv = project(camera, outline.reshape(-1, 3))[0].reshape(*outline.shape[:2], 2)
+    if lens is not None:  # what a lens sees of a box ends at its edges and at the border of what it sees at all
+        hits = border_hits(points, lens.border, NEAR_M)[..., None]
+        uv = np.concatenate([uv, np.where(hits, _to_pixels(camera, lens.bend(lens.border)), np.nan)], axis=1)
+    width, height = camera.size_wh
+    low = np.maximum(np.fmin.reduce(uv, axis=1), -0.5)
+    high = np.minimum(np.fmax.reduce(uv, axis=1), [width - 0.5, height - 0.5])
+    rectangles = np.concatenate([low, high], axis=1)
+    rectangles[~(high > low).all(axis=1)] = np.nan
     seen: Bool = np.all(np.isfinite(rectangles), axis=1)
     return rectangles, seen
 
@@ -191,36 +180,6 @@ def project_edges(rig: Rig, name: str, boxes: Boxes3D, num: int = 9) -> Float64:
 def _camera_corners(rig: Rig, name: str, boxes: Boxes3D) -> Float64:
     camera_T_body = inverse(rig.body_T_sensor(name))
     return transform(camera_T_body, corners(boxes).reshape(-1, 3)).reshape(-1, 8, 3)
-
-
-def _curve_outlines(camera: CameraModel, lens: Lens, points: Float64) -> Float64:
-    """Rectangles (N, 4) around boxes with corners (N, 8, 3), or NaN.
-
-    What a lens sees of a box ends at the box's edges and at the border of what it sees at all.
-    """
-    along = curves(points, _SAMPLES, 0.0 if lens.is_wide else NEAR_M)
-    uv, _ = project(camera, along.reshape(-1, 3))
-    border = lens.border
-    around = np.where(border_hits(points, border, NEAR_M)[..., None], _to_pixels(camera, lens.bent(border)), np.nan)
-    uv = np.concatenate([uv.reshape(len(points), 12 * _SAMPLES, 2), around], axis=1)
-    width, height = camera.size_wh
-    low = np.maximum(np.fmin.reduce(uv, axis=1), -0.5)
-    high = np.minimum(np.fmax.reduce(uv, axis=1), [width - 0.5, height - 0.5])
-    rectangles = np.concatenate([low, high], axis=1)
-    rectangles[~(high > low).all(axis=1)] = np.nan
-    return rectangles
-
-
-def _outlines(camera: CameraModel, points: Float64) -> Float64:
-    """Rectangles (N, 4) around the projected convex hulls of boxes with corners (N, 8, 3), or NaN."""
-    ahead = _in_front(points)
-    uv = project(camera, ahead.reshape(-1, 3))[0].reshape(*ahead.shape[:2], 2)
-    width, height = camera.size_wh
-    low = np.maximum(np.fmin.reduce(uv, axis=1), -0.5)
-    high = np.minimum(np.fmax.reduce(uv, axis=1), [width - 0.5, height - 0.5])
-    rectangles = np.concatenate([low, high], axis=1)
-    rectangles[~(high > low).all(axis=1)] = np.nan
-    return rectangles
 
 
 def _in_front(points: Float64) -> Float64:

@@ -14,16 +14,8 @@ _ROOM = 20  # Corners: a quadrangle cut by four lines has at most 8, if rounding
 def iou_blocks(
     a: Float64, b: Float64, sound_a: Bool, sound_b: Bool, start_a: Int64, start_b: Int64, solid: bool
 ) -> Float64:
-    """Intersection over union of all pairs of each step, flat: step by step, row-major.
-
-    Args:
-        a: (N, 7) center x, y, z, length, width, height [m], heading [rad].
-        b: (M, 7)
-        sound_a: (N,) whether a box can be compared; if not, its similarity to all others is -inf.
-        sound_b: (M,)
-        start_a: (S + 1,) rows of each step in `a`.
-        start_b: (S + 1,)
-        solid: In space; else the footprints from above.
+    """Intersection over union as of `iou.flat_iou`; `sound_a` (N,) and `sound_b` (M,) tell which boxes can be compared:
+    the similarity of others to all is -inf.
     """
     size = 0
     for s in range(len(start_a) - 1):
@@ -72,9 +64,8 @@ def _iou(one: Float64, other: Float64, solid: bool, room: Float64) -> float:
 
 @kernel
 def _common_area(a: Float64, b: Float64, room: Float64) -> float:
-    """Area in both footprints: b, seen from a, is cut along the sides of a (Sutherland and Hodgman, 1974).
-
-    In a's own axes the cuts are exact, so that slivers and nearly equal boxes keep their digits.
+    """Area in both footprints: b, seen from a, is cut along the sides of a (Sutherland and Hodgman, 1974). In a's own
+    axes the cuts are exact, so that slivers and nearly equal boxes keep their digits.
     """
     x, y = b[0] - a[0], b[1] - a[1]
     cos, sin = math.cos(a[6]), math.sin(a[6])

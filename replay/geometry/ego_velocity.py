@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Float64
 
 INLIER_MPS = 0.4
 _MAX_SPEED_MPS = 45.0
@@ -31,15 +31,9 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     """Find the velocity that makes the most points stationary: v_r = -d . v for unit vectors d (N, 3) in body axes.
 
     After D. Kellner et al., "Instantaneous ego-motion estimation using Doppler radar", ITSC 2013; instead of RANSAC all
-    forward speeds up to 45 m/s are tried, so that nothing is random, then the agreeing points refine it.
-
-    Args:
-        directions: From the radar to its points.
-        speed_mps: (N,) radial velocities, positive receding [m/s].
-        period_mps: With which they alias; `None`: unambiguous.
-
-    Returns:
-        `None` with fewer than eight points.
+    forward speeds up to 45 m/s are tried, so that nothing is random, then the agreeing points refine it. `directions`
+    lead from the radar to its points, `speed_mps` (N,) is positive receding and aliases with `period_mps`, `None`:
+    unambiguous. `None` with fewer than eight points.
     """
     known = np.isfinite(speed_mps)
     d, v = directions[known, :2], speed_mps[known]
@@ -48,13 +42,15 @@ def fit_ego(directions: Float64, speed_mps: Float64, period_mps: float | None) -
     num = round(_MAX_SPEED_MPS / _STEP_MPS)
     speeds = np.arange(-num, num + 1, dtype=np.float64) * _STEP_MPS
     candidates: Float64 = speeds[np.argsort(np.abs(speeds), kind="stable")]  # of equal ones the slowest is taken
-    counts = _support(d, v, candidates, period_mps)
+    parts = np.array_split(candidates, 16)  # so that large scans don't take so many times their size
+    rest = (wrap_velocity(v + part[:, None] * d[:, 0], period_mps) for part in parts)
+    counts = np.concatenate([np.count_nonzero(np.abs(part) < INLIER_MPS, axis=1) for part in rest])
     best = candidates[int(np.argmax(counts))]
     opposite = int(counts[candidates * best < 0].max(initial=0))
     velocity = np.array([best, 0.0])
     for band in (3.0, 2.0, 1.5, 1.0, 1.0, 1.0):  # from wide to narrow, as a radar in a bend moves sideways too
         velocity = _refine(d, v, velocity, period_mps, band * INLIER_MPS)
-    agreeing = _agree(d, v, velocity, period_mps)
+    agreeing = np.abs(_residual(d, v, velocity, period_mps)) < INLIER_MPS
     return EgoFit(velocity, float(agreeing.mean()), opposite / len(v))
 
 
@@ -65,28 +61,17 @@ def wrap_velocity(speed_mps: Float64, period_mps: float | None) -> Float64:
     return np.asarray((speed_mps + period_mps / 2) % period_mps - period_mps / 2, np.float64)
 
 
-def _support(d: Float64, v: Float64, forward_mps: Float64, period_mps: float | None) -> Int64:
-    """Number of points that agree with each forward speed (M,)."""
-    parts = np.array_split(forward_mps, 16)  # so that large scans don't take M times their size
-    rest = (wrap_velocity(v + part[:, None] * d[:, 0], period_mps) for part in parts)
-    return np.concatenate([np.count_nonzero(np.abs(part) < INLIER_MPS, axis=1) for part in rest])
-
-
 def _residual(d: Float64, v: Float64, velocity: Float64, period_mps: float | None) -> Float64:
     return wrap_velocity(v + d[:, 0] * velocity[0] + d[:, 1] * velocity[1], period_mps)
 
 
-def _agree(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float = INLIER_MPS) -> Bool:
-    agreeing: Bool = np.abs(_residual(d, v, velocity, period_mps)) < band_mps
-    return agreeing
-
-
 def _refine(d: Float64, v: Float64, velocity: Float64, period_mps: float | None, band_mps: float) -> Float64:
     """Least squares over the agreeing points; sideways only where the directions tell it."""
-    agreeing = _agree(d, v, velocity, period_mps, band_mps)
+    residual = _residual(d, v, velocity, period_mps)
+    agreeing = np.abs(residual) < band_mps
     if np.count_nonzero(agreeing) < _MIN_POINTS:
         return velocity
-    d, rest = d[agreeing], _residual(d, v, velocity, period_mps)[agreeing]
+    d, rest = d[agreeing], residual[agreeing]
     if float(np.std(d[:, 1])) < 0.2:
         return velocity - [float(np.sum(d[:, 0] * rest) / np.sum(d[:, 0] ** 2)), 0.0]
     step = np.linalg.lstsq(d, rest, rcond=None)[0]

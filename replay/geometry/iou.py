@@ -13,9 +13,8 @@ _SIGNS = np.array([[1 - 2 * (i & 1), 1 - 2 * (i >> 1 & 1), 1 - 2 * (i >> 2 & 1)]
 
 
 def corners(boxes: Boxes3D) -> Float64:
-    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4.
-
-    R = Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
+    """Corners (N, 8, 3) [m] in body coordinates; corner i differs from j along one edge where i ^ j is 1, 2 or 4. R =
+    Rz(yaw) Ry(pitch) Rx(roll), x along length, y along width, z along height.
     """
     local = boxes.size_lwh_m[:, None, :] * _SIGNS[None]
     x, y, z = local[..., 0], local[..., 1], local[..., 2]
@@ -39,8 +38,7 @@ def iou_2d(a: Array, b: Array) -> Float64:
     overlap *= _common(a[:, 1], a[:, 3], b[:, 1], b[:, 3])
     area_a, area_b = (np.maximum(r[:, 2] - r[:, 0], 0) * np.maximum(r[:, 3] - r[:, 1], 0) for r in (a, b))
     union = area_a[:, None] + area_b[None, :] - overlap
-    iou: Float64 = np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0)
-    return iou
+    return np.asarray(np.divide(overlap, union, out=np.zeros_like(overlap), where=union > 0), np.float64)
 
 
 def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) -> Float64:
@@ -53,14 +51,12 @@ def _common(low_a: Float64, high_a: Float64, low_b: Float64, high_b: Float64) ->
 def distance_bev(a: Array, b: Array) -> Float64:
     """Distance (N, M) [m] in the ground plane between centers (N, 2 or 3) and (M, 2 or 3)."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    distance: Float64 = np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1])
-    return distance
+    return np.asarray(np.hypot(a[:, None, 0] - b[None, :, 0], a[:, None, 1] - b[None, :, 1]), np.float64)
 
 
 def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
-    """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4).
-
-    A box that stands on end in `dst` has no unique yaw; it gets the one with roll 0.
+    """Move boxes from coordinate frame `src` to `dst`: centers, rotations and velocities (4, 4). A box that stands on
+    end in `dst` has no unique yaw; it gets the one with roll 0.
     """
     zeros = np.zeros(len(boxes))
     angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
@@ -80,17 +76,15 @@ def move_boxes(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
 
 
 def iou_bev(a: Boxes3D, b: Boxes3D) -> Float64:
-    """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out.
-
-    0 where a box has no area; -inf where one isn't finite or has a negative size.
+    """Intersection over union (N, M) of the boxes' footprints, turned by yaw; roll and pitch are left out. 0 where a
+    box has no area; -inf where one isn't finite or has a negative size.
     """
     return _iou(a, b, solid=False)
 
 
 def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
-    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out.
-
-    0 where a box has no volume; -inf where one isn't finite or has a negative size.
+    """Intersection over union (N, M) of the boxes in space, turned by yaw; roll and pitch are left out. 0 where a box
+    has no volume; -inf where one isn't finite or has a negative size.
     """
     return _iou(a, b, solid=True)
 
@@ -98,23 +92,19 @@ def iou_3d(a: Boxes3D, b: Boxes3D) -> Float64:
 def flat_iou(a: Float64, b: Float64, start_a: Int64, start_b: Int64, solid: bool) -> Float64:
     """Intersection over union of the pairs of S steps, flat: step by step, row-major, one row a box of `a`.
 
-    Args:
-        a: (N, 7) upright boxes: center x, y, z, length, width, height [m], heading [rad].
-        b: (M, 7)
-        start_a: (S + 1,) offsets: step s has rows `start_a[s]:start_a[s + 1]` of `a`.
-        start_b: (S + 1,)
-        solid: In space; else of the footprints.
+    `a` (N, 7) and `b` (M, 7) are upright boxes: center x, y, z, length, width, height [m], heading [rad]; step s has
+    rows `start_a[s]:start_a[s + 1]` of `a`, likewise of `b`. `solid`: in space; else of the footprints.
     """
     from fbench.replay.geometry.compiled import iou_blocks  # numba takes a while to import
 
-    return iou_blocks(_rows(a), _rows(b), comparable(a), comparable(b), start_a, start_b, solid)
+    rows_a, rows_b = (np.ascontiguousarray(boxes, np.float64) for boxes in (a, b))
+    return iou_blocks(rows_a, rows_b, comparable(a), comparable(b), start_a, start_b, solid)
 
 
 def comparable(boxes: Float64) -> Bool:
     """Tell which upright boxes (N, 7) are finite and have no negative size."""
     finite: Bool = np.all(np.abs(np.nan_to_num(boxes, nan=np.inf)) < MAX_MAGNITUDE, axis=1)
-    sound: Bool = finite & np.all(boxes[:, 3:6] >= 0, axis=1)
-    return sound
+    return np.asarray(finite & np.all(boxes[:, 3:6] >= 0, axis=1), np.bool_)
 
 
 def upright(boxes: Boxes3D) -> Float64:
@@ -125,7 +115,3 @@ def upright(boxes: Boxes3D) -> Float64:
 def _iou(a: Boxes3D, b: Boxes3D, solid: bool) -> Float64:
     start_a, start_b = (np.array([0, len(boxes)], np.int64) for boxes in (a, b))
     return flat_iou(upright(a), upright(b), start_a, start_b, solid).reshape(len(a), len(b))
-
-
-def _rows(boxes: Float64) -> Float64:
-    return np.ascontiguousarray(boxes, np.float64)

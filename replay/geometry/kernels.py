@@ -172,9 +172,8 @@ VARIABLE = "FBENCH_THREADS"
 
 
 def num_threads() -> int:
-    """As many as `FBENCH_THREADS` says, at least one; without it, one for each processor that this process may use.
-
-    A value that is no number counts as none. Results never depend on it.
+    """As many as `FBENCH_THREADS` says, at least one; without it, one for each processor that this process may use. A
+    value that is no number counts as none. Results never depend on it.
     """
     given = os.environ.get(VARIABLE, "").strip()
     if given.isdecimal():

@@ -5,9 +5,9 @@ them fold back beyond some angle, where a fit says nothing any more: a lens sees
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -21,28 +21,6 @@ _BORDER_RAYS = 128
 _INSIDE = 1 - 1e-6
 
 
-class Lens(Protocol):
-    """A lens that isn't a pinhole."""
-
-    @property
-    def is_wide(self) -> bool:
-        """Whether it may see what is beside and behind the image plane, so that depth is distance."""
-        ...
-
-    @property
-    def border(self) -> Float64:
-        """Directions (M, 3) all around, on the border of what it sees; none where that is the image plane."""
-        ...
-
-    def bent(self, xyz: Float64) -> Float64:
-        """Image coordinates (N, 2) of directions (N, 3), NaN where the lens doesn't see them."""
-        ...
-
-    def undistort(self, xy: Float64) -> Float64:
-        """Unit directions (N, 3) that image coordinates (N, 2) come from, NaN where there are none."""
-        ...
-
-
 @dataclass(frozen=True)
 class Polynomial:
     """Brown and Conrady's lens, with a denominator where it is rational: r (1 + k1 r2 + k2 r4 + k3 r6) / (1 + k4 r2 +
@@ -52,7 +30,8 @@ class Polynomial:
     top: tuple[float, float, float]  # k1, k2, k3
     tangential: tuple[float, float]  # p1, p2
     bottom: tuple[float, float, float] = (0.0, 0.0, 0.0)  # k4, k5, k6
-    is_wide: bool = field(default=False, init=False)
+    is_wide: ClassVar[bool] = False
+    """Whether a lens may see what is beside and behind the image plane, so that depth is distance."""
 
     @cached_property
     def max_r2(self) -> float:
@@ -66,14 +45,14 @@ class Polynomial:
 
     @property
     def border(self) -> Float64:
-        """See `Lens`."""
+        """Directions (M, 3) all around, on the border of what a lens sees; none where that is the image plane."""
         if not np.isfinite(self.max_r2):
             return np.zeros((0, 3))
         around = _around() * np.sqrt(self.max_r2) * _INSIDE
         return np.column_stack([around, np.ones(len(around))])
 
-    def bent(self, xyz: Float64) -> Float64:
-        """See `Lens`."""
+    def bend(self, xyz: Float64) -> Float64:
+        """Image coordinates (N, 2) of directions (N, 3), NaN where a lens doesn't see them."""
         z = np.where(xyz[:, 2] > 0, xyz[:, 2], np.nan)
         x, y = xyz[:, 0] / z, xyz[:, 1] / z
         r2 = x * x + y * y
@@ -85,7 +64,7 @@ class Polynomial:
         return np.stack([u, v], axis=1)
 
     def undistort(self, xy: Float64) -> Float64:
-        """See `Lens`."""
+        """Unit directions (N, 3) that image coordinates (N, 2) come from, NaN where there are none."""
         limit = min(np.sqrt(self.max_r2), _FARTHEST)
         far = np.hypot(xy[:, 0], xy[:, 1])
         r = _invert(self._radius, self._slope, far, limit)
@@ -109,8 +88,7 @@ class Polynomial:
         (a, b, c), (d, e, f) = self.top, self.bottom
         low = 1 + r2 * (d + r2 * (e + r2 * f))
         high, dhigh = 1 + r2 * (a + r2 * (b + r2 * c)), a + r2 * (2 * b + 3 * r2 * c)
-        slope: Float64 = (dhigh * low - high * (d + r2 * (2 * e + 3 * r2 * f))) / (low * low)
-        return slope
+        return np.asarray((dhigh * low - high * (d + r2 * (2 * e + 3 * r2 * f))) / (low * low), np.float64)
 
     def _radius(self, r: Float64) -> Float64:
         return r * self._scale(r * r)
@@ -124,7 +102,7 @@ class Polynomial:
         for _ in range(30):
             x, y = guess[:, 0], guess[:, 1]
             scale, slope = self._scale(x * x + y * y), 2 * self._scale_slope(x * x + y * y)
-            du, dv = (self.bent(np.column_stack([guess, np.ones(len(guess))])) - wanted).T
+            du, dv = (self.bend(np.column_stack([guess, np.ones(len(guess))])) - wanted).T
             xx = scale + slope * x * x + 2 * p1 * y + 6 * p2 * x
             yy = scale + slope * y * y + 6 * p1 * y + 2 * p2 * x
             xy = slope * x * y + 2 * p1 * x + 2 * p2 * y
@@ -132,7 +110,7 @@ class Polynomial:
             guess = guess - step
             if not np.nanmax(np.abs(step), initial=0.0) > 1e-14:
                 break
-        missed = np.abs(self.bent(np.column_stack([guess, np.ones(len(guess))])) - wanted).max(axis=1, initial=0.0)
+        missed = np.abs(self.bend(np.column_stack([guess, np.ones(len(guess))])) - wanted).max(axis=1, initial=0.0)
         guess[~(missed < 1e-9 * (1 + np.abs(wanted).max(axis=1, initial=0.0)))] = np.nan
         return guess
 
@@ -142,7 +120,7 @@ class Fisheye:
     """Kannala and Brandt's lens: a (1 + k1 a2 + k2 a4 + k3 a6 + k4 a8) for the angle a to the axis [rad]."""
 
     k: tuple[float, float, float, float]
-    is_wide: bool = field(default=True, init=False)
+    is_wide: ClassVar[bool] = True
 
     @cached_property
     def max_rad(self) -> float:
@@ -152,12 +130,12 @@ class Fisheye:
 
     @property
     def border(self) -> Float64:
-        """See `Lens`."""
+        """As `Polynomial.border`."""
         angle = self.max_rad * _INSIDE
         return np.column_stack([_around() * np.sin(angle), np.full(_BORDER_RAYS, np.cos(angle))])
 
-    def bent(self, xyz: Float64) -> Float64:
-        """See `Lens`."""
+    def bend(self, xyz: Float64) -> Float64:
+        """As `Polynomial.bend`."""
         beside = np.hypot(xyz[:, 0], xyz[:, 1])
         angle = np.arctan2(beside, xyz[:, 2])
         angle[~(angle < self.max_rad)] = np.nan
@@ -166,7 +144,7 @@ class Fisheye:
         return xyz[:, :2] * share
 
     def undistort(self, xy: Float64) -> Float64:
-        """See `Lens`."""
+        """As `Polynomial.undistort`."""
         far = np.hypot(xy[:, 0], xy[:, 1])
         angle = _invert(self._radius, self._slope, far, self.max_rad)
         return np.column_stack([xy * _share(np.sin(angle), far), np.cos(angle)])
@@ -180,10 +158,12 @@ class Fisheye:
         return np.asarray(1 + square * (3 * a + square * (5 * b + square * (7 * c + square * 9 * d))))
 
 
-def _first_root(ascending: Array) -> float:
-    """Smallest positive real root of a polynomial that is 1 at 0; infinite where there is none.
+Lens: TypeAlias = Polynomial | Fisheye  # A lens that isn't a pinhole
 
-    Its inverse is the largest root of the polynomial with the coefficients in reverse, whose leading one is 1.
+
+def _first_root(ascending: Array) -> float:
+    """Smallest positive real root of a polynomial that is 1 at 0; infinite where there is none. Its inverse is the
+    largest root of the polynomial with the coefficients in reverse, whose leading one is 1.
     """
     roots = polynomial.polyroots(ascending[::-1])
     real = roots.real[(np.abs(roots.imag) <= 1e-7 * np.abs(roots)) & (roots.real > 1 / _FARTHEST**2)]
@@ -204,7 +184,6 @@ def _invert(
     value: Callable[[Float64], Float64], slope: Callable[[Float64], Float64], wanted: Float64, limit: float
 ) -> Float64:
     """Where a function that grows from 0 at 0 up to `limit` reaches the wanted values (N,); NaN where it doesn't.
-
     Newton's method, kept between bounds by halving.
     """
     low, high = np.zeros(len(wanted)), np.full(len(wanted), limit)
@@ -223,8 +202,9 @@ def _invert(
     return np.where(wanted <= reached, at, np.nan)
 
 
-MODELS = ("plumb_bob", "rational_polynomial", "fisheye")
-"""Names of the distortion models that can be projected with, as in ROS."""
+_COUNTS: Mapping[str, tuple[int, ...]] = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "fisheye": (4,)}
+"""How many coefficients each model has."""
+MODELS = tuple(_COUNTS)  # Names of the distortion models that can be projected with, as in ROS
 _ALIASES = {
     "radtan": "plumb_bob", "rational": "rational_polynomial",
     "equidistant": "fisheye", "equi": "fisheye", "kannala_brandt": "fisheye", "kannala_brandt4": "fisheye",
@@ -232,52 +212,28 @@ _ALIASES = {
 
 
 def lens_of(camera: CameraModel) -> Lens | None:
-    """Return the lens that bends a camera's rays; `None`: a pinhole.
-
-    Coefficients that are all zero mean none, but not for a fisheye: it is equidistant then. Raises LogError where the
-    model isn't known, or its coefficients don't fit it.
+    """Return the lens that bends a camera's rays; `None`: a pinhole. Coefficients that are all zero mean none, but not
+    for a fisheye: it is equidistant then. Raises LogError where the model isn't known, or its coefficients don't fit
+    it.
     """
     return _lens(camera.distortion_model, tuple(camera.distortion.tolist()))
 
 
 @lru_cache(maxsize=256)
 def _lens(model: str, coefficients: tuple[float, ...]) -> Lens | None:
-    name = _ALIASES.get(model, model)
+    name, given, about = _ALIASES.get(model, model), len(coefficients), f"distortion model '{model}'"
     if not coefficients or (name != "fisheye" and not any(coefficients)):
         return None
-    if name not in _LENSES:
-        raise LogError(f"distortion model '{model}' isn't supported, only {', '.join(MODELS)}", "CAL001")
+    if name not in _COUNTS:
+        raise LogError(f"{about} isn't supported, only {', '.join(MODELS)}", "CAL001")
     if not np.isfinite(coefficients).all():
-        raise LogError(f"distortion model '{model}': coefficients aren't finite", "CAL001")
-    return _LENSES[name](model, coefficients)
-
-
-def _plumb_bob(model: str, coefficients: tuple[float, ...]) -> Lens:
-    k1, k2, p1, p2, k3 = _require_count(model, coefficients, (4, 5))
-    return Polynomial((k1, k2, k3), (p1, p2))
-
-
-def _rational(model: str, coefficients: tuple[float, ...]) -> Lens:
-    if len(coefficients) in (12, 14) and any(coefficients[8:]):
-        raise LogError(f"distortion model '{model}' with thin prism or tilt isn't supported, only 8 values", "CAL001")
-    k1, k2, p1, p2, k3, k4, k5, k6 = _require_count(model, coefficients, (8,))
+        raise LogError(f"{about}: coefficients aren't finite", "CAL001")
+    if name == "rational_polynomial" and given in (12, 14) and any(coefficients[8:]):
+        raise LogError(f"{about} with thin prism or tilt isn't supported, only 8 values", "CAL001")
+    num = max(_COUNTS[name])
+    if given not in _COUNTS[name] and (given < num or any(coefficients[num:])):  # recorders append zeros at will
+        raise LogError(f"{about} has {given} coefficients, not {' or '.join(map(str, _COUNTS[name]))}", "CAL001")
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*coefficients[:num], *[0.0] * 8)[:8]
+    if name == "fisheye":
+        return Fisheye((k1, k2, p1, p2))  # its k1 to k4
     return Polynomial((k1, k2, k3), (p1, p2), (k4, k5, k6))
-
-
-def _fisheye(model: str, coefficients: tuple[float, ...]) -> Lens:
-    k1, k2, k3, k4 = _require_count(model, coefficients, (4,))
-    return Fisheye((k1, k2, k3, k4))
-
-
-_LENSES: Mapping[str, Callable[[str, tuple[float, ...]], Lens]] = {
-    "plumb_bob": _plumb_bob, "rational_polynomial": _rational, "fisheye": _fisheye,
-}  # fmt: skip
-
-
-def _require_count(model: str, coefficients: tuple[float, ...], nums: tuple[int, ...]) -> tuple[float, ...]:
-    """As many coefficients as the largest of `nums`; recorders append zeros at will."""
-    num = max(nums)
-    if len(coefficients) not in nums and (len(coefficients) < num or any(coefficients[num:])):
-        expected = " or ".join(str(n) for n in nums)
-        raise LogError(f"distortion model '{model}' has {len(coefficients)} coefficients, not {expected}", "CAL001")
-    return (*coefficients, *[0.0] * num)[:num]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import TypeAlias
 
 import numpy as np
@@ -50,25 +51,20 @@ class Rectified:
 
 def pairs(rig: Rig) -> Sequence[Pair]:
     """Cameras of one size that look the same way, up to 10 degrees, 0.05 to 2 m beside each other."""
-    names = [name for name in rig.sensors("camera") if name in rig.cameras]
-    return [pair for left in names for right in names if left != right and (pair := _pair(rig, left, right))]
-
-
-def _pair(rig: Rig, left: str, right: str) -> Pair | None:
-    if rig.cameras[left].size_wh != rig.cameras[right].size_wh:
-        return None
-    left_T_right = inverse(rig.body_T_sensor(left)) @ rig.body_T_sensor(right)
-    along, *others = left_T_right[:3, 3]
+    names, found = [name for name in rig.sensors("camera") if name in rig.cameras], list[Pair]()
     cosine = np.cos(np.radians(MAX_ANGLE_DEG))
-    parallel = left_T_right[2, 2] >= cosine and left_T_right[0, 0] >= cosine
-    beside = _BASELINE_M[0] <= along <= _BASELINE_M[1] and max(np.abs(others)) < 0.4 * along
-    return Pair(left, right, float(along)) if parallel and beside else None
+    for left, right in permutations(names, 2):
+        if rig.cameras[left].size_wh == rig.cameras[right].size_wh:
+            left_T_right = inverse(rig.body_T_sensor(left)) @ rig.body_T_sensor(right)
+            along, *others = left_T_right[:3, 3]
+            parallel = left_T_right[2, 2] >= cosine and left_T_right[0, 0] >= cosine
+            if parallel and _BASELINE_M[0] <= along <= _BASELINE_M[1] and max(np.abs(others)) < 0.4 * along:
+                found.append(Pair(left, right, float(along)))
+    return found
 
 
-def rectified(rig: Rig, pair: Pair) -> Rectified:
-    """Compute how a pair is rectified. Raises LogError where the lens distortion of one isn't modeled, or images are
-    too small to be matched.
-    """
+def rectify(rig: Rig, pair: Pair) -> Rectified:
+    """Rectify a pair. Raises LogError where a lens distortion isn't modeled, or images are too small to be matched."""
     import cv2
 
     if min(rig.cameras[pair.left].size_wh) < _MIN_SIDE_PX:

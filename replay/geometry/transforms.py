@@ -10,10 +10,7 @@ _MANY = 2000  # From so many points on a compiled loop is used: it takes a fifth
 
 
 def pose_matrix(translation_m: ArrayLike, rotation_xyzw: ArrayLike) -> Float64:
-    """Return `dst_T_src` (4, 4) from the position (3,) and quaternion (4,) of `src` in `dst`.
-
-    The one function that turns stored rotations into matrices.
-    """
+    """Return `dst_T_src` (4, 4) of a position (3,) and quaternion (4,): the one function for stored rotations."""
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(np.asarray(rotation_xyzw, np.float64)).as_matrix()
     matrix[:3, 3] = translation_m
@@ -47,7 +44,6 @@ def inverse(dst_T_src: Float64) -> Float64:
 
 def transform(dst_T_src: Float64, xyz: Array) -> Float64:
     """Move points (N, 3) [m] from `src` to `dst`; returns float64 (N, 3), which isn't finite where a point isn't.
-
     Written as sums of products, so that the result doesn't depend on the BLAS in use.
     """
     m = dst_T_src

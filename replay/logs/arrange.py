@@ -21,50 +21,54 @@ def arrange(roles: Mapping[int, Role], container: Container, setup: Setup) -> di
     topics that aren't in the log, that hold something else, or one topic twice.
     """
     _require_once(setup)
-    found = dict(roles)
-    if setup.sensors:
-        found = _only_sensors(found, container, setup)
+    found = _choose_sensors(roles, container, setup) if setup.sensors else dict(roles)
     if setup.pose:
-        found = _only_pose(found, container, setup)
+        _require_topics(f"{setup.source}: body.pose", (setup.pose,), found, (*_POSES, "transform"), container)
+        poses = {id_: role for id_, role in sorted(found.items()) if role.kind in _POSES and role.topic == setup.pose}
+        # Transforms stay what they are, since they may tell the rig as well: see `TfPoses`.
+        found = {id_: role for id_, role in found.items() if role.kind not in _POSES}
+        found |= {id_: replace(role, kind="pose") for id_, role in poses.items()}
     else:
         found = {id_: role for id_, role in found.items() if role.kind != "odometry"}
-    return _boxes(found, container, setup)
+    _require_topics(f"{setup.source}: truth.topics", setup.truth_topics or (), found, _BOXES, container)
+    _require_topics(f"{setup.source}: results.topics", setup.result_topics, found, _BOXES, container)
+    for id_, role in found.items():
+        is_result = role.topic in setup.result_topics
+        if role.kind in _BOXES and (is_result or setup.truth_topics is not None):  # else their names tell
+            is_truth = role.topic in (setup.truth_topics or ()) and not is_result
+            found[id_] = replace(role, kind="truth" if is_truth else "detections")
+    return found
 
 
 def _require_once(setup: Setup) -> None:
     topics: dict[str, str] = {}
     for name, sensor in setup.sensors.items():
-        if sensor.topic in topics:
-            first = topics[sensor.topic]
-            raise ConfigError(
-                f"{setup.source}: sensors '{first}' and '{name}' have one topic, '{sensor.topic}'", "CFG003"
-            )
-        topics[sensor.topic] = name
-    twice = set(setup.truth_topics or ()) & set(setup.result_topics)
-    for topic in sorted(twice):
+        if (first := topics.setdefault(sensor.topic, name)) != name:
+            what = f"sensors '{first}' and '{name}' have one topic, '{sensor.topic}'"
+            raise ConfigError(f"{setup.source}: {what}", "CFG003")
+    for topic in sorted(set(setup.truth_topics or ()) & set(setup.result_topics)):
         raise ConfigError(f"{setup.source}: topic '{topic}' is both truth and results", "CFG003")
     for topic in (*(setup.truth_topics or ()), *setup.result_topics):
         if topic in topics:
             raise ConfigError(f"{setup.source}: topic '{topic}' is both boxes and sensor '{topics[topic]}'", "CFG003")
 
 
-def _only_sensors(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
+def _choose_sensors(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
     """Take these sensors, with these names, and no others."""
     names = {sensor.topic: name for name, sensor in setup.sensors.items()}
     if not {channel.topic for channel in container.channels.values()} & set(names):
         what = f"none of its topics is in {container.path.name}, so it is about other logs"
         raise ConfigError(f"{setup.source}: {what}; give another with --config FILE, or --config none", "CFG001")
     for name, sensor in setup.sensors.items():
-        _require_sensor(name, sensor, roles, container, setup)
-    renamed = {
-        role.sensor: names[role.topic]
-        for _, role in sorted(roles.items())
-        if role.kind in SENSORS and role.topic in names
-    }
+        _require_sensor(f"{setup.source}: sensor '{name}'", sensor, roles, container)
+    chosen = {id_: names[role.topic] for id_, role in roles.items() if role.kind in SENSORS and role.topic in names}
+    renamed = {roles[id_].sensor: name for id_, name in sorted(chosen.items())}
     found: dict[int, Role] = {}
     for id_, role in roles.items():
-        if role.topic in names and (role.kind in SENSORS):
-            found[id_] = _as_sensor(role, names[role.topic], setup.sensors[names[role.topic]])
+        if id_ in chosen:
+            sensor = setup.sensors[chosen[id_]]
+            frame_id = sensor.frame or role.frame_id
+            found[id_] = replace(role, kind=sensor.kind, sensor=chosen[id_], frame_id=frame_id)
         elif role.kind == "calibration" and role.is_own:
             if role.sensor in renamed:
                 found[id_] = replace(role, sensor=renamed[role.sensor])
@@ -73,19 +77,16 @@ def _only_sensors(roles: Mapping[int, Role], container: Container, setup: Setup)
     return found
 
 
-def _require_sensor(
-    name: str, sensor: SensorSetup, roles: Mapping[int, Role], container: Container, setup: Setup
-) -> None:
-    topics = {channel.topic for channel in container.channels.values()}
-    where = f"{setup.source}: sensor '{name}'"
-    if sensor.topic not in topics:
+def _require_sensor(where: str, sensor: SensorSetup, roles: Mapping[int, Role], container: Container) -> None:
+    ids = {id_: channel.topic for id_, channel in container.channels.items()}
+    if sensor.topic not in ids.values():
         if not sensor.optional:
-            hint = did_you_mean(sensor.topic, topics)
+            hint = did_you_mean(sensor.topic, set(ids.values()))
             raise ConfigError(f"{where}: the log has no topic '{sensor.topic}'{hint}", "CFG001")
         return
     fitting = [role for role in roles.values() if role.topic == sensor.topic]
     if not fitting:
-        empty = not any(container.counts.get(i, 1) for i, c in container.channels.items() if c.topic == sensor.topic)
+        empty = not any(container.counts.get(id_, 1) for id_, topic in ids.items() if topic == sensor.topic)
         if empty and sensor.optional:
             return
         what = "has no messages" if empty else "holds nothing that can be read as a sensor"
@@ -96,60 +97,21 @@ def _require_sensor(
             raise ConfigError(f"{where}: topic '{sensor.topic}' holds {role.kind}, not {sensor.kind}", "CFG001")
 
 
-def _as_sensor(role: Role, name: str, sensor: SensorSetup) -> Role:
-    return replace(role, kind=sensor.kind, sensor=name, frame_id=sensor.frame or role.frame_id)
-
-
-def _only_pose(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
-    chosen = {id_ for id_, role in roles.items() if role.topic == setup.pose}
-    _require_topics("body.pose", (setup.pose,), roles, (*_POSES, "transform"), container, setup)
-    kept = {id_: role for id_, role in roles.items() if role.kind not in _POSES}
-    # Transforms stay what they are, since they may tell the rig as well: see `tf_poses`.
-    return kept | {id_: replace(roles[id_], kind="pose") for id_ in sorted(chosen) if roles[id_].kind in _POSES}
-
-
-def _boxes(roles: Mapping[int, Role], container: Container, setup: Setup) -> dict[int, Role]:
-    """Tell truth from results by the topics that are named, else by their names."""
-    truth = setup.truth_topics
-    _require_topics("truth.topics", truth or (), roles, _BOXES, container, setup)
-    _require_topics("results.topics", setup.result_topics, roles, _BOXES, container, setup)
-
-    def kind(role: Role) -> str:
-        if role.topic in setup.result_topics:
-            return "detections"
-        if truth is None:
-            return role.kind
-        return "truth" if role.topic in truth else "detections"
-
-    return {id_: replace(role, kind=kind(role)) if role.kind in _BOXES else role for id_, role in roles.items()}
-
-
 def _require_topics(
-    key: str,
-    topics: Iterable[str],
-    roles: Mapping[int, Role],
-    kinds: Collection[str],
-    container: Container,
-    setup: Setup,
+    where: str, topics: Iterable[str], roles: Mapping[int, Role], kinds: Collection[str], container: Container
 ) -> None:
     there = {role.topic: role.kind for _, role in sorted(roles.items())}
     for topic in topics:
         if there.get(topic) in kinds:
             continue
         if topic not in {channel.topic for channel in container.channels.values()}:
-            known = [name for name, kind in there.items() if kind in kinds]
-            raise ConfigError(
-                f"{setup.source}: {key}: the log has no topic '{topic}'{did_you_mean(topic, known)}", "CFG001"
-            )
+            hint = did_you_mean(topic, [name for name, kind in there.items() if kind in kinds])
+            raise ConfigError(f"{where}: the log has no topic '{topic}'{hint}", "CFG001")
         what = there.get(topic, "something that can't be read")
-        raise ConfigError(f"{setup.source}: {key}: topic '{topic}' holds {what}", "CFG001")
+        raise ConfigError(f"{where}: topic '{topic}' holds {what}", "CFG001")
 
 
-EGO_MOTION = "ego_motion"
-VELOCITY_PERIOD = "velocity_period_mps"
-
-
-def as_set_up(message: Message, setup: Setup) -> Message:
+def apply_setup(message: Message, setup: Setup) -> Message:
     """Return a message with the signs that fbench gives to its values."""
     sensor = setup.sensors.get(message.sensor)
     if sensor is None or sensor.doppler == "receding" or not isinstance(message, RadarScan):
@@ -162,48 +124,40 @@ def facts(setup: Setup) -> dict[str, str]:
     """Return what pipelines must know of sensors, as metadata of the log: `radar.NAME.KEY`."""
     found: dict[str, str] = {}
     for name, sensor in setup.sensors.items():
-        if sensor.kind != "radar":
-            continue
-        if sensor.ego_motion == "removed":
-            found[f"radar.{name}.{EGO_MOTION}"] = sensor.ego_motion
-        if sensor.velocity_period_mps is not None:
-            found[f"radar.{name}.{VELOCITY_PERIOD}"] = f"{sensor.velocity_period_mps:g}"
+        if sensor.kind == "radar" and sensor.ego_motion == "removed":
+            found[f"radar.{name}.ego_motion"] = sensor.ego_motion
+        if sensor.kind == "radar" and sensor.velocity_period_mps is not None:
+            found[f"radar.{name}.velocity_period_mps"] = f"{sensor.velocity_period_mps:g}"
     return found
 
 
-def with_names(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, str]:
+def rename(metadata: Mapping[str, str], names: Mapping[str, str]) -> dict[str, str]:
     """Return metadata that speak of sensors by their new names; `names` are these by the old ones."""
-    return {_rename(key, names): value for key, value in metadata.items()}
-
-
-def _rename(key: str, names: Mapping[str, str]) -> str:
-    kind, _, rest = key.partition(".")
-    sensor, _, fact = rest.rpartition(".")
-    return f"{kind}.{names[sensor]}.{fact}" if kind == "radar" and sensor in names else key
+    result: dict[str, str] = {}
+    for key, value in metadata.items():
+        kind, _, rest = key.partition(".")
+        sensor, _, fact = rest.rpartition(".")
+        result[f"{kind}.{names[sensor]}.{fact}" if kind == "radar" and sensor in names else key] = value
+    return result
 
 
 def box_channels(roles: Mapping[int, Role], topic: str, log: Path) -> frozenset[int]:
     """Return the channels of a topic with boxes; without a name, of the only one with results. Raises LogError where
     there is no such topic, or several without a name.
     """
-    boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in ("detections", "truth")}
+    boxes = {id_: role for id_, role in sorted(roles.items()) if role.kind in _BOXES}
     known = sorted({role.topic for role in boxes.values()})
     if not topic:
         named = {role.topic for role in boxes.values() if role.kind == "detections"}
         # Of one system's boxes in 3D and in images, which importers keep on two topics, those in 3D are meant.
         results = sorted(named - ({RESULTS2D} if RESULTS3D in named else set()))
         if len(results) != 1:
-            raise LogError(f"{log}: which topic holds the results? {_choice(results, known)}", "CFG001")
+            truth = f", only truth: {', '.join(known)}" if known else " with boxes"
+            none = f"there is none{truth}; `fbench replay --detections PATH` takes them from elsewhere"
+            choice = f"there are: {', '.join(results)}" if results else none
+            raise LogError(f"{log}: which topic holds the results? {choice}", "CFG001")
         topic = results[0]
     found = frozenset(id_ for id_, role in boxes.items() if topic in (role.topic, role.sensor))
     if not found:
         raise LogError(f"{log}: no topic '{topic}' with boxes{did_you_mean(topic, known)}", "CFG001")
     return found
-
-
-def _choice(results: list[str], known: list[str]) -> str:
-    """Say which topics with results there are, and where there are none, what else there is."""
-    if results:
-        return f"there are: {', '.join(results)}"
-    truth = f", only truth: {', '.join(known)}" if known else " with boxes"
-    return f"there is none{truth}; `fbench replay --detections PATH` takes them from elsewhere"

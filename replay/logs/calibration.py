@@ -1,6 +1,7 @@
 """The calibration of one log: its rig as the log begins, changes of it, coordinate frames, and poses by transforms."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +11,7 @@ from fbench.replay.data.rig import KINDS, Rig
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.container import Container
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, TransformTree, tree_of
-from fbench.replay.logs.poses import TfPoses, TfSource
+from fbench.replay.logs.poses import TfSource
 from fbench.replay.logs.rig import RigChanges, RigState, first_state
 from fbench.replay.logs.rig_patch import find_sensors, rename_sensors, require_use
 from fbench.replay.logs.roles import Role
@@ -30,9 +31,7 @@ class LogCalibration:
 
     @cached_property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
-        the camera that isn't calibrated.
-        """
+        """Sensors as the log begins. Raises LogError naming one without transform or calibration."""
         return self._stored_rigs[0][1] if self.container.rigs else self._state.rig()
 
     @cached_property
@@ -54,10 +53,6 @@ class LogCalibration:
         """The topic with transforms that poses come from."""
         return TfSource(self.container, self.roles, self.setup.pose, lambda: self._state, self.setup.world)
 
-    def moving_poses(self) -> TfPoses | None:
-        """Begin to compose poses from transforms; `None` where they don't come from there."""
-        return self.tf.poses() if self.tf.channels else None
-
     @cached_property
     def poses_in(self) -> PosesIn:
         """Whether there are poses, and in which coordinate frame."""
@@ -68,12 +63,10 @@ class LogCalibration:
 
     def changes(self) -> RigChanges:
         """Begin to follow the changes of the rig; messages can be read even where there is no rig."""
-        stored = self._stored_rigs[1:]
-        try:
-            rig: Rig | None = self.rig
-        except LogError:
-            rig = None
-        return RigChanges(rig, stored, None if self.container.rigs else self._state)
+        rig: Rig | None = None
+        with suppress(LogError):
+            rig = self.rig
+        return RigChanges(rig, self._stored_rigs[1:], None if self.container.rigs else self._state)
 
     @cached_property
     def _state(self) -> RigState:

@@ -47,15 +47,9 @@ def read_header(record: Mapping[str, str]) -> LogHeader:
     items = {key: value for key, value in record.items() if key != _DIGEST}
     if record.get(_DIGEST) != _digest(items) or _ID not in items:
         raise DecodeError("its digest doesn't match")
-    return LogHeader(
-        items[_ID],
-        _under(_METADATA, items),
-        {name: KINDS[kind] for name, kind in _under(_SENSOR, items).items() if kind in KINDS},
-    )
-
-
-def _under(prefix: str, items: Mapping[str, str]) -> dict[str, str]:
-    return {key[len(prefix) :]: value for key, value in items.items() if key.startswith(prefix)}
+    metadata = {key.removeprefix(_METADATA): text for key, text in items.items() if key.startswith(_METADATA)}
+    sensors = {key.removeprefix(_SENSOR): kind for key, kind in items.items() if key.startswith(_SENSOR)}
+    return LogHeader(items[_ID], metadata, {name: KINDS[kind] for name, kind in sensors.items() if kind in KINDS})
 
 
 def _digest(items: Mapping[str, str]) -> str:
@@ -95,7 +89,6 @@ class Stored(Protocol):
 
     def read(self) -> Message | TruthPart:
         """Return the message. Raises DecodeError where its columns don't fit together."""
-        ...
 
 
 class Entry(NamedTuple):
@@ -115,35 +108,29 @@ class Entry(NamedTuple):
 
 
 class Container(Protocol):
-    """One file, folder or set of files that holds a log; faults of the data are counted once each.
-
-    Files are opened when entries are read and closed afterwards.
+    """One file, folder or set of files that holds a log; faults of the data are counted once each. Files are opened
+    when entries are read and closed afterwards.
     """
 
     @property
     def path(self) -> Path:
         """What was opened."""
-        ...
 
     @property
     def channels(self) -> Mapping[int, Channel]:
         """All channels by id."""
-        ...
 
     @property
     def counts(self) -> Mapping[int, int]:
         """Messages of each channel, by its id."""
-        ...
 
     @property
     def header(self) -> LogHeader | None:
         """What fbench wrote about the log; `None` in the logs of others."""
-        ...
 
     @property
     def rigs(self) -> Sequence[tuple[int, Rig]]:
         """Rigs and the `log_ns` from which each holds, the first one first; empty where messages tell the rig."""
-        ...
 
     def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
         """All messages of these channels, or those from a log time on, in canonical order; what is damaged is skipped
@@ -153,15 +140,12 @@ class Container(Protocol):
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """`log_ns` of each channel's messages, ascending, from the index; `None` where all would have to be read."""
-        ...
 
     def verify(self) -> None:
         """Check what reading messages needs no look at, such as checksums over a whole file; may read all of it."""
-        ...
 
     def once(self, code: str, key: tuple[str | int, ...], where: str) -> None:
         """Count a fault unless `key`, the place, was counted under the same code before."""
-        ...
 
 
 class Spanning(Protocol):
@@ -170,12 +154,10 @@ class Spanning(Protocol):
     @property
     def start_ns(self) -> int:
         """No message of it has a smaller log time."""
-        ...
 
     @property
     def offset(self) -> int:
         """Its place among the others."""
-        ...
 
 
 B = TypeVar("B", bound=Spanning)
@@ -184,22 +166,20 @@ B = TypeVar("B", bound=Spanning)
 def merge_blocks(blocks: Sequence[B], load: Callable[[B], Iterable[Entry]]) -> Iterator[Entry]:
     """Yield the messages of all blocks; a block is loaded when its time comes and dropped when it is used up."""
     heap: list[tuple[Entry, Iterator[Entry]]] = []
+
+    def pop() -> Entry:
+        entry, rest = heap[0]
+        if (following := next(rest, None)) is None:
+            heapq.heappop(heap)
+        else:
+            heapq.heapreplace(heap, (following, rest))
+        return entry
+
     for block in sorted(blocks, key=lambda b: (b.start_ns, b.offset)):
         while heap and heap[0][0].log_ns < block.start_ns:
-            yield _pop(heap)
+            yield pop()
         entries = iter(load(block))
-        first = next(entries, None)
-        if first is not None:
+        if (first := next(entries, None)) is not None:
             heapq.heappush(heap, (first, entries))
     while heap:
-        yield _pop(heap)
-
-
-def _pop(heap: list[tuple[Entry, Iterator[Entry]]]) -> Entry:
-    entry, rest = heap[0]
-    following = next(rest, None)
-    if following is None:
-        heapq.heappop(heap)
-    else:
-        heapq.heapreplace(heap, (following, rest))
-    return entry
+        yield pop()

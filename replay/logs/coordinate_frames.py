@@ -26,11 +26,8 @@ class Edge:
 
     def equals(self, other: "Edge") -> bool:
         """Tell whether both are the same, bit for bit."""
-        same = (a.tobytes() == b.tobytes() for a, b in zip(self._arrays(), other._arrays(), strict=True))
-        return self.parent == other.parent and all(same)
-
-    def _arrays(self) -> tuple[Float64, Float64]:
-        return self.translation_m, self.rotation_xyzw
+        pairs = (self.translation_m, other.translation_m), (self.rotation_xyzw, other.rotation_xyzw)
+        return self.parent == other.parent and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
 
 def tree_of(rig: Rig) -> "TransformTree":
@@ -61,16 +58,18 @@ class TransformTree:
             path.append(parent)
         return path
 
-    def reached(self, frame: str) -> list[str]:
+    def trace(self, frame: str) -> list[str]:
         """Coordinate frames from `frame` to its root; what comes before the transforms form a loop."""
         path = [frame]
         while path[-1] in self.edges and self.edges[path[-1]].parent not in path:
             path.append(self.edges[path[-1]].parent)
         return path
 
-    def known(self, frame: str) -> bool:
-        """Tell whether `frame` reaches a coordinate frame that is called like a body."""
+    def has_body(self, frame: str, body: str = "") -> bool:
+        """Tell whether `frame` reaches `body`, or without a name a coordinate frame that is called like a body."""
         try:
+            if body:
+                return frame == body or self.pose(frame, body) is not None
             return self._body_on(self.path(frame)) is not None
         except DecodeError:
             return False
@@ -98,51 +97,36 @@ class TransformTree:
         """
         path = self.path(frame)
         if frame == body:
-            return (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if self._is_body(frame) else None
-        if body not in path:
-            return self._across(path, body)
-        edge = self.edges[frame]
-        if edge.parent == body:
-            _require_finite(frame, edge)
+            is_there = frame in BODIES or frame in self.edges or frame in {edge.parent for edge in self.edges.values()}
+            return (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if is_there else None
+        if body not in path:  # beside the body, or above it
+            down = self.path(body)
+            common = next((name for name in path if name in down), None)
+            if common is None:
+                return None
+            matrix = inverse(self._chain(down, common)) @ self._chain(path, common)
+        elif (edge := self.edges[frame]).parent != body:
+            matrix = self._chain(path, body)
+        else:  # what is returned as it is stored may be of any length
+            if not np.isfinite(edge.translation_m).all():
+                raise DecodeError(f"transform of '{frame}' isn't finite")
+            if not (np.isfinite(edge.rotation_xyzw).all() and np.any(edge.rotation_xyzw)):
+                raise DecodeError(f"transform of '{frame}' has no valid rotation")
             return edge.translation_m, edge.rotation_xyzw
-        return _split(self._chain(path, body))
-
-    def _across(self, path: list[str], body: str) -> tuple[Float64, Float64] | None:
-        """Pose of a coordinate frame beside the body, or above it, over what both have in common."""
-        down = self.path(body)
-        common = next((name for name in path if name in down), None)
-        if common is None:
-            return None
-        return _split(inverse(self._chain(down, common)) @ self._chain(path, common))
+        return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])
 
     @staticmethod
     def _body_on(path: list[str]) -> str | None:
         return next((name for name in BODIES if name in path), None)
 
-    def _is_body(self, frame: str) -> bool:
-        known = frame in BODIES or frame in self.edges
-        return known or any(edge.parent == frame for edge in self.edges.values())
-
     def _chain(self, path: list[str], body: str) -> Float64:
         matrix = np.eye(4)
         for frame in path[: path.index(body)]:
             edge = self.edges[frame]
-            _require_valid(frame, edge)
+            if (why := invalid(edge.translation_m, edge.rotation_xyzw)) is not None:
+                raise DecodeError(f"transform of '{frame}' {why}")
             matrix = pose_matrix(edge.translation_m, edge.rotation_xyzw) @ matrix
         return matrix
-
-
-def _require_finite(frame: str, edge: Edge) -> None:
-    """What is returned as it is stored may be of any length."""
-    if not np.isfinite(edge.translation_m).all():
-        raise DecodeError(f"transform of '{frame}' isn't finite")
-    if not (np.isfinite(edge.rotation_xyzw).all() and np.any(edge.rotation_xyzw)):
-        raise DecodeError(f"transform of '{frame}' has no valid rotation")
-
-
-def _require_valid(frame: str, edge: Edge) -> None:
-    if (why := invalid(edge.translation_m, edge.rotation_xyzw)) is not None:
-        raise DecodeError(f"transform of '{frame}' {why}")
 
 
 def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
@@ -151,10 +135,6 @@ def invalid(translation_m: Float64, rotation_xyzw: Float64) -> str | None:
         return "isn't finite"
     largest = np.abs(np.nan_to_num(rotation_xyzw, nan=np.inf)).max()
     return None if _MIN_QUATERNION < largest < _MAX else "has no valid rotation"
-
-
-def _split(matrix: Float64) -> tuple[Float64, Float64]:
-    return matrix[:3, 3].copy(), quaternion(matrix[:3, :3])
 
 
 WORLDS = ("world", "map", "odom", "global", "earth")

@@ -1,6 +1,5 @@
 """Decoding of single entries of a log into messages and truth, in body coordinates and with the user's names."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -9,14 +8,13 @@ import numpy as np
 from fbench.replay.contracts.errors import DataError, DecodeError, LogError, PointsError
 from fbench.replay.data.classes import ClassMap
 from fbench.replay.data.messages import Message, Pose, Truth
-from fbench.replay.logs.arrange import as_set_up
+from fbench.replay.logs.arrange import apply_setup
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import Codec, Origin, TruthPart
-from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.container import Entry
 from fbench.replay.logs.coordinate_frames import BODIES, invalid
 from fbench.replay.logs.poses import TfPoses, of_body
 from fbench.replay.logs.roles import Role
-from fbench.replay.logs.setup import Setup
 from fbench.replay.logs.truth import in_body
 
 T = TypeVar("T", bound=Message | Truth)
@@ -27,10 +25,9 @@ _MAX_STAMP_NS = 2**63 - 1
 class EventDecoder:
     """Decodes the entries of one log; what can't be decoded is counted as a fault, once."""
 
-    def __init__(
-        self, container: Container, roles: Mapping[int, Role], setup: Setup, calibration: LogCalibration
-    ) -> None:
-        self._container, self._roles, self._setup, self._calibration = container, roles, setup, calibration
+    def __init__(self, calibration: LogCalibration) -> None:
+        self._calibration, self._container = calibration, calibration.container
+        self._roles, self._setup = calibration.roles, calibration.setup
 
     def message(self, entry: Entry, moving: TfPoses | None = None) -> Message | None:
         """Decode a measurement or pose; `moving` composes poses from transforms. `None` where it can't be read."""
@@ -41,13 +38,14 @@ class EventDecoder:
                 stored = entry.data.read()
                 if isinstance(stored, TruthPart):
                     raise DecodeError("truth in the place of a measurement")
-                return as_set_up(replace(stored, sensor=role.sensor), self._setup)
+                return apply_setup(replace(stored, sensor=role.sensor), self._setup)
             if moving is not None and entry.channel in self._calibration.tf.channels:
-                return moving.decoded(_codec(role), entry.data, entry.log_ns)
+                codec = _codec(role)
+                return moving.take(codec.transforms(entry.data), codec.stamps(entry.data), entry.log_ns)
             message = _codec(role).message(role.kind, entry.data, _origin(role, entry))
             if isinstance(message, Pose) and not role.is_own:
                 message = self._of_body(message, role.frame_id)
-            return as_set_up(self._stamp(entry, message), self._setup)
+            return apply_setup(self._stamp(entry, message), self._setup)
         except (DecodeError, DataError) as error:
             self._count(entry, error)
             return None
@@ -73,10 +71,9 @@ class EventDecoder:
     def try_rig(self, entry: Entry, kind: str) -> None:
         """Count what can't be decoded of a transform or calibration that isn't followed."""
         try:
-            if kind == "transform" and isinstance(entry.data, memoryview):
-                _codec(self._roles[entry.channel]).transforms(entry.data)
-            elif kind == "calibration" and isinstance(entry.data, memoryview):
-                _codec(self._roles[entry.channel]).calibration(entry.data)
+            if kind in ("transform", "calibration") and isinstance(entry.data, memoryview):
+                codec = _codec(self._roles[entry.channel])
+                codec.transforms(entry.data) if kind == "transform" else codec.calibration(entry.data)
         except DecodeError as error:
             self._count(entry, error)
 
@@ -89,9 +86,9 @@ class EventDecoder:
             if where:
                 self._container.once("GT007", (where, name), f"{where}: '{name}'")
 
-        classes = ClassMap(self._setup.classes)
-        boxes3d = None if truth.boxes3d is None else classes.apply(truth.boxes3d, count)
-        boxes2d = None if truth.boxes2d is None else classes.apply(truth.boxes2d, count)
+        apply = ClassMap(self._setup.classes).apply
+        boxes3d = None if truth.boxes3d is None else apply(truth.boxes3d, count)
+        boxes2d = None if truth.boxes2d is None else apply(truth.boxes2d, count)
         return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
     def _place(self, part: TruthPart) -> TruthPart:
@@ -117,12 +114,11 @@ class EventDecoder:
         if item.stamp_ns or not entry.log_ns or self._roles[entry.channel].is_own:
             return item
         self._container.once("TIM011", (entry.topic,), f"{entry.topic} at {entry.log_ns}")
-        stamped: T = replace(item, stamp_ns=entry.log_ns)
-        return stamped
+        return replace(item, stamp_ns=entry.log_ns)
 
     def _count(self, entry: Entry, error: Exception) -> None:
-        where = f"{entry.topic} at {entry.publish_ns}: {error}"
         code = "DEC003" if isinstance(error, PointsError) else "DEC001"
+        where = f"{entry.topic} at {entry.publish_ns}: {error}"
         self._container.once(code, (entry.part, entry.block, entry.offset), where)
 
 

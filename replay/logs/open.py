@@ -4,7 +4,7 @@ from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -19,32 +19,38 @@ from fbench.replay.logs.setup import Setup
 
 T = TypeVar("T")
 _IDS = 2**32  # Channel `c` of part `p` gets the id `p * _IDS + c`
+LOG_JSON = "log.json"
+_METADATA = "metadata.yaml"  # Of rosbag2
+_MAX_NS = 2**63 - 1
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     offset: int  # Its number
-    start_ns: int
+    start_ns: int  # Log time before which it has no message
     container: Container
 
 
-class Parts(StoredLog):
-    """A recording that was split into files; implements `Container`.
-
-    Files are opened when their time comes, so that many of them don't fill the memory.
-    """
+class _Parts(StoredLog):
+    """Files of a split recording as one `Container`, opened when their time comes so that they don't fill memory."""
 
     def __init__(self, path: Path, containers: Sequence[Container], faults: FaultLog) -> None:
         super().__init__(path, faults)
-        self._parts = [_Part(i, _start_ns(c), c) for i, c in enumerate(containers)]
+        first = [next(c.entries(frozenset(c.channels)), None) for c in containers]
+        starts_ns = [0 if entry is None else entry.log_ns for entry in first]
+        self._parts = [_Part(i, start_ns, c) for i, (start_ns, c) in enumerate(zip(starts_ns, containers, strict=True))]
         self.channels: dict[int, Channel] = self._by_id([c.channels for c in containers])
         self.counts: dict[int, int] = self._by_id([c.counts for c in containers])
         self.header = next((c.header for c in containers if c.header is not None), None)
 
     def entries(self, channels: frozenset[int], start_ns: int | None = None) -> Iterator[Entry]:
         """All messages of these channels, or those from a log time on, in canonical order."""
-        wanted = [part for part in self._parts if self._of(part, channels)]
-        return merge_blocks(wanted, lambda part: self._entries(part, channels, start_ns))
+        own = [frozenset(id_ % _IDS for id_ in channels if id_ // _IDS == part.offset) for part in self._parts]
+
+        def load(part: _Part) -> Iterator[Entry]:
+            for entry in part.container.entries(own[part.offset], start_ns):
+                yield entry._replace(part=part.offset, channel=part.offset * _IDS + entry.channel)
+
+        return merge_blocks([part for part in self._parts if own[part.offset]], load)
 
     def log_times(self) -> Mapping[int, Int64] | None:
         """Log times of each channel, where all parts know them."""
@@ -52,31 +58,13 @@ class Parts(StoredLog):
         return None if any(t is None for t in times) else self._by_id([t for t in times if t is not None])
 
     def verify(self) -> None:
-        """Check all parts."""
+        """Verify all parts."""
         for part in self._parts:
             part.container.verify()
-
-    def _entries(self, part: _Part, channels: frozenset[int], start_ns: int | None) -> Iterator[Entry]:
-        first = part.offset * _IDS
-        for entry in part.container.entries(self._of(part, channels), start_ns):
-            yield entry._replace(part=part.offset, channel=first + entry.channel)
-
-    def _of(self, part: _Part, channels: frozenset[int]) -> frozenset[int]:
-        return frozenset(id_ % _IDS for id_ in channels if id_ // _IDS == part.offset)
 
     @staticmethod
     def _by_id(maps: Sequence[Mapping[int, T]]) -> dict[int, T]:
         return {i * _IDS + id_: value for i, values in enumerate(maps) for id_, value in values.items()}
-
-
-def _start_ns(container: Container) -> int:
-    """Log time before which the container has no message."""
-    entry = next(container.entries(frozenset(container.channels)), None)
-    return 0 if entry is None else entry.log_ns
-
-
-LOG_JSON = "log.json"
-_METADATA = "metadata.yaml"  # Of rosbag2
 
 
 def open_log(path: Path, faults: FaultLog, topics: Sequence[str] = (), setup: Setup | None = None) -> LogReader:
@@ -102,7 +90,12 @@ def open_container(path: Path, faults: FaultLog) -> Container:
 
 def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
     """Open one file, whose single messages may be compressed too."""
-    start = _start(path)
+    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
+        raise LogError(f"{path}: not a regular file", "LOG001")
+    try:
+        start = _start(path)
+    except OSError as error:
+        raise LogError(f"{path}: can't be read ({error.strerror})") from error
     if start.startswith(b"SQLite format 3\x00"):
         from fbench.replay.logs.containers.rosbag.sqlite import Db3File
 
@@ -117,13 +110,8 @@ def _file(path: Path, faults: FaultLog, compression: str = "") -> Container:
 
 
 def _start(path: Path) -> bytes:
-    if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-        raise LogError(f"{path}: not a regular file", "LOG001")
-    try:
-        with path.open("rb") as file:
-            return file.read(16)
-    except OSError as error:
-        raise LogError(f"{path}: can't be read ({error.strerror})") from error
+    with path.open("rb") as file:
+        return file.read(16)
 
 
 def _folder(path: Path, faults: FaultLog) -> Container:
@@ -132,16 +120,13 @@ def _folder(path: Path, faults: FaultLog) -> Container:
 
     if is_recording(path):
         parts = rosbag2_files(path, faults)
-        return Parts(path, [_file(part.path, faults, part.compression) for part in parts], faults)
+        return _Parts(path, [_file(part.path, faults, part.compression) for part in parts], faults)
     bags = by_number(p for p in path.iterdir() if p.suffix == ".bag" and p.is_file())
     if not bags:
         raise LogError(f"{path}: no log (a folder without {LOG_JSON} and without .mcap, .db3 or .bag files)", "LOG001")
     for name in missing_numbers(bags):
         faults.add("LOG011", f"{path.name}: '{name}'")
-    return Parts(path, [_file(bag, faults) for bag in bags], faults)
-
-
-_MAX_NS = 2**63 - 1
+    return _Parts(path, [_file(bag, faults) for bag in bags], faults)
 
 
 @dataclass(frozen=True)
@@ -163,18 +148,14 @@ def storage(container: Container, times: Mapping[int, Int64] | None) -> Storage:
         blocks, is_stored = container.index.blocks, container.index.is_stored
         names = sorted({block.compression or "none" for block in blocks}) if is_stored else None
         return Storage("MCAP", num_bytes, None if names is None else tuple(names), len(blocks), is_stored)
-    return Storage(_form(container), num_bytes, is_indexed=times is not None)
-
-
-def _form(container: Container) -> str:
-    path = container.path
-    if path.is_dir():
-        return "Parquet" if (path / "log.json").is_file() else "folder"
-    with path.open("rb") as file:
-        start = file.read(16)
-    if start.startswith(b"#ROSBAG"):
-        return "ROS 1 bag"
-    return "rosbag2 (SQLite)" if start.startswith(b"SQLite") else path.suffix.removeprefix(".") or "file"
+    if container.path.is_dir():
+        form = "Parquet" if (container.path / LOG_JSON).is_file() else "folder"
+    elif (start := _start(container.path)).startswith(b"#ROSBAG"):
+        form = "ROS 1 bag"
+    else:
+        is_sqlite = start.startswith(b"SQLite")
+        form = "rosbag2 (SQLite)" if is_sqlite else container.path.suffix.removeprefix(".") or "file"
+    return Storage(form, num_bytes, is_indexed=times is not None)
 
 
 def read_log_times(container: Container) -> dict[int, Int64]:

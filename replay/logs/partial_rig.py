@@ -7,7 +7,7 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import KINDS, CameraModel, Kind, Mount, Rig
 from fbench.replay.logs.codecs.codec import SENSORS
 from fbench.replay.logs.reader import LogReader
-from fbench.replay.logs.rig import RigState, first_state
+from fbench.replay.logs.rig import first_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,21 +25,21 @@ def partial_rig(reader: LogReader) -> PartialRig:
     try:
         rig = reader.rig
     except LogError as error:
-        return _incomplete(reader, heard, _plain(reader, error))
+        return _search_parts(reader, heard, _describe(reader, error))
     kinds = dict(sorted({**{name: mount.kind for name, mount in rig.mounts.items()}, **heard}.items()))
-    return PartialRig(kinds, rig, {name: why for name, kind in kinds.items() if (why := _absent(rig, name, kind))})
+    problems: dict[str, str] = {}
+    for name, kind in kinds.items():
+        if name not in rig.mounts:
+            problems[name] = f"sensor '{name}' has no transform to the body"
+        elif kind == "camera" and name not in rig.cameras:
+            problems[name] = f"camera '{name}' has no calibration"
+    return PartialRig(kinds, rig, problems)
 
 
-def _absent(rig: Rig, name: str, kind: Kind) -> str:
-    if name not in rig.mounts:
-        return f"sensor '{name}' has no transform to the body"
-    return f"camera '{name}' has no calibration" if kind == "camera" and name not in rig.cameras else ""
-
-
-def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> PartialRig:
+def _search_parts(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> PartialRig:
     header = reader.container.header
-    told = {} if header is None or reader.setup.sensors else header.kinds
-    silent = {n: kind for n, kind in told.items() if n not in reader.left_out}
+    written = {} if header is None or reader.setup.sensors else header.kinds
+    silent = {name: kind for name, kind in written.items() if name not in reader.left_out}
     kinds = dict(sorted({**silent, **heard}.items()))
     state = first_state(reader.container, reader.roles, reader.left_out, reader.setup)
     mounts: dict[str, Mount] = {}
@@ -49,8 +49,11 @@ def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> Pa
         try:
             alone = replace(state, left_out=reader.left_out | (frozenset(kinds) - {name})).rig()
         except LogError as error:
-            problems[name] = _plain(reader, error)
-            cameras |= _camera(state, name)
+            problems[name] = _describe(reader, error)
+            frames = [r.frame_id for _, r in sorted(state.roles.items()) if r.sensor == name and r.kind == "camera"]
+            camera = next((state.cameras[frame] for frame in frames if frame in state.cameras), None)
+            camera = state.patch.cameras.get(name, camera)
+            cameras |= {} if camera is None else {name: camera}
         else:
             mounts |= {name: alone.mounts[name]}
             cameras |= {name: alone.cameras[name]} if name in alone.cameras else {}
@@ -59,12 +62,5 @@ def _incomplete(reader: LogReader, heard: Mapping[str, Kind], reason: str) -> Pa
     return PartialRig(kinds, Rig(mounts, cameras), problems)
 
 
-def _camera(state: RigState, name: str) -> dict[str, CameraModel]:
-    frames = [r.frame_id for _, r in sorted(state.roles.items()) if r.sensor == name and r.kind == "camera"]
-    found = next((state.cameras[frame] for frame in frames if frame in state.cameras), None)
-    found = state.patch.cameras.get(name, found)
-    return {} if found is None else {name: found}
-
-
-def _plain(reader: LogReader, error: LogError) -> str:
+def _describe(reader: LogReader, error: LogError) -> str:
     return str(error).removeprefix(f"{reader.container.path}: ")

@@ -1,6 +1,7 @@
 """Poses of the body from transforms that move, and from odometry."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -9,8 +10,7 @@ from fbench.replay.contracts.errors import DecodeError, LogError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.geometry.transforms import inverse, pose_matrix, quaternion
-from fbench.replay.logs.codecs.codec import Codec
-from fbench.replay.logs.container import Container, Entry
+from fbench.replay.logs.container import Container
 from fbench.replay.logs.coordinate_frames import Edge, TransformTree, invalid
 from fbench.replay.logs.rig import RigState
 from fbench.replay.logs.roles import Role
@@ -21,20 +21,12 @@ _MAX_SEARCHED = 2000  # So many messages are searched for the world
 class TfPoses:
     """Composes the way from the body to the world, transform by transform; made anew for every pass over a log.
 
-    Args:
-        sensor: Name of the stream of poses.
-        tree: Transforms that hold from the beginning, the static ones.
-        body: Coordinate frame of the body.
-        world: That of the world.
+    `sensor` names the stream of poses; `tree` has the transforms that hold from the beginning, the static ones.
     """
 
     def __init__(self, sensor: str, tree: TransformTree, body: str, world: str) -> None:
         self._sensor, self._body, self._world = sensor, body, world
         self._tree = TransformTree(dict(tree.edges))
-
-    def decoded(self, codec: Codec, data: memoryview, log_ns: int) -> Pose | None:
-        """Take one message; see `take`."""
-        return self.take(codec.transforms(data), codec.stamps(data), log_ns)
 
     def take(self, transforms: Sequence[tuple[str, Edge]], stamps_ns: Sequence[int], log_ns: int) -> Pose | None:
         """Take the transforms of one message, and return where the body is if any of them lies on the way to the world:
@@ -43,21 +35,15 @@ class TfPoses:
         """
         for child, edge in transforms:
             self._tree.put(child, edge)
-        way = self._way()
+        path = self._tree.path(self._body)
+        way = path[: path.index(self._world)] if self._world in path else []  # from the body to below the world
         on_it = [stamp for (child, _), stamp in zip(transforms, stamps_ns, strict=True) if child in way]
-        if not on_it:
-            return None
-        pose = self._tree.pose(self._body, self._world)
+        pose = self._tree.pose(self._body, self._world) if on_it else None
         if pose is None:
             return None
         if (why := invalid(*pose)) is not None:
             raise DecodeError(f"transform of '{self._body}' {why}")
         return Pose(self._sensor, max(on_it) or log_ns, log_ns, *pose)
-
-    def _way(self) -> list[str]:
-        """Coordinate frames from the body to below the world; none where they aren't linked."""
-        path = self._tree.path(self._body)
-        return path[: path.index(self._world)] if self._world in path else []
 
 
 @dataclass(frozen=True)
@@ -73,18 +59,18 @@ class TfSource:
     @cached_property
     def channels(self) -> frozenset[int]:
         """Those of the topic; none where it holds no transforms."""
-        found = (
-            (id_, role) for id_, role in self.roles.items() if role.topic == self.topic and role.kind == "transform"
-        )
-        return frozenset(id_ for id_, role in found if role.codec is not None)
+        transforms = (item for item in self.roles.items() if item[1].kind == "transform" and item[1].codec is not None)
+        return frozenset(id_ for id_, role in transforms if role.topic == self.topic)
 
     @property
     def name(self) -> str:
         """What the stream of poses is called."""
         return self.topic.strip("/")
 
-    def poses(self) -> TfPoses:
-        """Begin a pass over the log. Raises LogError where no transform says where the body is."""
+    def poses(self) -> TfPoses | None:
+        """Begin a pass; `None` where the topic has no transforms. Raises LogError where none says where the body is."""
+        if not self.channels:
+            return None
         state = self.state()
         return TfPoses(self.name, state.tree, state.body(), self.world)
 
@@ -96,8 +82,11 @@ class TfSource:
         state = self.state()
         tree, body = TransformTree(dict(state.tree.edges)), state.body()
         for entry in islice(self.container.entries(self.channels), _MAX_SEARCHED):
-            for child, edge in self._transforms(entry):
-                tree.put(child, edge)
+            codec = self.roles[entry.channel].codec
+            if codec is not None and isinstance(entry.data, memoryview):
+                with suppress(DecodeError):  # counted when it is read for good
+                    for child, edge in codec.transforms(entry.data):
+                        tree.put(child, edge)
         path = tree.path(body)
         world = self.wanted or path[-1]
         if world == body or world not in path:
@@ -105,18 +94,9 @@ class TfSource:
             raise LogError(f"{self.container.path}: topic '{self.topic}' {what}", "CAL001")
         return world
 
-    def _transforms(self, entry: Entry) -> Sequence[tuple[str, Edge]]:
-        codec = self.roles[entry.channel].codec
-        try:
-            return () if codec is None or not isinstance(entry.data, memoryview) else codec.transforms(entry.data)
-        except DecodeError:  # counted when it is read for good
-            return ()
-
 
 def of_body(pose: Pose, body_T_child: Float64) -> Pose:
-    """Return the body's pose from that of a coordinate frame which is fixed to it (4, 4). Raises DecodeError where the
-    pose has no valid rotation.
-    """
+    """Return the body's pose from that of a coordinate frame fixed to it. Raises DecodeError without valid rotation."""
     try:
         world_T_child = pose_matrix(pose.translation_m, pose.rotation_xyzw)
     except ValueError as error:

@@ -10,7 +10,7 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.messages import BOXES, Message, Pose, Tick, Truth
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
-from fbench.replay.logs.arrange import arrange, box_channels, facts, with_names
+from fbench.replay.logs.arrange import arrange, box_channels, facts, rename
 from fbench.replay.logs.calibration import LogCalibration
 from fbench.replay.logs.codecs.codec import MESSAGES, SENSORS, TruthPart
 from fbench.replay.logs.container import Container, Entry
@@ -28,25 +28,16 @@ _TRUTH = ("truth", "detections")
 class LogReader:
     """One log; implements `fbench.replay.contracts.protocols.Reader`.
 
-    Holds only blocks that overlap in time. Faults are counted once, however many passes are made. Raises ConfigError
-    where a pattern in `topics` fits nothing.
+    `topics` are patterns of those that are read, all where there are none; `faults` counts those of files beside the
+    log, the container its own: once, however many passes are made. Holds only blocks that overlap in time. Raises
+    ConfigError where a pattern fits nothing.
     """
 
     def __init__(
         self, container: Container, topics: Sequence[str] = (), setup: Setup | None = None,
         faults: FaultLog | None = None,
     ) -> None:  # fmt: skip
-        """Open a log.
-
-        Args:
-            container: Its messages.
-            topics: Patterns of those that are read; all where there are none.
-            setup: What the user says about the log.
-            faults: Where faults of files beside the log are counted; the container counts its own.
-        """
-        self.container = container
-        self.setup = setup or Setup()
-        self.faults = faults or FaultLog()
+        self.container, self.setup, self.faults = container, setup or Setup(), faults or FaultLog()
         every = arrange(roles(container), container, self.setup)
         # A log that fbench converted holds the messages of another program, with their coordinate frames.
         if self.setup.body not in ("", BODY) and any(role.is_own for role in every.values()):
@@ -57,28 +48,23 @@ class LogReader:
 
     @cached_property
     def info(self) -> LogInfo:
-        """Name, id and metadata, without credentials; a log without an id gets one from its topics, schemas and first
-        messages.
-        """
+        """Name, id and metadata, without credentials; a missing id is made of topics, schemas and first messages."""
         header = self.container.header
         log_id = self._digest() if header is None else header.log_id
         return LogInfo(without_secrets(self.container.path.stem), without_secrets(log_id), self._calibration.metadata)
 
     @cached_property
     def _calibration(self) -> LogCalibration:
-        header, metadata = self.container.header, dict[str, str]()
-        if header is not None:
-            sensors = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
-            names = {role.frame_id: role.sensor for role in sensors} if self.setup.sensors else {}
-            metadata = with_names(header.metadata, names)
+        header = self.container.header
+        sensors = [role for _, role in sorted(self.roles.items()) if role.kind in SENSORS]
+        names = {role.frame_id: role.sensor for role in sensors} if self.setup.sensors else {}
+        metadata = {} if header is None else rename(header.metadata, names)
         metadata = clean_mapping({**metadata, **facts(self.setup)})
         return LogCalibration(self.container, self.roles, self.left_out, self.setup, metadata)
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins. Raises LogError naming the sensor that has no transform, or
-        the camera that isn't calibrated.
-        """
+        """Sensors as the log begins. Raises LogError naming one without transform or calibration."""
         return self._calibration.rig
 
     @property
@@ -90,20 +76,17 @@ class LogReader:
     def num_messages(self) -> Mapping[str, int]:
         """Messages of each sensor and stream of poses, by name, as the index says."""
         counts: Counter[str] = Counter()
-        for id_, role in sorted(self.roles.items()):
-            if role.kind in MESSAGES:
-                counts[role.sensor] += self.container.counts.get(id_, 0)
-        for id_ in sorted(self._calibration.tf.channels):
-            counts[self._calibration.tf.name] += self.container.counts.get(id_, 0)
+        names = [(id_, role.sensor) for id_, role in sorted(self.roles.items()) if role.kind in MESSAGES]
+        names += [(id_, self._calibration.tf.name) for id_ in sorted(self._calibration.tf.channels)]
+        for id_, name in names:
+            counts[name] += self.container.counts.get(id_, 0)
         if num := sum(self.container.counts.get(id_, 0) for id_ in self.tick_channels):
             counts[BOXES] = num
         return counts
 
     @cached_property
     def tick_channels(self) -> frozenset[int]:
-        """Channels whose messages give the instants: of a topic with truth, else with results; none where a sensor has
-        a message.
-        """
+        """Channels that give the instants: of a topic with truth, else results; none where sensors have messages."""
         heard = self._channels(*SENSORS)
         if not heard.isdisjoint(id_ for id_, num in self.container.counts.items() if num):
             return frozenset()
@@ -119,9 +102,8 @@ class LogReader:
 
     def messages(self) -> Iterator[Message | RigChange]:
         """All measurements and poses in canonical order, and between them where the rig changes."""
-        for _, event in self._events(self._channels(*MESSAGES) | self._calibration.tf.channels):
-            if event is not None and not isinstance(event, TruthPart):
-                yield event
+        events = self._events(self._channels(*MESSAGES) | self._calibration.tf.channels)
+        yield from (event for _, event in events if event is not None and not isinstance(event, TruthPart))
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes, in a log without measurements."""
@@ -139,13 +121,8 @@ class LogReader:
         return self._events(frozenset(self.container.channels))
 
     def _events(self, channels: frozenset[int], ticks: frozenset[int] = frozenset()) -> Iterator[tuple[Entry, Event]]:
-        """Yield the entries of some channels with what each holds, and before messages and `ticks` where the rig
-        changes.
-        """
-        changes, moving = (
-            self._calibration.changes(),
-            self._calibration.tf.poses() if self._calibration.tf.channels else None,
-        )
+        """Yield entries with what each holds; changes of the rig come before messages and `ticks`."""
+        changes, moving = self._calibration.changes(), self._calibration.tf.poses()
         for entry in changes.follow(self.container.entries(channels | changes.channels)):
             kind = self.roles[entry.channel].kind if entry.channel in self.roles else ""
             is_message = kind in MESSAGES or entry.channel in self._calibration.tf.channels
@@ -171,16 +148,14 @@ class LogReader:
 
     def body_poses(self) -> Iterator[Pose]:
         """Poses of the body alone, in canonical order."""
-        moving = self._calibration.moving_poses()
+        moving = self._calibration.tf.poses()
         for entry in self.container.entries(self._channels("pose") | self._calibration.tf.channels):
             pose = self._decoder.message(entry, moving)
             if isinstance(pose, Pose):
                 yield pose
 
     def detections(self, topic: str) -> Iterator[Truth]:
-        """Results of another system; see `fbench.replay.contracts.protocols.BoxReader`. Raises LogError where there is
-        no such topic.
-        """
+        """Results of another system; see `contracts.protocols.BoxReader`. Raises LogError without such a topic."""
         if not topic and self.setup.results is not None:
             return self._read_boxes(self.setup.results)
         wanted = box_channels(self.roles, topic or next(iter(self.setup.result_topics), ""), self.container.path)
@@ -199,7 +174,7 @@ class LogReader:
 
     @cached_property
     def _decoder(self) -> EventDecoder:
-        return EventDecoder(self.container, self.roles, self.setup, self._calibration)
+        return EventDecoder(self._calibration)
 
     def _channels(self, *kinds: str) -> frozenset[int]:
         return frozenset(id_ for id_, role in self.roles.items() if role.kind in kinds)

@@ -1,8 +1,11 @@
 """The rig of a log, from its transforms and calibrations, and how it changes."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -40,13 +43,13 @@ class RigState:
         """All transforms that count: the log's, and those that replace them."""
         if not self.patch.edges:
             return self.logged
-        return self.patch.tree(self.logged, self.setup.body or self._logged_body())
+        # Replaced transforms begin where the log itself has the body.
+        names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
+        logged_body = next((name for name in BODIES if name in names), BODY)
+        return self.patch.tree(self.logged, self.setup.body or logged_body)
 
     def take(self, entry: Entry) -> bool:
-        """Take a transform or calibration, replacing what was known; tells whether anything is new.
-
-        A damaged message is counted.
-        """
+        """Take a transform or calibration, and tell whether it says anything new; damaged ones are counted."""
         role = self.roles[entry.channel]
         if role.codec is None or not isinstance(entry.data, memoryview):
             return False
@@ -54,26 +57,25 @@ class RigState:
             if role.kind == "transform":
                 news = [self.logged.put(child, edge) for child, edge in role.codec.transforms(entry.data)]
                 return any(news)
-            return self._take_camera(entry, role, *role.codec.calibration(entry.data))
+            frame, camera = role.codec.calibration(entry.data)
         except DecodeError as error:
             where = f"{entry.topic} at {entry.publish_ns}: {error}"
             self.container.once("DEC001", (entry.part, entry.block, entry.offset), where)
             return False
+        old = self.cameras.get(key := role.frame_id or frame)
+        self.cameras[key] = self.neighbors[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
+        self.calibrated.add(entry.channel)
+        return old is None or not old.equals(camera)
 
     def copy(self) -> "RigState":
         """Return an independent copy."""
-        return replace(
-            self, logged=TransformTree(dict(self.logged.edges)), cameras=dict(self.cameras),
-            neighbors=dict(self.neighbors), by_topic=dict(self.by_topic), calibrated=set(self.calibrated),
-        )  # fmt: skip
+        names = ("cameras", "neighbors", "by_topic", "calibrated")
+        tables: dict[str, Any] = {name: copy(getattr(self, name)) for name in names}
+        return replace(self, logged=TransformTree(dict(self.logged.edges)), **tables)
 
     def rig(self) -> Rig:
-        """Return the rig.
-
-        Raises LogError naming the sensor that has no transform, or the camera that isn't calibrated.
-        """
-        sensors = self._sensors()
-        body = self.body()
+        """Return the rig. Raises LogError naming the sensor without transform, or the camera that isn't calibrated."""
+        sensors, body = self._sensors(), self.body()
         mounts = {name: self._mount(name, kind, frame, body) for name, (kind, frame) in sorted(sensors.items())}
         # Own logs may hold calibrations of cameras that have neither mount nor images.
         heard = sorted(self.roles.items())
@@ -82,9 +84,8 @@ class RigState:
         silent = {name: frame for name, (kind, frame) in sensors.items() if kind == "camera" and name not in frames}
         frames = {name: frame for name, frame in {**frames, **silent}.items() if name not in self.left_out}
         folders = {r.sensor: _folder(r.topic) for _, r in heard}
-        return Rig(
-            mounts, {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
-        )
+        cameras = {name: self._camera(name, frame, folders.get(name, "")) for name, frame in sorted(frames.items())}
+        return Rig(mounts, cameras)
 
     def body(self) -> str:
         """Name of the coordinate frame of the body. Raises LogError where the sensors aren't linked."""
@@ -93,10 +94,8 @@ class RigState:
         try:
             return self.tree.body(self.frames()) or BODY
         except DecodeError as error:
-            raise LogError(
-                f"{self.container.path}: {error}; repair /tf_static, or leave sensors out with --topics '!NAME'",
-                "CAL001",
-            ) from error
+            advice = "repair /tf_static, or leave sensors out with --topics '!NAME'"
+            raise LogError(f"{self.container.path}: {error}; {advice}", "CAL001") from error
 
     def frames(self) -> list[str]:
         """Coordinate frames of all sensors."""
@@ -104,49 +103,28 @@ class RigState:
 
     def _sensors(self) -> dict[str, tuple[Kind, str]]:
         sensors = {r.sensor: (KINDS[r.kind], r.frame_id) for _, r in sorted(self.roles.items()) if r.kind in SENSORS}
-        header = self.container.header
-        is_told = header is not None and not self.setup.sensors
-        silent = {name: (kind, name) for name, kind in header.kinds.items()} if header is not None and is_told else {}
-        named = {**silent, **sensors}
-        own = self.patch.frames
+        header, own = self.container.header, self.patch.frames
+        known = header.kinds if header is not None and not self.setup.sensors else {}
+        named = {**{name: (kind, name) for name, kind in known.items()}, **sensors}
         return {
             name: (kind, own.get(name, frame)) for name, (kind, frame) in named.items() if name not in self.left_out
         }
 
-    def _logged_body(self) -> str:
-        """What the log itself calls the body, where replaced transforms are to begin."""
-        names = {name for child, edge in self.logged.edges.items() for name in (child, edge.parent)}
-        return next((name for name in BODIES if name in names), BODY)
-
-    def _take_camera(self, entry: Entry, role: Role, frame: str, camera: CameraModel) -> bool:
-        key = role.frame_id or frame
-        old = self.cameras.get(key)
-        self.cameras[key] = self.neighbors[_folder(entry.topic)] = self.by_topic[entry.topic] = camera
-        self.calibrated.add(entry.channel)
-        return old is None or not old.equals(camera)
-
     def _mount(self, name: str, kind: Kind, frame: str, body: str) -> Mount:
-        path = self.container.path
+        where, leave_out = f"{self.container.path}: sensor '{name}'", _leave_out(name)
         try:
             is_body = bool(frame) and frame == self.setup.body  # the user says so, even without any transform
             pose = (np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])) if is_body else self.tree.pose(frame, body)
         except DecodeError as error:
-            raise LogError(
-                f"{path}: sensor '{name}': {error}; repair its transforms, {_leave_out(name)}", "CAL001"
-            ) from error
+            raise LogError(f"{where}: {error}; repair its transforms, {leave_out}", "CAL001") from error
         if pose is None:
             to = "" if body == frame else f" to '{body}'"
             why = f"'{frame}'{to} on /tf or /tf_static" if frame else "its messages name no frame_id"
-            why += self._moves(frame)
-            raise LogError(
-                f"{path}: sensor '{name}' has no transform to the body ({why}); add it, {_leave_out(name)}", "CAL001"
-            )
+            moving = self.setup.rig.moving  # what a file with calibration says, where it can't tell the pose
+            steps = [moving[step] for step in self.tree.trace(frame) if step in moving]
+            why += f"; {steps[0]} has no fixed pose" if steps else ""
+            raise LogError(f"{where} has no transform to the body ({why}); add it, {leave_out}", "CAL001")
         return Mount(kind, *pose)
-
-    def _moves(self, frame: str) -> str:
-        """What a file with calibration says of the way to the body, where it can't tell the pose."""
-        moving = self.setup.rig.moving
-        return next((f"; {moving[step]} has no fixed pose" for step in self.tree.reached(frame) if step in moving), "")
 
     def _camera(self, name: str, frame: str, folder: str) -> CameraModel:
         setup = self.setup.sensors.get(name)
@@ -155,13 +133,10 @@ class RigState:
         else:
             camera = self.cameras.get(frame, self.neighbors.get(folder))
         camera = self.patch.cameras.get(name, camera)
-        if camera is not None:
-            return camera
-        raise LogError(
-            f"{self.container.path}: camera '{name}' has no calibration (CameraCalibration or CameraInfo for "
-            f"'{frame}'); add it, {_leave_out(name)}",
-            "CAL001",
-        )
+        if camera is None:
+            what = f"has no calibration (CameraCalibration or CameraInfo for '{frame}'); add it, {_leave_out(name)}"
+            raise LogError(f"{self.container.path}: camera '{name}' {what}", "CAL001")
+        return camera
 
 
 def first_state(
@@ -172,47 +147,32 @@ def first_state(
     """
     said = setup or Setup()
     state = RigState(container, roles, left_out, said, find_sensors(said.rig, roles))
-    transforms = _channels(container, roles, "transform")
-    _search(state, frozenset(i for i in transforms if roles[i].is_static))
-    _search_calibrations(state, _channels(container, roles, "calibration"))
-    if not _is_linked(state):
-        _search(state, frozenset(i for i in transforms if not roles[i].is_static), _MAX_MOVING)
-    require_use(said.rig, state.patch, roles, state.tree)
-    return state
+    full = {id_: role for id_, role in sorted(roles.items()) if container.counts.get(id_, 1)}
 
+    def is_linked() -> bool:
+        tree = state.tree
+        return all(tree.has_body(frame, said.body) for frame in state.frames())
 
-def _channels(container: Container, roles: Mapping[int, Role], kind: str) -> frozenset[int]:
-    return frozenset(i for i, role in roles.items() if role.kind == kind and container.counts.get(i, 1))
+    def search(is_static: bool, limit: int | None = None) -> None:
+        """Take transforms until all sensors are linked; of several transforms of one child the first one counts."""
+        found = frozenset(i for i, role in full.items() if role.kind == "transform" and role.is_static == is_static)
+        for num, entry in enumerate(container.entries(found) if found else ()):
+            known = dict(state.logged.edges)
+            state.take(entry)
+            state.logged.edges |= known
+            if num == limit or is_linked():
+                break
 
-
-def _search(state: RigState, channels: frozenset[int], limit: int | None = None) -> None:
-    """Take transforms until all sensors are linked; of several transforms of one child the first one counts."""
-    for num, entry in enumerate(state.container.entries(channels) if channels else ()):
-        known = dict(state.logged.edges)
-        state.take(entry)
-        state.logged.edges |= known
-        if num == limit or _is_linked(state):
-            break
-
-
-def _is_linked(state: RigState) -> bool:
-    tree, body = state.tree, state.setup.body
-    return all(_reaches(tree, frame, body) if body else tree.known(frame) for frame in state.frames())
-
-
-def _reaches(tree: TransformTree, frame: str, body: str) -> bool:
-    try:
-        return frame == body or tree.pose(frame, body) is not None
-    except DecodeError:
-        return False
-
-
-def _search_calibrations(state: RigState, channels: frozenset[int]) -> None:
-    for id_ in sorted(channels):
-        for entry in state.container.entries(frozenset([id_])):
+    search(is_static=True)
+    for id_ in (i for i, role in full.items() if role.kind == "calibration"):
+        for entry in container.entries(frozenset([id_])):
             state.take(entry)
             if id_ in state.calibrated:
                 break
+    if not is_linked():
+        search(is_static=False, limit=_MAX_MOVING)
+    require_use(said.rig, state.patch, roles, state.tree)
+    return state
 
 
 def _leave_out(sensor: str) -> str:
@@ -233,7 +193,10 @@ class RigChanges:
         self._rig, self._stored = rig, list(stored)
         self._state = None if state is None or rig is None else state.copy()
         self._is_new = False
-        self.channels = frozenset() if self._state is None else _telling(self._state.roles)
+        roles = {} if self._state is None else self._state.roles
+        self.channels = frozenset(
+            id_ for id_, r in roles.items() if r.kind == "calibration" or (r.kind == "transform" and r.is_static)
+        )
 
     def follow(self, entries: Iterable[Entry]) -> Iterator[Entry]:
         """Pass all entries on, taking the transforms and calibrations of one log time before its other messages: which
@@ -254,27 +217,10 @@ class RigChanges:
         rig = None
         while self._stored and self._stored[0][0] <= log_ns:
             _, rig = self._stored.pop(0)
-        if rig is not None:
-            yield from self._change_rig(log_ns, rig)
         if self._is_new and self._state is not None:
             self._is_new = False
-            try:
+            with suppress(LogError):  # what was broken in the middle of a log doesn't end it: the old rig stays
                 rig = self._state.rig()
-            except LogError:  # what was broken in the middle of a log doesn't end it: the old rig stays
-                return
-            yield from self._change_rig(log_ns, rig)
-
-    def _change_rig(self, log_ns: int, rig: Rig) -> Iterator[RigChange]:
-        sensors = () if self._rig is None else rig.changed_since(self._rig)
-        if sensors:
+        if rig is not None and self._rig is not None and (sensors := rig.changed_since(self._rig)):
             self._rig = rig
             yield RigChange(log_ns, rig, sensors)
-
-
-def _telling(roles: Mapping[int, Role]) -> frozenset[int]:
-    """Channels whose messages tell the rig."""
-    return frozenset(
-        id_
-        for id_, role in roles.items()
-        if role.kind == "calibration" or (role.kind == "transform" and role.is_static)
-    )

@@ -53,11 +53,8 @@ class FittedPatch:
         return TransformTree({**logged.edges, **own})
 
     def on(self, rig: Rig, kinds: Mapping[str, Kind]) -> Rig:
-        """Return a rig with the patch's mounts and cameras; what it doesn't change stays bit for bit.
-
-        Args:
-            rig: What the log says.
-            kinds: Of all sensors, by name, those too that the rig lacks.
+        """Return a rig with the patch's mounts and cameras; what it doesn't change stays bit for bit. `kinds` has
+        all sensors by name, those too that the rig lacks.
         """
         tree = self.tree(tree_of(rig), BODY)
         mounts = dict(rig.mounts)
@@ -73,61 +70,36 @@ def find_sensors(patch: RigPatch, roles: Mapping[int, Role]) -> FittedPatch:
     where a camera of the patch isn't in the log.
     """
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
+    all_cameras = [name for name, role in sensors.items() if role.kind == "camera"]
     by_topic = {role.topic: role.sensor for role in sensors.values()}
-    by_frame: dict[str, list[str]] = {}
-    for name, role in sensors.items():
-        by_frame.setdefault(role.frame_id, []).append(name)
     by_key = {key: by_topic[topic] for key, topic in patch.topics.items() if topic in by_topic}
     own = {name: name for name in sensors if name in patch.edges}
     own |= {sensor: key for key, sensor in by_key.items() if key in patch.edges and sensor not in own}
     cameras: dict[str, CameraModel] = {}
     for key, model in patch.cameras.items():
-        named = _meant(key, sensors, by_key, by_frame) or _only_one(patch, sensors)
+        named = [name for name in all_cameras if sensors[name].frame_id == key]
+        if key in sensors or key in by_key:
+            named = [key if key in sensors else by_key[key]]
+        elif not named and len(all_cameras) == len(patch.cameras) == 1:
+            named = all_cameras  # a file about one camera means the only one of the log, whatever it calls it
         if not named:
-            known = sorted(name for name, role in sensors.items() if role.kind == "camera")
-            hint = did_you_mean(key, known)
+            hint = did_you_mean(key, all_cameras)
             raise ConfigError(f"{patch.places.get(key, 'rig')}: the log has no camera '{key}'{hint}", "CFG001")
         cameras |= dict.fromkeys(named, model)
-    return FittedPatch({**_aliases(patch, sensors, by_key, own), **patch.edges}, cameras, own)
-
-
-def _meant(
-    key: str, sensors: Mapping[str, Role], by_key: Mapping[str, str], by_frame: Mapping[str, list[str]]
-) -> list[str]:
-    if key in sensors:
-        return [key]
-    if key in by_key:
-        return [by_key[key]]
-    return [name for name in by_frame.get(key, []) if sensors[name].kind == "camera"]
-
-
-def _only_one(patch: RigPatch, sensors: Mapping[str, Role]) -> list[str]:
-    """A file about one camera means the only one of the log, whatever it calls it."""
-    cameras = [name for name, role in sensors.items() if role.kind == "camera"]
-    return cameras if len(cameras) == len(patch.cameras) == 1 else []
-
-
-def _aliases(
-    patch: RigPatch, sensors: Mapping[str, Role], by_key: Mapping[str, str], own: Mapping[str, str]
-) -> dict[str, Edge]:
-    """Edges that say where a parent of the patch is, when only the log knows: the first camera of a chain."""
+    # Where a parent of the patch is, when only the log knows: the first camera of a chain.
     parents = {edge.parent for edge in patch.edges.values()} - set(patch.edges)
-    found = {key: sensors[by_key[key]].frame_id for key in parents if key in by_key and by_key[key] not in own}
-    found |= {name: sensors[name].frame_id for name in parents if name in sensors}
-    return {key: _same_place(frame) for key, frame in sorted(found.items()) if frame and frame != key}
-
-
-def _same_place(parent: str) -> Edge:
-    return Edge(parent, np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+    known = {key: sensors[by_key[key]].frame_id for key in parents if key in by_key and by_key[key] not in own}
+    known |= {name: sensors[name].frame_id for name in parents if name in sensors}
+    same_place = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+    aliases = {key: Edge(frame, *same_place) for key, frame in sorted(known.items()) if frame and frame != key}
+    return FittedPatch({**aliases, **patch.edges}, cameras, own)
 
 
 def require_use(patch: RigPatch, fit: FittedPatch, roles: Mapping[int, Role], tree: TransformTree) -> None:
-    """Refuse transforms that none of a log's sensors stands on: their names must be wrong. Raises ConfigError naming
-    the file and the log's sensors.
-    """
+    """Refuse transforms that no sensor stands on: names must be wrong. Raises ConfigError naming file and sensors."""
     sensors = {role.sensor: role for _, role in sorted(roles.items()) if role.kind in SENSORS}
     frames = {fit.frames.get(name, role.frame_id) for name, role in sensors.items()}
-    used = {step for frame in frames for step in tree.reached(frame)}
+    used = {step for frame in frames for step in tree.trace(frame)}
     if not fit.edges or used & {*fit.edges, *patch.moving}:
         return
     place = next(iter(patch.places.values()), "rig")

@@ -1,7 +1,7 @@
 """Roles of channels: kind, sensor, and where frame numbers are; selection by patterns."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
@@ -13,6 +13,7 @@ from fbench.replay.logs.coordinate_frames import BODIES
 
 STORED = "fbench"  # Encoding of channels whose messages the container gives decoded
 _ROS = ("cdr", "ros1")
+_MAX_TRIES = 10
 _TRUTH_WORDS = ("truth", "gt", "label", "annotation")
 
 
@@ -47,27 +48,28 @@ def roles(container: Container) -> dict[int, Role]:
     foreign: dict[int, Codec] = {}
     codecs = Codecs()
     for id_, channel in sorted(container.channels.items(), key=lambda item: (item[1].topic, item[0])):
-        codec = _codec(codecs, container, channel)
-        kinds = () if codec is None else codec.kinds
-        own = _own(channel, codec)
-        if own is not None and (channel.encoding == STORED or own.kind in kinds):
+        topic = channel.topic
+        try:
+            codec = codecs.of(channel)
+        except DecodeError as error:  # a damaged or hostile definition makes its topic unreadable, not the log
+            container.once("LOG008", (topic,), f"topic '{topic}' can't be decoded: {error}")
+            codec = None
+        own = _read_own(channel, codec)
+        if own is not None and (channel.encoding == STORED or (codec is not None and own.kind in codec.kinds)):
             found[id_] = own
         elif codec is not None:
             foreign[id_] = codec
         else:
-            _count_unused(container, channel)
+            what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
+            container.once("LOG012", (topic,), f"topic '{topic}' has {what}")
+    schemas: dict[str, str] = {}
     transforms = {id_ for id_, codec in foreign.items() if codec.kinds == ("transform",)}
-    _check_schemas(container, sorted({*found, *foreign} - transforms))
-    return found | _foreign(container, foreign)
-
-
-def _codec(codecs: "Codecs", container: Container, channel: Channel) -> Codec | None:
-    """A definition that is damaged or hostile makes its topic unreadable, not the log."""
-    try:
-        return codecs.of(channel)
-    except DecodeError as error:
-        container.once("LOG008", (channel.topic,), f"topic '{channel.topic}' can't be decoded: {error}")
-        return None
+    for id_ in sorted({*found, *foreign} - transforms):
+        topic, name = container.channels[id_].topic, container.channels[id_].schema_name
+        if schemas.setdefault(topic, name) != name:
+            two = f"{schemas[topic]} and {name}"
+            raise LogError(f"{container.path}: topic '{topic}' has messages of two schemas, {two}", "LOG009")
+    return found | _probe_all(container, foreign)
 
 
 class Codecs:
@@ -77,9 +79,7 @@ class Codecs:
         self._ros: dict[tuple[str, Schema | None], Codec | None] = {}
 
     def of(self, channel: Channel) -> Codec | None:
-        """Return the codec for a channel's messages; `None` where fbench has none. Raises DecodeError where the
-        definition of its type is damaged.
-        """
+        """Return a channel's codec, where fbench has one. Raises DecodeError where its definition is damaged."""
         if channel.encoding == "protobuf":
             from fbench.replay.logs.codecs.foxglove.codec import foxglove_codec
 
@@ -94,26 +94,18 @@ class Codecs:
         return self._ros[key]
 
 
-def _count_unused(container: Container, channel: Channel) -> None:
-    what = f"type '{channel.schema_name or 'unknown'}' (encoding {channel.encoding or 'none'})"
-    container.once("LOG012", (channel.topic,), f"topic '{channel.topic}' has {what}")
-
-
-def _own(channel: Channel, codec: Codec | None) -> Role | None:
+def _read_own(channel: Channel, codec: Codec | None) -> Role | None:
     """Read channel metadata as fbench writes them; `None` where they aren't there."""
     kind, sensor = channel.metadata.get(KIND), channel.metadata.get(SENSOR, "")
     if kind is None or (kind in (*SENSORS, "pose", "calibration") and SENSOR not in channel.metadata):
         return None
-    numbered = channel.metadata.get(FRAME_NUMBER) == SEQUENCE
-    return Role(kind, channel.topic, sensor, sensor, codec, numbered, _size(channel), is_own=True)
-
-
-def _size(channel: Channel) -> tuple[int, int] | None:
     width, _, height = channel.metadata.get(SIZE, "").partition("x")
-    return (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+    size_wh = (int(width), int(height)) if width.isdecimal() and height.isdecimal() else None
+    numbered = channel.metadata.get(FRAME_NUMBER) == SEQUENCE
+    return Role(kind, channel.topic, sensor, sensor, codec, numbered, size_wh, is_own=True)
 
 
-def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Role]:
+def _probe_all(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Role]:
     """Find kind and sensor of channels without our metadata from their first messages."""
     probed = {id_: _probe(container, id_, codec) for id_, codec in codecs.items()}
     probes = {id_: probe for id_, probe in probed.items() if probe is not None}
@@ -126,23 +118,17 @@ def _foreign(container: Container, codecs: Mapping[int, Codec]) -> dict[int, Rol
         if kind in SENSORS:
             is_name = frame and frame not in BODIES and shared[frame] == 1
             found[id_] = Role(kind, topic, frame if is_name else topic.strip("/"), frame, codec)
-        else:
-            other = kind == "truth" and not _names_truth(topic)
-            of = frame if kind == "odometry" else ""
-            found[id_] = Role("detections" if other else kind, topic, topic.strip("/"), of, codec, world=world)
+            continue
+        # Boxes on a topic that isn't called like ground truth are what some system detected.
+        words = topic.lower().replace("_", "/").split("/")
+        is_named = any(word.startswith(_TRUTH_WORDS) for word in words) or "groundtruth" in words
+        is_detected, of = kind == "truth" and not is_named, frame if kind == "odometry" else ""
+        found[id_] = Role("detections" if is_detected else kind, topic, topic.strip("/"), of, codec, world=world)
     return found
 
 
-def _names_truth(topic: str) -> bool:
-    """Tell whether a topic of boxes is called like ground truth; others hold what some system detected."""
-    words = topic.lower().replace("_", "/").split("/")
-    return any(word.startswith(name) for word in words for name in _TRUTH_WORDS) or "groundtruth" in words
-
-
 def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
-    """Kind and coordinate frame of a channel with measurements or poses, from the first message that can be read;
-    `None` where there is none.
-    """
+    """Kind and coordinate frame of measurements or poses, from the first readable message, if there is any."""
     if codec.kinds[0] not in (*MESSAGES, "odometry"):
         return Probe(codec.kinds[0], "")
     topic = container.channels[channel].topic
@@ -161,44 +147,31 @@ def _probe(container: Container, channel: int, codec: Codec) -> Probe | None:
     return None
 
 
-_MAX_TRIES = 10
-
-
-def _check_schemas(container: Container, channels: Iterable[int]) -> None:
-    schemas: dict[str, str] = {}
-    for id_ in channels:
-        topic, name = container.channels[id_].topic, container.channels[id_].schema_name
-        if schemas.setdefault(topic, name) != name:
-            two = f"{schemas[topic]} and {name}"
-            raise LogError(f"{container.path}: topic '{topic}' has messages of two schemas, {two}", "LOG009")
-
-
 def select(roles: Mapping[int, Role], patterns: Sequence[str]) -> dict[int, Role]:
     """Keep the measurements and poses whose topic or sensor fits a pattern (`*`, `?`, `[...]`); `!` before a pattern
     leaves out what fits it. Transforms, calibrations of kept cameras and truth stay. Raises ConfigError where a pattern
     fits nothing.
     """
+
+    def fits(role: Role, pattern: str) -> bool:
+        return fnmatchcase(role.topic, pattern) or fnmatchcase(role.sensor, pattern)
+
     streams = {id_: role for id_, role in roles.items() if role.kind in MESSAGES}
     for pattern in patterns:
-        if not any(_fits(role, pattern.removeprefix("!")) for role in streams.values()):
-            names = sorted({name for role in streams.values() for name in (role.topic, role.sensor)})
-            hint = did_you_mean(pattern, names)
+        if not any(fits(role, pattern.removeprefix("!")) for role in streams.values()):
+            hint = did_you_mean(pattern, {name for role in streams.values() for name in (role.topic, role.sensor)})
             raise ConfigError(f"--topics {pattern}: fits no topic or sensor{hint}", "CFG001")
-    wanted = [p for p in patterns if not p.startswith("!")]
+    wanted = [p for p in patterns if not p.startswith("!")] or ["*"]
     unwanted = [p[1:] for p in patterns if p.startswith("!")]
-    dropped = {
+    kept = {
         id_: role
         for id_, role in streams.items()
-        if (wanted and not any(_fits(role, p) for p in wanted)) or any(_fits(role, p) for p in unwanted)
+        if any(fits(role, p) for p in wanted) and not any(fits(role, p) for p in unwanted)
     }
-    kept_sensors = {role.sensor for id_, role in streams.items() if id_ not in dropped}
-    gone = {role.sensor for role in dropped.values()} - kept_sensors
+    gone = {role.sensor for role in streams.values()} - {role.sensor for role in kept.values()}
     return {
         id_: role
         for id_, role in roles.items()
-        if id_ not in dropped and not (role.kind == "calibration" and role.is_own and role.sensor in gone)
+        if (id_ in kept or id_ not in streams)
+        and not (role.kind == "calibration" and role.is_own and role.sensor in gone)
     }
-
-
-def _fits(role: Role, pattern: str) -> bool:
-    return fnmatchcase(role.topic, pattern) or fnmatchcase(role.sensor, pattern)

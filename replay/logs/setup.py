@@ -68,12 +68,9 @@ StampSource = Literal["header", "log"]
 class StampParams:
     """How the stamps of frames are made from those that were recorded."""
 
-    source: StampSource = "header"
-    """`header`: when the sensor says it measured; `log`: when the message was recorded."""
-    offsets_ns: Mapping[str, int] = field(default_factory=dict)
-    """Added to the stamps of one sensor, by its name [ns]."""
-    assumed: tuple[str, ...] = ()
-    """Sensors whose offset a configuration gives, which may be left out."""
+    source: StampSource = "header"  # `header`: when the sensor says it measured; `log`: when the message was recorded
+    offsets_ns: Mapping[str, int] = field(default_factory=dict)  # Added to the stamps of one sensor, by its name [ns]
+    assumed: tuple[str, ...] = ()  # Sensors whose offset a configuration gives, which may be left out
 
     def restamp(self, message: Message) -> Message:
         """Return the message with the stamp that counts."""
@@ -89,9 +86,7 @@ class StampParams:
 
 
 def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
-    """Read `--stamps` and the `SENSOR=MS` of `--offset`. Raises ConfigError where one can't be understood, or a sensor
-    has two offsets.
-    """
+    """Read `--stamps` and `--offset SENSOR=MS`. Raises ConfigError where one is malformed or given twice."""
     if source not in get_args(StampSource):
         raise ConfigError(f"--stamps {source}: expected 'header' or 'log'")
     given: dict[str, int] = {}
@@ -99,26 +94,19 @@ def make_stamp_params(source: str, offsets: Sequence[str]) -> StampParams:
         name, _, value = text.rpartition("=")
         if name in given:
             raise ConfigError(f"--offset {text}: '{name}' has an offset already")
-        given[name] = _offset_ns(text, name, value)
+        try:
+            offset_ms = float(value)
+        except ValueError:
+            offset_ms = float("nan")
+        if not name or not abs(offset_ms) <= MAX_OFFSET_MS:
+            raise ConfigError(f"--offset {text}: expected SENSOR=MILLISECONDS, such as radar=-12.5")
+        given[name] = round(offset_ms * 1e6)
     return StampParams("log" if source == "log" else "header", dict(sorted(given.items())))
 
 
-def _offset_ns(text: str, name: str, value: str) -> int:
-    try:
-        offset_ms = float(value)
-    except ValueError:
-        offset_ms = float("nan")
-    if not name or not abs(offset_ms) <= MAX_OFFSET_MS:
-        raise ConfigError(f"--offset {text}: expected SENSOR=MILLISECONDS, such as radar=-12.5")
-    return round(offset_ms * 1e6)
-
-
 class ClockCheck:
-    """Compares the clocks of sensors where each speaks first: the skew between its stamp and the time of recording.
-
-    Args:
-        reference: With whose clock the others are compared.
-        params: Sensors with an offset are trusted.
+    """Compares the clocks of sensors with that of `reference` where each speaks first: the skew between its stamp and
+    the time of recording. Sensors with an offset are trusted.
     """
 
     def __init__(self, reference: str, params: StampParams) -> None:
@@ -129,24 +117,18 @@ class ClockCheck:
         """Take a message with the stamp that counts. Raises LogError where the clock of its sensor, or of one that
         spoke before the reference, is another.
         """
-        if message.sensor in self._skews_ns:
+        skews_ns, reference = self._skews_ns, self._reference
+        if message.sensor in skews_ns:
             return
-        self._skews_ns[message.sensor] = message.stamp_ns - message.log_ns
-        if self._reference not in self._skews_ns:
+        skews_ns[message.sensor] = message.stamp_ns - message.log_ns
+        if reference not in skews_ns:
             return
-        for name in sorted(self._skews_ns) if message.sensor == self._reference else (message.sensor,):
-            self._compare(name)
-
-    def _compare(self, name: str) -> None:
-        skew_ns = self._skews_ns[name] - self._skews_ns[self._reference]
-        if name in self._trusted or abs(skew_ns) <= MAX_SKEW_NS:
-            return
-        advice = mending_offset(name, self._skews_ns[name], self._reference, self._skews_ns[self._reference])
-        raise LogError(
-            f"sensor '{name}': its clock differs from that of '{self._reference}' by {skew_ns / 1e9:.3f} s; "
-            f"give {advice} or --stamps log",
-            "TIM008",
-        )
+        for name in sorted(skews_ns) if message.sensor == reference else (message.sensor,):
+            difference_ns = skews_ns[name] - skews_ns[reference]
+            if name not in self._trusted and abs(difference_ns) > MAX_SKEW_NS:
+                what = f"its clock differs from that of '{reference}' by {difference_ns / 1e9:.3f} s"
+                advice = mending_offset(name, skews_ns[name], reference, skews_ns[reference])
+                raise LogError(f"sensor '{name}': {what}; give {advice} or --stamps log", "TIM008")
 
 
 def mending_offset(name: str, skew_ns: int, reference: str, reference_skew_ns: int) -> str:

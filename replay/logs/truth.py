@@ -8,7 +8,7 @@ from itertools import groupby
 import numpy as np
 
 from fbench.replay.contracts.errors import DecodeError
-from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate
+from fbench.replay.data.boxes import Boxes3D, concatenate
 from fbench.replay.data.messages import Truth
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import pose_matrix
@@ -34,67 +34,48 @@ class PosesIn:
         return True
 
 
-NO_POSES = PosesIn(are_there=False)
-
-
-def in_body(
-    part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn = NO_POSES
-) -> TruthPart:
-    """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is.
-
-    Boxes in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links
-    the boxes' coordinate frame to the body, poses are in another world, or no camera has it.
+def in_body(part: TruthPart, tree: TransformTree, body: str, cameras: Mapping[str, str], poses: PosesIn) -> TruthPart:
+    """Return 3D boxes in body coordinates, and 2D boxes with the name of the camera whose coordinate frame it is. Boxes
+    in the coordinate frame of the log's poses are left in it, and say so. Raises DecodeError where nothing links the
+    boxes' coordinate frame to the body, poses are in another world, or no camera has it.
     """
-    truth = part.truth
-    if truth.boxes3d is not None and part.frame_ids:
-        truth = replace(truth, boxes3d=_gathered(truth.boxes3d, part.frame_ids, tree, body))
-    elif truth.boxes3d is not None and poses.link(part.frame_id, body):
+
+    def move(boxes: Boxes3D, frame: str) -> Boxes3D:
+        pose = tree.pose(frame, body)
+        if pose is None:
+            raise DecodeError(f"boxes in '{frame}', which no fixed transform links to '{body}'")
+        return move_boxes(boxes, pose_matrix(*pose))
+
+    truth, boxes = part.truth, part.truth.boxes3d
+    if boxes is not None and part.frame_ids:  # each box from its own coordinate frame
+        names, parts, rows = np.array(part.frame_ids, np.str_), [], []
+        for frame in dict.fromkeys(part.frame_ids):
+            rows.append(np.flatnonzero(names == frame))
+            chosen, zeros = boxes[rows[-1]], np.zeros(len(rows[-1]))
+            pitch, roll = (zeros if angle is None else angle for angle in (chosen.pitch_rad, chosen.roll_rad))
+            is_there = frame in ("", body)
+            parts.append(replace(chosen, pitch_rad=pitch, roll_rad=roll) if is_there else move(chosen, frame))
+        joined = concatenate(parts)[np.argsort(np.concatenate(rows), kind="stable")]
+        truth = replace(truth, boxes3d=joined)
+    elif boxes is not None and poses.link(part.frame_id, body):
         # Whatever the tree holds above the body is where it was when the log began.
         truth = replace(truth, in_world=True)
-    elif truth.boxes3d is not None and part.frame_id != body:
-        truth = replace(truth, boxes3d=_moved(truth.boxes3d, part.frame_id, tree, body))
+    elif boxes is not None and part.frame_id != body:
+        truth = replace(truth, boxes3d=move(boxes, part.frame_id))
     if truth.boxes2d is not None:
         if part.frame_id not in cameras:
             raise DecodeError(f"boxes in '{part.frame_id}', which no camera has")
-        truth = replace(truth, boxes2d=_name_camera(truth.boxes2d, cameras[part.frame_id]))
+        camera = np.full(len(truth.boxes2d), cameras[part.frame_id])
+        truth = replace(truth, boxes2d=replace(truth.boxes2d, camera=camera))
     return replace(part, truth=truth, frame_id="", frame_ids=())
-
-
-def _name_camera(boxes: Boxes2D, camera: str) -> Boxes2D:
-    return replace(boxes, camera=np.full(len(boxes), camera))
-
-
-def _gathered(boxes: Boxes3D, frames: tuple[str, ...], tree: TransformTree, body: str) -> Boxes3D:
-    """Move each box from its own coordinate frame."""
-    names = np.array(frames, np.str_)
-    parts, rows = [], []
-    for frame in dict.fromkeys(frames):
-        chosen = np.flatnonzero(names == frame)
-        parts.append(_with_angles(boxes[chosen]) if frame in ("", body) else _moved(boxes[chosen], frame, tree, body))
-        rows.append(chosen)
-    return concatenate(parts)[np.argsort(np.concatenate(rows), kind="stable")]
-
-
-def _with_angles(boxes: Boxes3D) -> Boxes3D:
-    zeros = np.zeros(len(boxes))
-    pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
-    return replace(boxes, pitch_rad=pitch, roll_rad=roll)
-
-
-def _moved(boxes: Boxes3D, frame: str, tree: TransformTree, body: str) -> Boxes3D:
-    pose = tree.pose(frame, body)
-    if pose is None:
-        raise DecodeError(f"boxes in '{frame}', which no fixed transform links to '{body}'")
-    return move_boxes(boxes, pose_matrix(*pose))
 
 
 WINDOW = 256  # Truth is put into the order of its stamps within so many, which bounds memory
 
 
 def join_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
-    """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`).
-
-    What comes more than `WINDOW` messages late, after a clock that jumped back, stays where it is.
+    """Join parts that come in canonical order, and yield truth by (`stamp_ns`, `log_ns`). What comes more than `WINDOW`
+    messages late, after a clock that jumped back, stays where it is.
     """
     heap: list[tuple[int, int, int, Truth]] = []
     for i, truth in enumerate(pair_parts(parts)):
@@ -106,23 +87,17 @@ def join_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
 
 
 def pair_parts(parts: Iterable[TruthPart]) -> Iterator[Truth]:
-    """Join parts in the order in which they come: both have one `log_ns`, and in canonical order the topic of 3D truth
-    comes first.
-    """
+    """Join parts as they come: both have one `log_ns`, and in canonical order the topic of 3D truth comes first."""
     for _, group in groupby(parts, key=lambda part: part.truth.log_ns):
         truths: list[Truth] = []
-        waiting: list[int] = []
+        waiting: dict[tuple[int, int | None], list[int]] = {}
         for part in group:
-            mate = next((i for i in waiting if part.is_2d and _same(truths[i], part.truth)), None)
-            if mate is not None:
+            mates = waiting.setdefault((part.truth.stamp_ns, part.truth.frame_number), [])
+            if part.is_2d and mates:
+                mate = mates.pop(0)
                 truths[mate] = replace(truths[mate], boxes2d=part.truth.boxes2d)
-                waiting.remove(mate)
                 continue
             if part.expects_2d:
-                waiting.append(len(truths))
+                mates.append(len(truths))
             truths.append(part.truth)
         yield from truths
-
-
-def _same(a: Truth, b: Truth) -> bool:
-    return a.stamp_ns == b.stamp_ns and a.frame_number == b.frame_number

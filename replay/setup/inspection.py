@@ -13,8 +13,8 @@ from fbench.replay.data.arrays import Int64
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan
 from fbench.replay.logs.codecs.codec import SENSORS, Origin, TruthPart
 from fbench.replay.logs.codecs.foxglove.proto import parse, split
+from fbench.replay.logs.codecs.ros.clouds import read_cloud
 from fbench.replay.logs.codecs.ros.definitions import full_name
-from fbench.replay.logs.codecs.ros.point_cloud2 import read_cloud
 from fbench.replay.logs.container import Channel, Container, Entry
 from fbench.replay.logs.open import span_ns
 from fbench.replay.logs.roles import Codecs, Role, roles

@@ -10,7 +10,7 @@ from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes3D
 from fbench.replay.data.images import Pixels
 from fbench.replay.geometry.ego_velocity import INLIER_MPS, EgoFit, fit_ego, wrap_velocity
-from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectified
+from fbench.replay.geometry.stereo_pairs import Pair, Rectified, pairs, rectify
 from fbench.reports.preview import draw
 from fbench.reports.preview.alignment import StereoView, align, edges_of, edges_view, stereo_view
 from fbench.reports.preview.collect import Album, Shown, Verdict
@@ -310,7 +310,7 @@ class Measured:
         views: dict[int, list[Shown]] = {}
         for pair in pairs(self.material.rig):
             try:
-                how = rectified(self.material.rig, pair)
+                how = rectify(self.material.rig, pair)
             except LogError as error:
                 self.gaps.append(str(error))
                 continue

@@ -10,7 +10,7 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import Pixels
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.geometry.camera import is_pinhole, require_projection
-from fbench.replay.geometry.stereo_pairs import MAX_ANGLE_DEG, Pair, Rectified, pairs, rectified
+from fbench.replay.geometry.stereo_pairs import MAX_ANGLE_DEG, Pair, Rectified, pairs, rectify
 from fbench.replay.geometry.transforms import inverse
 
 _STRAIGHT_PX = 0.05  # Rows that differ by less than this count as the same: images were rectified before
@@ -66,7 +66,7 @@ def rectifier(rig: Rig, pair: Pair, shrink: int) -> Rectifier:
     or images are too small to be matched.
     """
     small = Rig(rig.mounts, {name: _shrunk(rig.cameras[name], shrink) for name in (pair.left, pair.right)})
-    how = rectified(small, pair)
+    how = rectify(small, pair)
     body_T_left = rig.body_T_sensor(pair.left)
     if _is_straight(small, pair):
         return Rectifier(pair, small.cameras[pair.left], pair.baseline_m, body_T_left, None)

@@ -1,7 +1,4 @@
-"""Boxes from messages of several programs: viewers' scenes and columns of box parts.
-
-a size, and whatever the metadata of their entity say.
-"""
+"""Boxes from messages: scenes of viewers, whose boxes are cubes with metadata, and columns of box parts."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,12 +17,10 @@ _INT64 = range(-(2**63), 2**63)
 _UUID = re.compile(r"[0-9a-fA-F]{8}[0-9a-fA-F-]{8,}", re.ASCII)
 _NUMBERED = re.compile(r"[a-zA-Z][\w ./:#-]{0,126}[0-9]", re.ASCII)
 """A name with a number of its own; without one it may as well be a class."""
-
 _MAX_BOXES = 10_000  # As of programs' answers; many more than any stack gives, and few enough to compare each with each
 
 
-def require_few(num: int) -> None:
-    """Refuse what no stack gives. Raises DecodeError where a message has too many boxes."""
+def _require_few(num: int) -> None:
     if num > _MAX_BOXES:
         raise DecodeError(f"{num} boxes in one message, more than {_MAX_BOXES}")
 
@@ -39,9 +34,9 @@ def matrix(parts: Sequence[Any], names: str) -> Float64:
     return np.array(rows, np.float64).reshape(-1, len(names))
 
 
-def angles(xyzw: Float64) -> tuple[Float64, Float64, Float64]:
-    """Yaw, pitch, roll (N,) of quaternions (N, 4) with R = Rz(yaw) Ry(pitch) Rx(roll); roll is 0 at pitch +-90 deg. An
-    orientation of zeros, which means that none was given, is yaw 0.
+def orientation(xyzw: Float64) -> dict[str, Any]:
+    """Columns of the angles (N,) of quaternions (N, 4) with R = Rz(yaw) Ry(pitch) Rx(roll); roll is 0 at pitch +-90
+    deg, upright boxes have yaw alone. An orientation of zeros, which means that none was given, is yaw 0.
     """
     largest = np.abs(xyzw).max(axis=1, keepdims=True)
     given = np.where(largest == 0, [0.0, 0.0, 0.0, 1.0], xyzw / np.where(largest > 0, largest, 1.0))
@@ -51,14 +46,8 @@ def angles(xyzw: Float64) -> tuple[Float64, Float64, Float64]:
     across = np.hypot(r00, r10)
     locked = across < 1e-9
     yaw = np.where(locked, np.arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z)), np.arctan2(r10, r00))
-    return yaw, np.arctan2(-r20, across), np.where(locked, 0.0, np.arctan2(r21, r22))
-
-
-def orientation(xyzw: Float64) -> dict[str, Any]:
-    """Columns of the angles of quaternions (N, 4); upright boxes have yaw alone."""
-    yaw, pitch, roll = angles(xyzw)
-    upright = not (pitch.any() or roll.any())
-    return {"yaw_rad": yaw, "pitch_rad": None if upright else pitch, "roll_rad": None if upright else roll}
+    pitch, roll = np.arctan2(-r20, across), np.where(locked, 0.0, np.arctan2(r21, r22))
+    return {"yaw_rad": yaw} | ({"pitch_rad": pitch, "roll_rad": roll} if pitch.any() or roll.any() else {})
 
 
 def rotate(xyzw: Float64, vectors: Float64) -> Float64:
@@ -87,7 +76,7 @@ def track_ids(ids: Sequence[object]) -> Int64 | None:
 
 def check_boxes(boxes: B) -> B:
     """Return the boxes as they are. Raises DecodeError where a box isn't finite, or there are too many."""
-    require_few(len(boxes))
+    _require_few(len(boxes))
     good, scored = finite(boxes)
     if not (good & scored).all():
         raise DecodeError(f"box {int(np.argmin(good & scored))} isn't finite")
@@ -115,21 +104,22 @@ def scene_boxes(entities: Sequence[Any]) -> tuple[Boxes3D, tuple[str, ...]]:
     text, then its id, tells it. Speeds are along the heading. Raises DecodeError where a box isn't finite, or there are
     too many.
     """
-    require_few(sum(len(entity.cubes) for entity in entities))
+    _require_few(sum(len(entity.cubes) for entity in entities))
     cubes = [(entity, cube) for entity in entities for cube in entity.cubes]
-    said = [_metadata(entity) for entity, _ in cubes]
+    said = [
+        {re.sub(r"[\s_\-.]", "", str(pair.key)).lower(): str(pair.value).strip() for pair in entity.metadata}
+        for entity, _ in cubes
+    ]
     xyzw = matrix([cube.pose.orientation for _, cube in cubes], "xyzw")
+    scores = [_numbers(_first(words, _SCORES)) for words in said]
     boxes = Boxes3D(
         matrix([cube.pose.position for _, cube in cubes], "xyz"), matrix([cube.size for _, cube in cubes], "xyz"),
         **orientation(xyzw), **labels([_label(entity, words) for (entity, _), words in zip(cubes, said, strict=True)]),
-        velocity_mps=_velocities(said, xyzw), score=_scores(said),
+        velocity_mps=_velocities(said, xyzw),
+        score=np.concatenate(scores) if scores and all(len(score) == 1 for score in scores) else None,
         track_id=track_ids([_id(entity, words) for (entity, _), words in zip(cubes, said, strict=True)]),
     )  # fmt: skip
     return check_boxes(boxes), tuple(str(entity.frame_id).removeprefix("/") for entity, _ in cubes)
-
-
-def _metadata(entity: Any) -> dict[str, str]:
-    return {re.sub(r"[\s_\-.]", "", str(pair.key)).lower(): str(pair.value).strip() for pair in entity.metadata}
 
 
 def _first(words: Mapping[str, str], keys: Sequence[str]) -> str:
@@ -137,8 +127,7 @@ def _first(words: Mapping[str, str], keys: Sequence[str]) -> str:
 
 
 def _label(entity: Any, words: Mapping[str, str]) -> str:
-    named = _first(words, _LABELS)
-    if named:
+    if named := _first(words, _LABELS):
         return named
     texts = (_WORD.match(str(text.text)) for text in entity.texts)
     word = next((match for match in texts if match), None) or _NAMED.fullmatch(str(entity.id))
@@ -146,18 +135,8 @@ def _label(entity: Any, words: Mapping[str, str]) -> str:
 
 
 def _id(entity: Any, words: Mapping[str, str]) -> str:
-    named = _first(words, _IDS)
-    if named:
-        return named
     number = _NUMBER.fullmatch(str(entity.id))
-    return str(entity.id) if number is None else number[1]
-
-
-def _scores(said: Sequence[Mapping[str, str]]) -> Float64 | None:
-    values = [_numbers(_first(words, _SCORES)) for words in said]
-    if not values or not all(len(value) == 1 for value in values):
-        return None
-    return np.array([value[0] for value in values], np.float64)
+    return _first(words, _IDS) or (str(entity.id) if number is None else number[1])
 
 
 def _velocities(said: Sequence[Mapping[str, str]], xyzw: Float64) -> Float64 | None:

@@ -54,36 +54,27 @@ class Probe(NamedTuple):
 
 class Codec(Protocol):
     """Decodes the payloads of one channel. Payloads are views of buffers that outlive the call: what is kept of them
-    must be copied, once.
-
-    All methods raise DecodeError where a payload is damaged, and nothing else.
+    must be copied, once. All methods raise DecodeError where a payload is damaged, and nothing else.
     """
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """What the channel can be: `camera`, `lidar`, `radar`, `pose`, `calibration`, `transform`, `truth`."""
-        ...
 
     def probe(self, data: memoryview) -> Probe:
         """Tell kind and coordinate frame from the first message of a channel."""
-        ...
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
         """Decode a measurement or pose."""
-        ...
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
         """Decode transforms: child and its pose in the parent."""
-        ...
 
     def stamps(self, data: memoryview) -> Sequence[int]:
         """Tell when each of the transforms holds [ns]; 0 where none is given."""
-        ...
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
         """Decode the coordinate frame and intrinsics of a camera."""
-        ...
 
     def truth(self, data: memoryview, origin: Origin) -> TruthPart:
         """Decode boxes."""
-        ...

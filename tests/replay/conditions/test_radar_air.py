@@ -2,7 +2,7 @@
 
 import pytest
 
-from fbench.replay.conditions.attenuation import fog_db_per_km, liquid_water_g_m3, radar_rain_db_per_km
+from fbench.replay.conditions.weather import fog_db_per_km, liquid_water_g_m3, radar_rain_db_per_km
 from fbench.replay.contracts.errors import ConfigError
 
 

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import ks_2samp
 
-from fbench.replay.conditions.attenuation import rain_extinction_per_m
 from fbench.replay.conditions.generators import generator
 from fbench.replay.conditions.lidar import KEPT, LOST, SCATTERED, rain_echoes
+from fbench.replay.conditions.weather import rain_extinction_per_m
 
 FLOOR = 0.9 / 200**2
 WATER = (0.328 / 2.328) ** 2

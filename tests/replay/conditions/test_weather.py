@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from fbench.replay.conditions.attenuation import koschmieder_per_m, rain_extinction_per_m, through_air
 from fbench.replay.conditions.weather import (
     Weather,
     extinction_per_m,
     fog_extinction_per_m,
     fog_of,
+    koschmieder_per_m,
     radar_loss_db,
+    rain_extinction_per_m,
+    through_air,
     transmission,
 )
 from fbench.replay.contracts.errors import ConfigError

@@ -16,7 +16,7 @@ from fbench.replay.contracts.faults import FaultBudget, FaultLog
 from fbench.replay.data.messages import PointCloud
 from fbench.replay.engine.excerpt import Excerpt
 from fbench.replay.engine.loop import Plan, replay
-from fbench.replay.engine.read_ahead import DEFAULT, make_limit, opened_ahead
+from fbench.replay.engine.read_ahead import DEFAULT, make_limit, open_ahead
 
 LIMITS = [0, 1, 3, 64, None]
 
@@ -60,7 +60,7 @@ def broken(faults, **more):
 
 def play(folder, limit, faults, pipeline=None, excerpt=None, **more):
     plan = Plan(pipeline or Echo(), "echo", excerpt=excerpt or Excerpt(), budget=FaultBudget(None))
-    with opened_ahead(partial(broken, **more), faults, limit) as reader:
+    with open_ahead(partial(broken, **more), faults, limit) as reader:
         replay(reader, plan, folder, faults)
 
 
@@ -103,7 +103,7 @@ def test_no_more_than_the_limit_waits():
         logs.append(broken(faults))
         return logs[0]
 
-    with opened_ahead(opened, FaultLog(), 5) as reader:
+    with open_ahead(opened, FaultLog(), 5) as reader:
         messages = reader.messages()
         next(messages)
         time.sleep(0.1)
@@ -121,7 +121,7 @@ def test_bytes_are_bounded_too(monkeypatch):
                 made.append(i)
                 yield PointCloud("lidar", i, i, np.zeros((40, 3), np.float32))
 
-    with opened_ahead(lambda faults: Clouds([cloud(0)]), FaultLog(), None) as reader:
+    with open_ahead(lambda faults: Clouds([cloud(0)]), FaultLog(), None) as reader:
         messages = reader.messages()
         next(messages)
         time.sleep(0.1)
@@ -130,7 +130,7 @@ def test_bytes_are_bounded_too(monkeypatch):
 
 
 def test_messages_can_be_read_again():
-    with opened_ahead(broken, FaultLog(), 4) as reader:
+    with open_ahead(broken, FaultLog(), 4) as reader:
         first, second = list(reader.messages()), list(reader.messages())
     assert len(first) == 80
     assert first == second
@@ -142,7 +142,7 @@ def test_faults_of_opening_are_counted_even_where_it_fails():
         raise LogError("not a log")
 
     faults = FaultLog()
-    with pytest.raises(LogError, match="not a log"), opened_ahead(opened, faults, 4):
+    with pytest.raises(LogError, match="not a log"), open_ahead(opened, faults, 4):
         pass
     assert faults.counts["LOG002"] == 1
 
@@ -166,7 +166,7 @@ def test_slow_reader_and_slow_pipeline_overlap():
 
     def seconds(limit):
         start = time.monotonic()
-        with opened_ahead(lambda faults: Slow([cloud(100 * MS * i) for i in range(40)]), FaultLog(), limit) as reader:
+        with open_ahead(lambda faults: Slow([cloud(100 * MS * i) for i in range(40)]), FaultLog(), limit) as reader:
             for _ in reader.messages():
                 time.sleep(0.005)
         return time.monotonic() - start

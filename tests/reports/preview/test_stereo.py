@@ -7,7 +7,7 @@ from tests.reports.preview.street import FORWARD, sample, street_rig
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.data.rig import CameraModel, Mount, Rig
-from fbench.replay.geometry.stereo_pairs import pairs, rectified
+from fbench.replay.geometry.stereo_pairs import pairs, rectify
 from fbench.reports.preview.alignment import stereo_view
 
 
@@ -50,7 +50,7 @@ def test_depth_agrees_with_the_lidar_where_both_are_right(lidar_m):
     K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
     images = {"cam": texture(-0.2, 6.0, K, size), "cam2": texture(0.2, 6.0, K, size)}
     (pair,) = pairs(rig)
-    view = stereo_view(sample(rig, clouds={"lidar": wall(lidar_m)}, images=images), pair, rectified(rig, pair))
+    view = stereo_view(sample(rig, clouds={"lidar": wall(lidar_m)}, images=images), pair, rectify(rig, pair))
     assert view.found_share > 0.7
     assert view.median_bias == pytest.approx((6.0 - lidar_m) / lidar_m, abs=0.02)
     assert "median relative difference from LiDAR" in view.caption
@@ -64,7 +64,7 @@ def test_turned_cameras_are_rectified():
     rig = Rig({**rig.mounts, "cam2": mount}, rig.cameras)
     K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
     (pair,) = pairs(rig)
-    how = rectified(rig, pair)
+    how = rectify(rig, pair)
     assert how.baseline_m == pytest.approx(0.4, abs=1e-3)
     u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=-1)
@@ -83,7 +83,7 @@ def test_without_a_lidar_nothing_is_compared():
     K, size = rig.cameras["cam"].K, rig.cameras["cam"].size_wh
     images = {"cam": texture(-0.2, 6.0, K, size), "cam2": texture(0.2, 6.0, K, size)}
     (pair,) = pairs(rig)
-    view = stereo_view(sample(rig, images=images), pair, rectified(rig, pair))
+    view = stereo_view(sample(rig, images=images), pair, rectify(rig, pair))
     assert view.median_error is None
     assert "no comparison" in view.caption
 
@@ -95,7 +95,7 @@ def test_images_narrower_than_the_largest_disparity(size):
     rig = Rig(street.mounts, {"cam": camera, "cam2": camera})
     images = {name: texture(0.0, 6.0, camera.K, size) for name in ("cam", "cam2")}
     (pair,) = pairs(rig)
-    assert 0 <= stereo_view(sample(rig, images=images), pair, rectified(rig, pair)).found_share <= 1
+    assert 0 <= stereo_view(sample(rig, images=images), pair, rectify(rig, pair)).found_share <= 1
 
 
 def test_images_too_small_for_stereo():
@@ -104,4 +104,4 @@ def test_images_too_small_for_stereo():
     rig = Rig(street.mounts, {"cam": camera, "cam2": camera})
     (pair,) = pairs(rig)
     with pytest.raises(LogError, match=r"^stereo of cam and cam2: images of less than 32 px a side$"):
-        rectified(rig, pair)
+        rectify(rig, pair)

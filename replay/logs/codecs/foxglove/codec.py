@@ -20,16 +20,9 @@ from fbench.replay.data.messages import Message, Truth
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.boxes import scene_boxes
 from fbench.replay.logs.codecs.codec import Codec, Origin, Probe, TruthPart, part_of
-from fbench.replay.logs.codecs.foxglove.messages import (
-    pose_frame,
-    read_cloud,
-    read_compressed_image,
-    read_pose,
-    read_radar,
-    read_raw_image,
-)
+from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import nanoseconds, parse, split
-from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration, read_transform
+from fbench.replay.logs.codecs.foxglove.topics import FLAT_SUFFIX, HAS_BOXES2D, KIND, read_calibration
 from fbench.replay.logs.codecs.foxglove.truth import read_boxes
 from fbench.replay.logs.codecs.points import is_radar
 from fbench.replay.logs.container import Channel
@@ -39,52 +32,27 @@ _MAX_BYTES = 8 * 2**20
 """As of messages of ROS: an entity that says nothing takes two bytes, and a hundred times that in memory."""
 
 
-def read_scene(data: memoryview, origin: Origin) -> TruthPart:
-    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp. Raises
-    DecodeError where the message is damaged or too large, or a box isn't finite.
-    """
-    if len(data) > _MAX_BYTES:
-        raise DecodeError(f"scene of {len(data)} bytes, more than {_MAX_BYTES}")
-    scene = parse(SceneUpdate, data)
-    try:
-        with np.errstate(all="ignore"):  # values that aren't finite, or out of range, are dealt with where they matter
-            boxes, frames = scene_boxes(scene.entities)
-    except (ValueError, DataError) as error:
-        raise DecodeError(f"not a usable scene ({error})") from error
-    stamp_ns = max(map(_stamp_ns, scene.entities or scene.deletions), default=0)
-    truth = Truth(stamp_ns or origin.publish_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
-    return part_of(truth, frames)
-
-
-def _stamp_ns(part: SceneEntity | SceneEntityDeletion) -> int:
-    return nanoseconds(part.timestamp)
-
-
-_KINDS: Mapping[str, tuple[str, ...]] = {
-    "foxglove.CompressedImage": ("camera",),
-    "foxglove.RawImage": ("camera",),
-    "foxglove.PointCloud": ("lidar", "radar"),
-    "foxglove.PoseInFrame": ("pose",),
-    "foxglove.CameraCalibration": ("calibration",),
-    "foxglove.FrameTransform": ("transform",),
-    "foxglove.FrameTransforms": ("transform",),
-    "foxglove.SceneUpdate": ("truth", "detections"),
+_SCHEMAS: Mapping[str, tuple[tuple[str, ...], type[CompressedImage | RawImage | CloudProto] | None]] = {
+    "foxglove.CompressedImage": (("camera",), CompressedImage),
+    "foxglove.RawImage": (("camera",), RawImage),
+    "foxglove.PointCloud": (("lidar", "radar"), CloudProto),
+    "foxglove.PoseInFrame": (("pose",), None),
+    "foxglove.CameraCalibration": (("calibration",), None),
+    "foxglove.FrameTransform": (("transform",), None),
+    "foxglove.FrameTransforms": (("transform",), None),
+    "foxglove.SceneUpdate": (("truth", "detections"), None),
 }
-_SENSORS: Mapping[str, type[CompressedImage | RawImage | CloudProto]] = {
-    "foxglove.CompressedImage": CompressedImage,
-    "foxglove.RawImage": RawImage,
-    "foxglove.PointCloud": CloudProto,
-}
+"""What channels of a schema can be, and the messages of those with bulk data."""
 
 
 def foxglove_codec(channel: Channel) -> Codec | None:
     """Return the codec of a channel; `None` where its schema isn't one of those that fbench reads."""
     is_own = KIND in channel.metadata
-    return FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _KINDS else None
+    return _FoxgloveCodec(channel.schema_name, channel.topic, is_own) if channel.schema_name in _SCHEMAS else None
 
 
 @dataclass(frozen=True)
-class FoxgloveCodec:
+class _FoxgloveCodec:
     """Decodes the messages of one schema; see `Codec`."""
 
     schema: str
@@ -93,17 +61,16 @@ class FoxgloveCodec:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What the channel can be."""
-        return _KINDS[self.schema]
+        return _SCHEMAS[self.schema][0]
 
     def probe(self, data: memoryview) -> Probe:
         """Tell kind and coordinate frame; a cloud with a Doppler field is a radar."""
         kind = self.kinds[0]
         if self.schema == "foxglove.PoseInFrame":
-            return Probe(kind, "", pose_frame(data))
-        if self.schema not in _SENSORS:
+            return Probe(kind, "", messages.pose_frame(data))
+        message = _SCHEMAS[self.schema][1]
+        if message is None:
             return Probe(kind, "")
-        message = _SENSORS[self.schema]
         proto = parse(message, split(data, message.DATA_FIELD_NUMBER)[0])
         if isinstance(proto, RawImage):
             layout_name(proto.encoding)
@@ -112,22 +79,23 @@ class FoxgloveCodec:
         return Probe(kind, proto.frame_id)
 
     def message(self, kind: str, data: memoryview, origin: Origin) -> Message:
-        """Decode a measurement or pose."""
-        if self.schema == "foxglove.RawImage":
-            return read_raw_image(data, origin)
-        match kind:
-            case "camera":
-                return read_compressed_image(data, origin)
-            case "lidar":
-                return read_cloud(data, origin)
-            case "radar":
-                return read_radar(data, origin)
+        match self.schema, kind:
+            case "foxglove.RawImage", _:
+                return messages.read_raw_image(data, origin)
+            case _, "camera":
+                return messages.read_compressed_image(data, origin)
+            case _, "lidar":
+                return messages.read_cloud(data, origin)
+            case _, "radar":
+                return messages.read_radar(data, origin)
             case _:
-                return read_pose(data, origin)
+                return messages.read_pose(data, origin)
 
     def transforms(self, data: memoryview) -> Sequence[tuple[str, Edge]]:
-        """Decode one or several transforms."""
-        return [read_transform(proto) for proto in self._transforms(data)]
+        return [
+            (proto.child_frame_id, Edge(proto.parent_frame_id, *messages.arrays(proto.translation, proto.rotation)))
+            for proto in self._transforms(data)
+        ]
 
     def stamps(self, data: memoryview) -> Sequence[int]:
         """Tell when each of the transforms holds [ns]; 0 where none is given."""
@@ -139,16 +107,33 @@ class FoxgloveCodec:
         return [parse(FrameTransform, data)]
 
     def calibration(self, data: memoryview) -> tuple[str, CameraModel]:
-        """Decode the coordinate frame and intrinsics of a camera."""
         return read_calibration(data)
 
     def truth(self, data: memoryview, origin: Origin) -> TruthPart:
         """Decode boxes: 3D or 2D ones as fbench wrote them, of other programs 3D ones."""
         if not self.is_own:
-            return read_scene(data, origin)
+            return _read_scene(data, origin)
         stamp_ns, log_ns, number = origin.publish_ns, origin.log_ns, origin.frame_number
         if self.topic.endswith(FLAT_SUFFIX):
             boxes2d, _ = read_boxes(data, Boxes2D)
             return TruthPart(Truth(stamp_ns, log_ns, None, boxes2d, number), is_2d=True)
         boxes3d, more = read_boxes(data, Boxes3D)
         return TruthPart(Truth(stamp_ns, log_ns, boxes3d, None, number), False, more.get(HAS_BOXES2D) == "yes")
+
+
+def _read_scene(data: memoryview, origin: Origin) -> TruthPart:
+    """Decode the boxes of a scene, at the newest stamp of its entities; deletions give nothing but a stamp. Raises
+    DecodeError where the message is damaged or too large, or a box isn't finite.
+    """
+    if len(data) > _MAX_BYTES:
+        raise DecodeError(f"scene of {len(data)} bytes, more than {_MAX_BYTES}")
+    scene = parse(SceneUpdate, data)
+    try:
+        with np.errstate(all="ignore"):  # values that aren't finite, or out of range, are dealt with where they matter
+            boxes, frames = scene_boxes(scene.entities)
+    except (ValueError, DataError) as error:
+        raise DecodeError(f"not a usable scene ({error})") from error
+    timed: Sequence[SceneEntity | SceneEntityDeletion] = scene.entities or scene.deletions
+    stamp_ns = max((nanoseconds(part.timestamp) for part in timed), default=0)
+    truth = Truth(stamp_ns or origin.publish_ns, origin.log_ns, boxes, frame_number=origin.frame_number)
+    return part_of(truth, frames)

@@ -20,24 +20,22 @@ M = TypeVar("M", bound=Proto)
 
 
 def descriptor_set(message: type[Proto]) -> bytes:
-    """Serialise the file that defines `message` with all files it needs, dependencies first.
-
-    Self-contained, so that any MCAP reader can decode the messages without our code.
+    """Serialise the file that defines `message` with all files it needs, dependencies first. Self-contained, so that
+    any MCAP reader can decode the messages without our code.
     """
     files: dict[str, Any] = {}
-    _collect(message.DESCRIPTOR.file, files)
+
+    def collect(file: Any) -> None:
+        if file.name not in files:
+            for dependency in file.dependencies:
+                collect(dependency)
+            files[file.name] = file
+
+    collect(message.DESCRIPTOR.file)
     result = FileDescriptorSet()
     for file in files.values():
         file.CopyToProto(result.file.add())
     return result.SerializeToString(deterministic=True)
-
-
-def _collect(file: Any, files: dict[str, Any]) -> None:
-    if file.name in files:
-        return
-    for dependency in file.dependencies:
-        _collect(dependency, files)
-    files[file.name] = file
 
 
 def timestamp(stamp_ns: int) -> Timestamp:
@@ -62,8 +60,8 @@ def parse(kind: type[M], data: bytes | memoryview) -> M:
         raise DecodeError(f"not a {kind.DESCRIPTOR.full_name} ({error})") from error
 
 
-_VARINT, _FIXED64, _LENGTH, _FIXED32 = 0, 1, 2, 5
-_FIXED = {_FIXED64: 8, _FIXED32: 4}
+_VARINT, _LENGTH = 0, 2
+_FIXED = {1: 8, 5: 4}  # Bytes by wire type
 
 
 def split(payload: memoryview, number: int) -> tuple[bytes, memoryview]:

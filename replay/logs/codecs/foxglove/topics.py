@@ -1,7 +1,7 @@
 """Topics, channel metadata and payloads of everything that an MCAP log of fbench holds."""
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -10,45 +10,16 @@ from google.protobuf.message import Message as Proto
 
 from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.data.messages import Image, Message, PointCloud, Pose, RadarScan, Truth
-from fbench.replay.data.rig import CameraModel, Mount, Rig
+from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.logs.codecs.codec import TruthPart
-from fbench.replay.logs.codecs.foxglove.messages import (
-    arrays,
-    cloud_proto,
-    image_proto,
-    pose_proto,
-    radar_proto,
-    rotation,
-    vector,
-)
+from fbench.replay.logs.codecs.foxglove import messages
 from fbench.replay.logs.codecs.foxglove.proto import parse, timestamp
 from fbench.replay.logs.codecs.foxglove.truth import boxes_proto
-from fbench.replay.logs.coordinate_frames import BODY, Edge
-
-
-def transform_proto(stamp_ns: int, sensor: str, mount: Mount) -> FrameTransform:
-    """Encode where a sensor sits on the body."""
-    return FrameTransform(
-        timestamp=timestamp(stamp_ns), parent_frame_id=BODY, child_frame_id=sensor,
-        translation=vector(mount.translation_m), rotation=rotation(mount.rotation_xyzw),
-    )  # fmt: skip
-
-
-def calibration_proto(stamp_ns: int, sensor: str, camera: CameraModel) -> CameraCalibration:
-    """Encode the intrinsics of a camera whose images are used as they are (R = I, P = [K 0])."""
-    width, height = camera.size_wh
-    projection = np.concatenate([camera.K, np.zeros((3, 1))], axis=1)
-    return CameraCalibration(
-        timestamp=timestamp(stamp_ns), frame_id=sensor, width=width, height=height,
-        distortion_model=camera.distortion_model, D=camera.distortion.tolist(), K=camera.K.ravel().tolist(),
-        R=np.eye(3).ravel().tolist(), P=projection.ravel().tolist(),
-    )  # fmt: skip
+from fbench.replay.logs.coordinate_frames import BODY
 
 
 def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
-    """Decode the coordinate frame and intrinsics of a camera. Raises DecodeError where the message is damaged or the
-    camera isn't calibrated.
-    """
+    """Decode coordinate frame and intrinsics. Raises DecodeError where the message is damaged or not calibrated."""
     proto = parse(CameraCalibration, data)
     if len(proto.K) != 9 or not any(proto.K):
         raise DecodeError(f"camera '{proto.frame_id}' isn't calibrated (K has {len(proto.K)} values)")
@@ -59,11 +30,6 @@ def read_calibration(data: bytes | memoryview) -> tuple[str, CameraModel]:
     if not (proto.width and proto.height):
         raise DecodeError(f"camera '{proto.frame_id}' has an image size of {proto.width}x{proto.height}")
     return proto.frame_id, CameraModel(K, (proto.width, proto.height), proto.distortion_model, np.array(list(proto.D)))
-
-
-def read_transform(proto: FrameTransform) -> tuple[str, Edge]:
-    """Return child and edge."""
-    return proto.child_frame_id, Edge(proto.parent_frame_id, *arrays(proto.translation, proto.rotation))
 
 
 KIND, SENSOR, FRAME_NUMBER, SIZE = "kind", "sensor", "frame_number", "size_wh"  # Keys of channel metadata
@@ -93,7 +59,8 @@ def message_records(message: Message | Truth) -> Iterator[Record]:
         if has_2d:
             yield part_record(TruthPart(message, is_2d=True))
         return
-    kind, proto = _payload(message)
+    kind, _, encode = _FORMS[type(message)]
+    proto = encode(message)
     metadata = {KIND: kind, SENSOR: message.sensor, **numbered}
     if isinstance(message, Image):
         width, height = message.size_wh
@@ -101,24 +68,16 @@ def message_records(message: Message | Truth) -> Iterator[Record]:
     yield Record(message_topic(message), metadata, proto)
 
 
-def _payload(message: Message) -> tuple[str, Proto]:
-    match message:
-        case Image():
-            return "camera", image_proto(message)
-        case PointCloud():
-            return "lidar", cloud_proto(message)
-        case RadarScan():
-            return "radar", radar_proto(message)
-        case Pose():
-            return "pose", pose_proto(message)
-
-
 def message_topic(message: Message) -> str:
     """Topic of a measurement or pose in fbench's own logs."""
-    return "/pose" if isinstance(message, Pose) else f"/{message.sensor}/{_LAST[type(message)]}"
+    return _FORMS[type(message)][1].format(message.sensor)
 
 
-_LAST: Mapping[type[Message], str] = {Image: "image", PointCloud: "points", RadarScan: "points"}
+_FORMS: Mapping[type[Message], tuple[str, str, Callable[[Any], Proto]]] = {
+    Image: ("camera", "/{}/image", messages.image_proto), PointCloud: ("lidar", "/{}/points", messages.cloud_proto),
+    RadarScan: ("radar", "/{}/points", messages.radar_proto), Pose: ("pose", "/pose", messages.pose_proto),
+}  # fmt: skip
+"""Kind, topic and encoding of messages."""
 
 
 def part_record(part: TruthPart, kind: str = "truth") -> Record:
@@ -138,9 +97,22 @@ def part_record(part: TruthPart, kind: str = "truth") -> Record:
 
 
 def rig_records(stamp_ns: int, rig: Rig) -> Iterator[Record]:
-    """Encode a rig: a transform a sensor and a calibration a camera. Raises ValueError as for messages."""
+    """Encode a rig: where each sensor sits on the body, and the intrinsics of each camera, whose images are used as
+    they are (R = I, P = [K 0]). Raises ValueError as for messages.
+    """
+    stamp = timestamp(stamp_ns)
     for sensor, mount in sorted(rig.mounts.items()):
-        yield Record("/tf", {KIND: "transform"}, transform_proto(stamp_ns, sensor, mount))
+        place, turn = messages.vector(mount.translation_m), messages.rotation(mount.rotation_xyzw)
+        proto = FrameTransform(
+            timestamp=stamp, parent_frame_id=BODY, child_frame_id=sensor, translation=place, rotation=turn
+        )
+        yield Record("/tf", {KIND: "transform"}, proto)
     for sensor, camera in sorted(rig.cameras.items()):
-        metadata = {KIND: "calibration", SENSOR: sensor}
-        yield Record(f"/{sensor}/calibration", metadata, calibration_proto(stamp_ns, sensor, camera))
+        width, height = camera.size_wh
+        projection = np.concatenate([camera.K, np.zeros((3, 1))], axis=1)
+        calibration = CameraCalibration(
+            timestamp=stamp, frame_id=sensor, width=width, height=height, distortion_model=camera.distortion_model,
+            D=camera.distortion.tolist(), K=camera.K.ravel().tolist(), R=np.eye(3).ravel().tolist(),
+            P=projection.ravel().tolist(),
+        )  # fmt: skip
+        yield Record(f"/{sensor}/calibration", {KIND: "calibration", SENSOR: sensor}, calibration)

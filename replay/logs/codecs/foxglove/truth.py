@@ -14,13 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseProto
-from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import DataError, DecodeError
-from fbench.replay.data.arrays import Array, Float64, text_array
+from fbench.replay.data.arrays import Array, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.logs.codecs.foxglove.messages import rotation, vector
 from fbench.replay.logs.codecs.foxglove.proto import parse, timestamp
@@ -39,35 +38,37 @@ _COLORS = {
     "pedestrian": (0.84, 0.15, 0.16),
 }  # fmt: skip
 _GREY = (0.5, 0.5, 0.5)
+_FLAGS = {"True": True, "False": False}
+_NAN = struct.pack("<d", float("nan"))
 
 B = TypeVar("B", Boxes2D, Boxes3D)
 
 
 def boxes_proto(stamp_ns: int, boxes: Boxes3D | Boxes2D | None, more: dict[str, str] | None = None) -> SceneUpdate:
     """Encode boxes, `more` being added to the metadata of the frame; `None` means not labeled."""
-    scene = SceneUpdate()
+    scene, stamp = SceneUpdate(), timestamp(stamp_ns)
     # Viewers keep entities until they are deleted: each message replaces what the one before it drew.
-    scene.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(stamp_ns))
+    scene.deletions.add(type=SceneEntityDeletion.ALL, timestamp=stamp)
     columns = {} if boxes is None else {name: _texts(array) for name, array in boxes.arrays().items()}
-    frame = scene.entities.add(id=FRAME, frame_id=BODY, timestamp=timestamp(stamp_ns))
-    count = _NOT_LABELLED if boxes is None else str(len(boxes))
-    _add_metadata(frame, {"boxes": count, "fields": " ".join(columns), **(more or {})})
-    for i in range(0 if boxes is None else len(boxes)):
-        entity = scene.entities.add(id=f"box {i}", frame_id=BODY, timestamp=timestamp(stamp_ns))
-        _add_metadata(entity, {name: texts[i] for name, texts in columns.items()})
+    num = 0 if boxes is None else len(boxes)
+    about = {"boxes": _NOT_LABELLED if boxes is None else str(num), "fields": " ".join(columns), **(more or {})}
+    rows = [(FRAME, about)] + [(f"box {i}", {name: texts[i] for name, texts in columns.items()}) for i in range(num)]
+    for id_, values in rows:
+        entity = scene.entities.add(id=id_, frame_id=BODY, timestamp=stamp)
+        for key, value in values.items():
+            entity.metadata.add(key=key, value=value)
     if isinstance(boxes, Boxes3D):
         _add_cubes(scene, boxes)
     return scene
 
 
-def _add_metadata(entity: SceneEntity, values: dict[str, str]) -> None:
-    for key, value in values.items():
-        entity.metadata.add(key=key, value=value)
-
-
 def _add_cubes(scene: SceneUpdate, boxes: Boxes3D) -> None:
     """Add cubes for viewers; boxes that aren't finite can't be drawn."""
-    rotations = _quaternions(boxes)
+    zeros, rotations = np.zeros(len(boxes)), np.full((len(boxes), 4), np.nan)
+    angles = np.stack([boxes.yaw_rad, *(zeros if a is None else a for a in (boxes.pitch_rad, boxes.roll_rad))], axis=1)
+    finite = np.isfinite(angles).all(axis=1)
+    if finite.any():
+        rotations[finite] = Rotation.from_euler("ZYX", angles[finite]).as_quat()
     labels = [] if boxes.label is None else boxes.label.tolist()
     drawable = np.isfinite(np.concatenate([boxes.center_m, boxes.size_lwh_m, rotations], axis=1)).all(axis=1)
     for i in np.flatnonzero(drawable):
@@ -76,23 +77,10 @@ def _add_cubes(scene: SceneUpdate, boxes: Boxes3D) -> None:
         scene.entities[i + 1].cubes.add(pose=pose, size=vector(boxes.size_lwh_m[i]), color=Color(r=r, g=g, b=b, a=0.5))
 
 
-def _quaternions(boxes: Boxes3D) -> Float64:
-    zeros = np.zeros(len(boxes))
-    pitch = zeros if boxes.pitch_rad is None else boxes.pitch_rad
-    roll = zeros if boxes.roll_rad is None else boxes.roll_rad
-    angles = np.stack([boxes.yaw_rad, pitch, roll], axis=1)
-    finite = np.isfinite(angles).all(axis=1)
-    result = np.full((len(boxes), 4), np.nan)
-    if finite.any():
-        result[finite] = Rotation.from_euler("ZYX", angles[finite]).as_quat()
-    return result
-
-
 def read_boxes(data: memoryview, kind: type[B]) -> tuple[B | None, dict[str, str]]:
-    """Decode boxes and the metadata of their frame. Raises DecodeError where the message isn't one that `boxes_proto`
-    made.
-    """
-    entities = {entity.id: _metadata(entity) for entity in parse(SceneUpdate, data).entities}
+    """Decode boxes and the metadata of their frame. Raises DecodeError where `boxes_proto` didn't make the message."""
+    scene = parse(SceneUpdate, data)
+    entities = {entity.id: {pair.key: pair.value for pair in entity.metadata} for entity in scene.entities}
     frame = entities.get(FRAME)
     if frame is None or "boxes" not in frame:
         raise DecodeError("truth without an entity 'frame'")
@@ -108,17 +96,12 @@ def read_boxes(data: memoryview, kind: type[B]) -> tuple[B | None, dict[str, str
         raise DecodeError(f"truth is incomplete or damaged ({error})") from error
 
 
-def _metadata(entity: SceneEntity) -> dict[str, str]:
-    return {pair.key: pair.value for pair in entity.metadata}
-
-
 def _texts(array: Array) -> list[str]:
     """One text a row."""
     if array.ndim == 2:
         return [", ".join(_number(v) for v in row) for row in array.tolist()]
-    if array.dtype.kind == "f":
-        return [_number(v) for v in array.tolist()]
-    return [str(v) for v in array.tolist()]
+    write = _number if array.dtype.kind == "f" else str
+    return [write(v) for v in array.tolist()]
 
 
 def _array(name: str, texts: list[str]) -> Array:
@@ -128,13 +111,8 @@ def _array(name: str, texts: list[str]) -> Array:
     if name in _WIDTHS:
         values = [[_float(part) for part in text.split(", ")] for text in texts]
         return np.array(values, np.float64).reshape(len(texts), _WIDTHS[name])
-    if dtype.kind == "b":
-        return np.array([_FLAGS[text] for text in texts], bool)
-    return np.array([_float(text) if dtype.kind == "f" else int(text) for text in texts], dtype)
-
-
-_FLAGS = {"True": True, "False": False}
-_NAN = struct.pack("<d", float("nan"))
+    read = {"b": _FLAGS.__getitem__, "f": _float}.get(dtype.kind, int)
+    return np.array([read(text) for text in texts], dtype)
 
 
 def _number(value: float) -> str:
@@ -146,6 +124,4 @@ def _number(value: float) -> str:
 
 
 def _float(text: str) -> float:
-    if text.startswith("nan:"):
-        return float(struct.unpack("<d", bytes.fromhex(text[4:]))[0])
-    return float(text)
+    return struct.unpack("<d", bytes.fromhex(text[4:]))[0] if text.startswith("nan:") else float(text)

@@ -7,11 +7,11 @@ import numpy as np
 from fbench.replay.contracts.errors import DecodeError, UnsupportedError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.images import DEPTH, MAX_PIXELS, encoded_format, encoded_size, layout_name, pack_rows
-from fbench.replay.data.messages import Image, Message
+from fbench.replay.data.messages import Image
 from fbench.replay.data.rig import CameraModel
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.ros.cursor import Cursor, Header
-from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader, get, header, probe_header
+from fbench.replay.logs.codecs.ros.decoder import get, header
 
 
 class RawImage(NamedTuple):
@@ -37,27 +37,32 @@ class CompressedImage(NamedTuple):
 def read_raw_image(data: memoryview, encoding: str) -> RawImage:
     """Read an Image. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
-    header, height, width, layout = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.string()
+    head, height, width, layout = cursor.header(), cursor.uint32(), cursor.uint32(), cursor.string()
     is_bigendian, step, pixels = bool(cursor.uint8()), cursor.uint32(), cursor.blob()
     cursor.end()
-    return RawImage(header, height, width, layout, is_bigendian, step, pixels)
+    return RawImage(head, height, width, layout, is_bigendian, step, pixels)
 
 
 def read_compressed_image(data: memoryview, encoding: str) -> CompressedImage:
     """Read a CompressedImage. Raises DecodeError where the payload is damaged."""
     cursor = Cursor(data, encoding)
-    header, form, pixels = cursor.header(), cursor.string(), cursor.blob()
+    image = CompressedImage(cursor.header(), cursor.string(), cursor.blob())
     cursor.end()
-    return CompressedImage(header, form, pixels)
+    return image
 
 
-def check_format(image: CompressedImage) -> None:
-    """Refuse depth images, whose PNG isn't a picture. Raises DecodeError where it is one."""
-    if "compressedDepth" in image.format or image.format.startswith(DEPTH):
+def probe_image(image: RawImage | CompressedImage, encoding: str) -> Probe:
+    """Tell the coordinate frame; images that can't be shown are refused. Raises DecodeError where the layout isn't
+    known, or it is a depth image, whose PNG isn't a picture.
+    """
+    if isinstance(image, RawImage):
+        layout_name(image.encoding)
+    elif "compressedDepth" in image.format or image.format.startswith(DEPTH):
         raise UnsupportedError(f"format '{image.format}' is a depth image, not supported")
+    return Probe("camera", image.header.frame_id)
 
 
-def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
+def raw_image(kind: str, image: RawImage, encoding: str, origin: Origin) -> Image:
     """Return a raw image, its rows packed and 16 bits little-endian. Raises DecodeError where the layout isn't known,
     or size and data don't fit together.
     """
@@ -65,60 +70,29 @@ def raw(image: RawImage, stamp_ns: int, origin: Origin) -> Image:
     if image.width * image.height > MAX_PIXELS:
         raise DecodeError(f"image of {image.width}x{image.height} px is larger than {MAX_PIXELS} px")
     pixels = pack_rows(image.data, name, size_wh, image.step, is_bigendian=image.is_bigendian)
-    return Image(origin.sensor, stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
+    return Image(origin.sensor, image.header.stamp_ns, origin.log_ns, pixels, name, size_wh, origin.frame_number)
 
 
-def compressed_image(image: CompressedImage, stamp_ns: int, origin: Origin) -> Image:
+def compressed_image(kind: str, image: CompressedImage, encoding: str, origin: Origin) -> Image:
     """Return a compressed image; its first bytes tell what it is, because writers name formats in many ways. Raises
     DecodeError where it is a depth image, or neither JPEG nor PNG nor WebP, or its header is damaged.
     """
-    check_format(image)
-    encoding = encoded_format(image.data)
-    data = bytes(image.data)
-    size_wh = encoded_size(data)
-    return Image(origin.sensor, stamp_ns, origin.log_ns, data, encoding, size_wh, origin.frame_number)
-
-
-def image_reader(decode: Decode, encoding: str) -> MessageReader:
-    """Image; a layout that can't be shown is refused at the first look."""
-
-    def probe(data: memoryview) -> Probe:
-        image = decode(data)
-        layout_name(image.encoding)
-        return Probe("camera", image.header.frame_id)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        image = decode(data)
-        return raw(image, image.header.stamp_ns, origin)
-
-    return MessageReader(("camera",), probe, message)
-
-
-def compressed_image_reader(decode: Decode, encoding: str) -> MessageReader:
-    """CompressedImage; depth images are refused at the first look."""
-
-    def probe(data: memoryview) -> Probe:
-        image = decode(data)
-        check_format(image)
-        return Probe("camera", image.header.frame_id)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        image = decode(data)
-        return compressed_image(image, image.header.stamp_ns, origin)
-
-    return MessageReader(("camera",), probe, message)
+    probe_image(image, encoding)
+    name, data = encoded_format(image.data), bytes(image.data)
+    stamp_ns, size_wh = image.header.stamp_ns, encoded_size(data)
+    return Image(origin.sensor, stamp_ns, origin.log_ns, data, name, size_wh, origin.frame_number)
 
 
 _MODELS = {"equidistant": "fisheye", "kannala_brandt": "fisheye"}
 """What fbench calls a distortion model that ROS calls otherwise."""
 
 
-def camera_model(info: Any, frame_id: str) -> CameraModel:
-    """Return the intrinsics of the images that are published with a CameraInfo: binning and region are applied.
-
+def camera_model(info: Any, encoding: str) -> tuple[str, CameraModel]:
+    """Return coordinate frame and intrinsics of the images published with a CameraInfo: binning and region are applied.
     A pixel of b x b binned ones has its center at b u + (b - 1) / 2, so c' = (c - offset + 0.5) / b - 0.5. Raises
     DecodeError where the camera isn't calibrated, or the numbers can't be those of a camera.
     """
+    frame_id = header(info, encoding).frame_id
     K = np.array(get(info, "k", "K"), np.float64).reshape(3, 3)
     distortion = np.array(get(info, "d", "D"), np.float64).reshape(-1)
     if not K.any():
@@ -127,7 +101,7 @@ def camera_model(info: Any, frame_id: str) -> CameraModel:
         raise DecodeError(f"camera '{frame_id}' has no valid focal length, center and distortion")
     model = str(get(info, "distortion_model"))
     size_wh = _apply_region(info, K, frame_id)
-    return CameraModel(K, size_wh, _MODELS.get(model, model), distortion)
+    return frame_id, CameraModel(K, size_wh, _MODELS.get(model, model), distortion)
 
 
 def _apply_region(info: Any, K: Float64, frame_id: str) -> tuple[int, int]:
@@ -137,9 +111,8 @@ def _apply_region(info: Any, K: Float64, frame_id: str) -> tuple[int, int]:
     region = (int(get(roi, "width")) or full[0], int(get(roi, "height")) or full[1])
     binning = (max(1, int(get(info, "binning_x"))), max(1, int(get(info, "binning_y"))))
     if any(o + r > f for o, r, f in zip(offset, region, full, strict=True)):
-        raise DecodeError(
-            f"camera '{frame_id}' has a region of {region} at {offset} outside its {full[0]}x{full[1]} px"
-        )
+        what = f"a region of {region} at {offset} outside its {full[0]}x{full[1]} px"
+        raise DecodeError(f"camera '{frame_id}' has {what}")
     for axis in range(2):
         if offset[axis] or binning[axis] > 1:
             K[axis, 2] = (K[axis, 2] - offset[axis] + 0.5) / binning[axis] - 0.5
@@ -148,14 +121,3 @@ def _apply_region(info: Any, K: Float64, frame_id: str) -> tuple[int, int]:
     if not (width and height):
         raise DecodeError(f"camera '{frame_id}' has an image size of {width}x{height}")
     return width, height
-
-
-def camera_info_reader(decode: Decode, encoding: str) -> MessageReader:
-    """CameraInfo."""
-
-    def calibration(data: memoryview) -> tuple[str, CameraModel]:
-        info = decode(data)
-        frame_id = header(info, encoding).frame_id
-        return frame_id, camera_model(info, frame_id)
-
-    return MessageReader(("calibration",), probe_header("calibration", decode, encoding), calibration=calibration)

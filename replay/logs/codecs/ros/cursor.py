@@ -9,8 +9,6 @@ CDR, ROS1 = "cdr", "ros1"
 
 _ENCAPSULATION = 4
 _SLACK = 3  # Writers may fill a CDR payload up to a multiple of 4 bytes
-_UINT32 = {"<": struct.Struct("<I"), ">": struct.Struct(">I")}
-_INT32 = {"<": struct.Struct("<i"), ">": struct.Struct(">i")}
 
 
 class Header(NamedTuple):
@@ -21,10 +19,9 @@ class Header(NamedTuple):
 
 
 class Cursor:
-    """Position in a payload. CDR aligns each number to its size, counted from the end of the encapsulation.
-
-    Lengths are checked against the payload before anything is allocated. All methods raise DecodeError where the
-    payload ends early.
+    """Position in a payload. CDR aligns each number to its size, counted from the end of the encapsulation. Lengths are
+    checked against the payload before anything is allocated. All methods raise DecodeError where the payload ends
+    early.
     """
 
     def __init__(self, data: memoryview, encoding: str) -> None:
@@ -41,8 +38,7 @@ class Cursor:
 
     def uint32(self) -> int:
         """Read a uint32."""
-        number: int = self._number(_UINT32[self._order])
-        return number
+        return self._number("I")
 
     def string(self) -> str:
         """Read a string; in CDR a zero ends it, except that some writers give an empty one the length 0."""
@@ -65,9 +61,8 @@ class Cursor:
         """Read a `std_msgs/Header`."""
         if not self._cdr:
             self.uint32()  # seq
-        sec: int = self._number(_INT32[self._order] if self._cdr else _UINT32[self._order])
-        stamp_ns = nanoseconds(sec, self.uint32())
-        return Header(stamp_ns, plain_frame(self.string()))
+        sec = self._number("i" if self._cdr else "I")
+        return Header(nanoseconds(sec, self.uint32()), plain_frame(self.string()))
 
     def end(self) -> None:
         """Check that nothing follows."""
@@ -75,10 +70,10 @@ class Cursor:
         if rest > (_SLACK if self._cdr else 0):
             raise DecodeError(f"{rest} bytes are left over at its end")
 
-    def _number(self, form: struct.Struct) -> int:
+    def _number(self, form: str) -> int:
         if self._cdr:
-            self._at = -(-self._at // form.size) * form.size
-        number: int = form.unpack(self._take(form.size))[0]
+            self._at = -(-self._at // 4) * 4
+        number: int = struct.unpack(self._order + form, self._take(4))[0]
         return number
 
     def _take(self, size: int) -> memoryview:

@@ -14,7 +14,10 @@ from fbench.replay.contracts.errors import DecodeError
 from fbench.replay.logs.codecs.ros.cursor import CDR
 from fbench.replay.logs.container import Schema
 
-_VISION: Mapping[str, str] = {
+if TYPE_CHECKING:
+    from rosbags.interfaces import Nodetype
+
+DEFINITIONS: Mapping[str, str] = {
     "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
     "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections",
     "vision_msgs/msg/Detection2D":
@@ -27,8 +30,6 @@ _VISION: Mapping[str, str] = {
     "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size",
     "vision_msgs/msg/Pose2D": "Point2D position\nfloat64 theta",
     "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
-}  # fmt: skip
-_RADAR: Mapping[str, str] = {
     "radar_msgs/msg/RadarScan": "std_msgs/Header header\nRadarReturn[] returns",
     "radar_msgs/msg/RadarReturn":
         "float32 range\nfloat32 azimuth\nfloat32 elevation\nfloat32 doppler_velocity\nfloat32 amplitude",
@@ -39,18 +40,10 @@ _RADAR: Mapping[str, str] = {
         "float32[6] position_covariance\nfloat32[6] velocity_covariance\nfloat32[6] acceleration_covariance\n"
         "float32[6] size_covariance",
     "unique_identifier_msgs/msg/UUID": "uint8[16] uuid",
-}  # fmt: skip
-_TRANSFORMS: Mapping[str, str] = {
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "tf/msg/tfMessage": "geometry_msgs/TransformStamped[] transforms",
-}
-
-DEFINITIONS: Mapping[str, str] = {**_VISION, **_RADAR, **_TRANSFORMS}
+}  # fmt: skip
 """Text of the definition by full name. Layouts are those of vision_msgs 4, radar_msgs 0.2 and tf2_msgs."""
-
-
-if TYPE_CHECKING:
-    from rosbags.interfaces import Nodetype
 
 MAX_BYTES = 64 * 1024  # Of the text of a definition; the longest of a standard message has 20 KiB
 _TEXTS = ("ros2msg", "ros1msg")
@@ -83,9 +76,11 @@ def types_of(name: str, schema: Schema | None, encoding: str) -> Types:
     """All types that `name` consists of; those that the log defines win. Raises DecodeError where a definition is
     damaged, incomplete, or not one of a sensible message.
     """
-    sources = (_embed(name, schema), _parse(DEFINITIONS), _store(encoding))
+    from rosbags.typesys import Stores, get_typestore
+
+    standard = get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
     types: Types = {}
-    _collect(name, sources, types)
+    _collect(name, (_embed(name, schema), _parse(DEFINITIONS), standard), types)
     _measure(name, types, {})
     return types
 
@@ -116,12 +111,6 @@ def _parse(texts: Mapping[str, str]) -> Types:
     return types
 
 
-def _store(encoding: str) -> Types:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_JAZZY if encoding == CDR else Stores.ROS1_NOETIC).fielddefs
-
-
 def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
     """Add a type and those of its fields; constants are left out, nothing needs them."""
     if name in types:
@@ -135,15 +124,11 @@ def _collect(name: str, sources: tuple[Types, ...], types: Types) -> None:
         raise DecodeError(f"definition of {name} has more than {_MAX_TYPES} types or {_MAX_FIELDS} fields")
     types[name] = ([], list(fields))
     for field, descriptor in fields:
-        _check_field(name, field)
+        if not _FIELD.fullmatch(field):
+            raise DecodeError(f"definition of {name} has a field '{field[:80]}', which isn't a name")
         inner = _element(descriptor)[0]
         if inner not in _SIZES:
             _collect(inner, sources, types)
-
-
-def _check_field(owner: str, field: str) -> None:
-    if not _FIELD.fullmatch(field):
-        raise DecodeError(f"definition of {owner} has a field '{field[:80]}', which isn't a name")
 
 
 def _element(descriptor: tuple["Nodetype", Any]) -> tuple[str, int | None]:
@@ -151,16 +136,11 @@ def _element(descriptor: tuple["Nodetype", Any]) -> tuple[str, int | None]:
     from rosbags.interfaces import Nodetype
 
     node, what = descriptor
-    if node in (Nodetype.BASE, Nodetype.NAME):
-        return _type_name(node, what), 1
-    (inner, name), number = what
-    return _type_name(inner, name), number if node == Nodetype.ARRAY else None
-
-
-def _type_name(node: "Nodetype", what: Any) -> str:
-    from rosbags.interfaces import Nodetype
-
-    return str(what[0] if node == Nodetype.BASE else what)
+    number: int | None = 1
+    if node not in (Nodetype.BASE, Nodetype.NAME):
+        number = what[1] if node == Nodetype.ARRAY else None
+        node, what = what[0]
+    return str(what[0] if node == Nodetype.BASE else what), number
 
 
 class _Size(NamedTuple):
@@ -174,11 +154,10 @@ class _Size(NamedTuple):
 def _measure(name: str, types: Types, done: dict[str, _Size | None]) -> _Size:
     if name in _SIZES:
         return _Size(0, 1 if name == "string" else 0, _SIZES[name])
-    if name in done:
-        known = done[name]
-        if known is None:
-            raise DecodeError(f"definition of {name} contains itself")
+    if known := done.get(name):
         return known
+    if name in done:
+        raise DecodeError(f"definition of {name} contains itself")
     done[name] = None
     objects, texts, num_bytes = 1, 0, 0
     for field, descriptor in types[name][1]:
@@ -190,17 +169,13 @@ def _measure(name: str, types: Types, done: dict[str, _Size | None]) -> _Size:
                 raise DecodeError(f"definition of {name} repeats '{field}' of {what}")
             num_bytes += 4
         else:
-            _check_number(name, field, inner, number)
+            # Arrays of numbers are read at once, for others rosbags writes code for each element.
+            most = _MAX_NUMBERS if inner in _SIZES and inner != "string" else 64
+            if not 0 < number <= most:
+                raise DecodeError(f"definition of {name} has an array '{field}' of {number}, 1 to {most} are read")
             objects, texts = objects + each.objects * number, texts + each.texts * number
             num_bytes += each.num_bytes * number
     if objects + texts > _MAX_OBJECTS:
         raise DecodeError(f"definition of {name} has {objects + texts} parts, more than {_MAX_OBJECTS}")
-    found = done[name] = _Size(objects, texts, num_bytes)
-    return found
-
-
-def _check_number(owner: str, field: str, inner: str, number: int) -> None:
-    # Arrays of numbers are read at once, for others rosbags writes code for each element.
-    most = _MAX_NUMBERS if inner in _SIZES and inner != "string" else 64
-    if not 0 < number <= most:
-        raise DecodeError(f"definition of {owner} has an array '{field}' of {number}, 1 to {most} are read")
+    size = done[name] = _Size(objects, texts, num_bytes)
+    return size

@@ -6,64 +6,44 @@ from typing import Any
 import numpy as np
 
 from fbench.replay.data.arrays import Float64
-from fbench.replay.data.messages import Message, Pose
+from fbench.replay.data.messages import Pose
 from fbench.replay.logs.codecs.codec import Origin, Probe
 from fbench.replay.logs.codecs.ros.cursor import plain_frame
-from fbench.replay.logs.codecs.ros.decoder import Decode, MessageReader, find, get, header
+from fbench.replay.logs.codecs.ros.decoder import find, get, header
 from fbench.replay.logs.coordinate_frames import Edge
 
 
-def edges(message: Any) -> Sequence[tuple[str, Edge]]:
-    """Return child and edge of each transform of a TFMessage."""
-    return [_edge(part) for part in get(message, "transforms")]
+def transforms(message: Any) -> Sequence[tuple[str, Edge]]:
+    """Child and edge of each transform of a TFMessage."""
+    result = []
+    for part in get(message, "transforms"):
+        parent, pose = plain_frame(get(get(part, "header"), "frame_id")), get(part, "transform")
+        t, q = get(pose, "translation"), get(pose, "rotation")
+        edge = Edge(parent, _array(t, "xyz"), _array(q, "xyzw"))
+        result.append((plain_frame(get(part, "child_frame_id")), edge))
+    return result
 
 
-def _edge(part: Any) -> tuple[str, Edge]:
-    parent = plain_frame(get(get(part, "header"), "frame_id"))
-    pose = get(part, "transform")
-    t, q = get(pose, "translation"), get(pose, "rotation")
-    edge = Edge(parent, _array(t, "xyz"), _array(q, "xyzw"))
-    return plain_frame(get(part, "child_frame_id")), edge
+def stamps(message: Any, encoding: str) -> Sequence[int]:
+    """When each transform of a TFMessage holds [ns]."""
+    return [header(part, encoding).stamp_ns for part in get(message, "transforms")]
+
+
+def probe_pose(message: Any, encoding: str) -> Probe:
+    """Tell the coordinate frames of a pose; only Odometry says whose it is."""
+    child, world = find(message, "child_frame_id"), header(message, encoding).frame_id
+    return Probe("odometry", "" if child is None else plain_frame(str(child)), world)
+
+
+def pose(kind: str, message: Any, encoding: str, origin: Origin) -> Pose:
+    """Read an Odometry, PoseStamped or PoseWithCovarianceStamped."""
+    found = get(message, "pose")
+    found = get(found, "pose") if find(found, "position") is None else found
+    position, rotation = get(found, "position"), get(found, "orientation")
+    stamp_ns = header(message, encoding).stamp_ns
+    t, q = _array(position, "xyz"), _array(rotation, "xyzw")
+    return Pose(origin.sensor, stamp_ns, origin.log_ns, t, q, origin.frame_number)
 
 
 def _array(part: Any, names: str) -> Float64:
     return np.array([get(part, name) for name in names], np.float64)
-
-
-def transform_reader(decode: Decode, encoding: str) -> MessageReader:
-    """TFMessage, which has no coordinate frame of its own."""
-
-    def probe(data: memoryview) -> Probe:
-        decode(data)
-        return Probe("transform", "")
-
-    def transforms(data: memoryview) -> Sequence[tuple[str, Edge]]:
-        return edges(decode(data))
-
-    def stamps(data: memoryview) -> Sequence[int]:
-        return [header(part, encoding).stamp_ns for part in get(decode(data), "transforms")]
-
-    return MessageReader(("transform",), probe, transforms=transforms, stamps=stamps)
-
-
-def pose_reader(decode: Decode, encoding: str) -> MessageReader:
-    """Odometry, PoseStamped, PoseWithCovarianceStamped; only the first says whose pose it is."""
-
-    def probe(data: memoryview) -> Probe:
-        found = decode(data)
-        child = find(found, "child_frame_id")
-        world = header(found, encoding).frame_id
-        return Probe("odometry", "" if child is None else plain_frame(str(child)), world)
-
-    def message(kind: str, data: memoryview, origin: Origin) -> Message:
-        found = decode(data)
-        pose = get(found, "pose")
-        pose = get(pose, "pose") if find(pose, "position") is None else pose
-        position, rotation = get(pose, "position"), get(pose, "orientation")
-        return Pose(
-            origin.sensor, header(found, encoding).stamp_ns, origin.log_ns,
-            np.array([get(position, name) for name in "xyz"], np.float64),
-            np.array([get(rotation, name) for name in "xyzw"], np.float64), origin.frame_number,
-        )  # fmt: skip
-
-    return MessageReader(("odometry",), probe, message)
