@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from fbench.metrics.files.logs import logs_in, open_logs
 from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, find_missing_entries, join, nothing
-from fbench.metrics.files.sources import Source, open_images, open_submission_source, open_tables, open_texts
+from fbench.metrics.files.sources import Source, open_images, open_submissions, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.sequences import Sequence, Space
@@ -45,7 +45,7 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
     if kind == "nuscenes":
         if len(files) > 1:
             raise ConfigError(f"{path}: {len(files)} files; name one submission")
-        return open_submission_source(next(iter(files.values())), like)
+        return open_submissions(next(iter(files.values())), like)
     if kind == "kitti":
         return open_images(path, files)
     if kind == "table":
@@ -59,9 +59,8 @@ def _require_usable(path: Path, form: str | None) -> None:
     if not (path.is_file() or path.is_dir()):
         raise ConfigError(f"{path}: neither a regular file nor a folder")
     if form == _NUSCENES_TABLES or any((path / version).is_dir() for version in _NUSCENES_VERSIONS):
-        raise ConfigError(
-            f"{path}: the tables of nuScenes aren't scored as they are; first fbench log import nuscenes {path} -o LOGS"
-        )
+        advice = f"first fbench log import nuscenes {path} -o LOGS"
+        raise ConfigError(f"{path}: the tables of nuScenes aren't scored as they are; {advice}")
     if form is not None and form not in FORMS:
         raise ConfigError(f"'{form}' is no form of boxes that can be scored{did_you_mean(form, FORMS)}")
     if form == "log" and not logs_in(path):
@@ -92,8 +91,7 @@ def _files(path: Path) -> dict[str, Path]:
     }
     if not own:
         raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, SEQUENCE/gt/gt.txt)")
-    kinds = {file.suffix.lower() == ".txt" for file in own.values()}
-    if len(kinds) > 1:
+    if len({file.suffix.lower() == ".txt" for file in own.values()}) > 1:
         raise LogError(f"{path}: texts and tables in one folder; put them into two")
     return own
 
@@ -120,8 +118,7 @@ def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
             raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
         return like.form
     (form, file), *others = found.items()
-    if others:
-        other, second = others[0]
+    for other, second in others:
         raise LogError(f"{path}: {file.name} is '{form}', but {second.name} is '{other}'; one folder, one form")
     if form not in FORMS:
         raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
@@ -191,24 +188,20 @@ def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair],
     scored = [name for name in wanted if name in truth.names]
     without = [name for name in wanted if name not in truth.names]
     if not scored:
-        raise MetricError(
-            f"{truth.path}: no truth for any sequence of {'the seqmap' if lengths else estimates.path}", "GT001"
-        )
+        where = "the seqmap" if lengths else estimates.path
+        raise MetricError(f"{truth.path}: no truth for any sequence of {where}", "GT001")
     notes = [f"no truth for {_list_names(without)}: left out [GT001]"] if without else []
     absent = [name for name in scored if name not in estimates.names]
     if absent and choice.missing == "error":
-        raise MetricError(
-            f"{estimates.path}: no results for {_list_names(absent)}; add an empty file, or count them as "
-            "misses with --missing empty"
-        )
+        advice = "add an empty file, or count them as misses with --missing empty"
+        raise MetricError(f"{estimates.path}: no results for {_list_names(absent)}; {advice}")
     notes += [f"no results for {_list_names(absent)}: all of its truth is missed"] if absent else []
     return [Pair(name, None if name in absent else name, lengths.get(name)) for name in scored], notes
 
 
 def _list_names(names: list[str]) -> str:
-    shown = ", ".join(names[:_NAMED])
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {shown}{more}"
+    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {', '.join(names[:_NAMED])}{more}"
 
 
 @dataclass(frozen=True)
@@ -235,27 +228,28 @@ class FilePair:
         """
         for pair in self.pairs:
             truth = self.truth.read(pair.truth)
-            if pair.estimates is None:
-                estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
-            else:
-                estimates = self.estimates.read(pair.estimates)
+            absent = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
+            estimates = absent if pair.estimates is None else self.estimates.read(pair.estimates)
             self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.truth))
             where = Where(pair.truth, str(self.truth.path), str(self.estimates.path))
             yield join(truth, estimates, pair.num_frames, where, self.faults, space)
 
 
+_ALL = Choice()
+
+
 def open_files(
     truth: Path,
     estimates: Path,
-    choice: Choice | None = None,
+    choice: Choice = _ALL,
     truth_form: str | None = None,
     estimates_form: str | None = None,
 ) -> FilePair:
-    """Open truth and results.
+    """Open truth and results, each a file or folder.
 
     Args:
-        truth: File or folder.
-        estimates: File or folder.
+        truth: Where the truth is.
+        estimates: Where the results are.
         choice: What of them is scored.
         truth_form: One of `FORMS`; `None`: names and content tell.
         estimates_form: As `truth_form`.
@@ -267,7 +261,7 @@ def open_files(
     """
     true = open_source(truth, truth_form, is_truth=True)
     own = open_source(estimates, estimates_form, is_truth=False, like=true)
-    pairs, notes = _pair(true, own, choice or Choice())
+    pairs, notes = _pair(true, own, choice)
     pair = FilePair(true, own, tuple(pairs), tuple(notes), true.faults)
     submission = own.submission()
     if submission is not None and not submission.has_meta:

@@ -36,8 +36,10 @@ class InputWarnings:
 
     def lines(self) -> list[str]:
         """Return a line a kind, with the first place."""
-        places = (f": {w.where}{' ...' if w.num > 1 else ''}" if w.where else "" for w in self.found.values())
-        return [f"{w.num} x {w.what}{place}" for w, place in zip(self.found.values(), places, strict=True)]
+        return [
+            f"{w.num} x {w.what}" + (f": {w.where}{' ...' if w.num > 1 else ''}" if w.where else "")
+            for w in self.found.values()
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +64,6 @@ class Side:
     def select(self, rows: Bool) -> "Side":
         """Return the marked boxes (N,)."""
         return replace(self, objects=self.objects[rows], camera=self.camera[rows] if len(self.camera) else self.camera)
-
-    def from_pixel_0(self) -> "Side":
-        """Return it with pixels counted from 0."""
-        xyxy = self.objects.xyxy_px
-        if not self.first_pixel or xyxy is None:
-            return self
-        return replace(self, objects=replace(self.objects, xyxy_px=xyxy - self.first_pixel))
 
 
 @dataclass(frozen=True)
@@ -148,7 +143,12 @@ def join(
         ConfigError: where frames, or coordinates, are of different kinds.
         MetricError: where a box is beyond the end, or one id twice in a frame for one class (GT003).
     """
-    _require_alike(truth, estimates, where)
+    if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
+        one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
+        raise ConfigError(f"{where.truth} has {one}, {where.estimates} has {other}; give both the same")
+    if truth.space and estimates.space and truth.space != estimates.space:
+        spaces = f"{where.truth}: boxes in '{truth.space}', those of {where.estimates} in '{estimates.space}'"
+        raise ConfigError(f"{spaces}; give both the same coordinate frame")
     frames = _frames(truth, estimates, num_frames, where)
     own, num_strange = _place_on_frames(estimates, frames)
     true, _ = _place_on_frames(truth, frames)
@@ -162,7 +162,7 @@ def join(
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
 
     if true.first_pixel != own.first_pixel:  # where both count alike, positions stay as the files have them
-        true, own = true.from_pixel_0(), own.from_pixel_0()
+        true, own = _count_from_pixel_0(true), _count_from_pixel_0(own)
     zeros = np.zeros(len(frames), np.int64)
     steps = Steps(np.arange(len(frames)), frames, zeros) if truth.has_stamps else Steps(frames, zeros, zeros)
     steps, in_truth, in_estimates = _split_by_camera(steps, true, own, where)
@@ -176,15 +176,10 @@ def join(
     )  # fmt: skip
 
 
-def _require_alike(truth: Side, estimates: Side, where: Where) -> None:
-    if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
-        one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
-        raise ConfigError(f"{where.truth} has {one}, {where.estimates} has {other}; give both the same")
-    if truth.space and estimates.space and truth.space != estimates.space:
-        raise ConfigError(
-            f"{where.truth}: boxes in '{truth.space}', those of {where.estimates} in '{estimates.space}'; "
-            "give both the same coordinate frame"
-        )
+def _count_from_pixel_0(side: Side) -> Side:
+    if not side.first_pixel or side.objects.xyxy_px is None:
+        return side
+    return replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
 
 
 def _frames(truth: Side, estimates: Side, num_frames: int | None, where: Where) -> Int64:
@@ -243,24 +238,23 @@ def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -
         return steps, truth.objects, estimates.objects
     if has_solids(truth.objects) and has_solids(estimates.objects):
         return steps, replace(truth.objects, xyxy_px=None), replace(estimates.objects, xyxy_px=None)
-    num = len(cameras)
-    frame, stamp_ns = np.repeat(steps.frame, num), np.repeat(steps.stamp_ns, num)
-    split = Steps(frame, stamp_ns, np.tile(np.arange(num), len(steps)), tuple(cameras.tolist()) * len(steps))
-    return split, _split(truth, cameras, where.truth), _split(estimates, cameras, where.estimates)
-
-
-def _split(side: Side, cameras: Text, where: str) -> Objects:
-    if not len(side.objects):
-        return side.objects
+    num, num_steps, objects = len(cameras), len(steps), []
     there_are = f"there are the cameras {', '.join(cameras.tolist())}; tell that of every box in a column 'camera'"
-    if not len(side.camera) or side.objects.xyxy_px is None:
-        raise LogError(f"{where}: {there_are}")
-    flat = side.select(_there(side.objects.xyxy_px))
-    if (flat.camera == "").any():
-        raise LogError(f"{where}: a box without camera, though {there_are}")
-    step = flat.objects.step * len(cameras) + np.searchsorted(cameras, flat.camera)
-    order = np.argsort(step, kind="stable")
-    return replace(flat.objects[order], step=step[order])
+    for side, file in ((truth, where.truth), (estimates, where.estimates)):
+        if not len(side.objects):
+            objects.append(side.objects)
+            continue
+        if not len(side.camera) or side.objects.xyxy_px is None:
+            raise LogError(f"{file}: {there_are}")
+        flat = side.select(_there(side.objects.xyxy_px))
+        if (flat.camera == "").any():
+            raise LogError(f"{file}: a box without camera, though {there_are}")
+        step = flat.objects.step * num + np.searchsorted(cameras, flat.camera)
+        order = np.argsort(step, kind="stable")
+        objects.append(replace(flat.objects[order], step=step[order]))
+    frame, stamp_ns, stream = np.repeat(steps.frame, num), np.repeat(steps.stamp_ns, num), np.arange(num)
+    split = Steps(frame, stamp_ns, np.tile(stream, num_steps), tuple(cameras.tolist()) * num_steps)
+    return split, objects[0], objects[1]
 
 
 def _require_unique(steps: Steps, objects: Objects, where: str) -> None:

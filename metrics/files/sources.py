@@ -82,13 +82,14 @@ def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
     return Source(path, "table", tuple(found), is_single, read)
 
 
-def open_submission_source(path: Path, like: Source | None) -> Source:
+def open_submissions(path: Path, like: Source | None) -> Source:
     """Open a submission, whose samples those of the truth, `like`, may tell. Its sequences are scenes; where no scene
     is known there is one, called as the file.
     """
     submission = open_submission(path, None if like is None else like.submission())
-    names = tuple(scene or path.stem for scene in submission.tokens)
-    is_single = list(submission.tokens) == [""]
-    return Source(
-        path, "nuscenes", names, is_single, lambda name: submission.read("" if is_single else name), lambda: submission
-    )
+    names, is_single = tuple(scene or path.stem for scene in submission.tokens), list(submission.tokens) == [""]
+
+    def read(name: str) -> Side:
+        return submission.read("" if is_single else name)
+
+    return Source(path, "nuscenes", names, is_single, read, lambda: submission)

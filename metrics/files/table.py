@@ -90,19 +90,17 @@ class Table:
                 yield values
 
     def _part(self, values: Values) -> dict[str, Array]:
-        rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates()), len(values)
+        rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates), len(values)
         unknown, no_text = np.full(size, np.nan), np.full(size, "", "U1")
-        score = np.zeros(size)
-        if "score" in values:
-            numbers, is_there = values.numbers("score")
-            score = np.where(is_there, numbers, 0.0)  # one that isn't finite stays so
-        labels = [text.lower() for text in values.texts("label").tolist()] if "label" in values else []
+        numbers, is_there = values.numbers("score") if "score" in values else (unknown, np.zeros(size, bool))
         has_camera = rows.has_flat.any() and bool(self.cameras)
         return {
             "step": self.key.read(values),
-            "label": np.array(labels, np.str_) if "label" in values else no_text,
+            "label": np.array([t.lower() for t in values.texts("label").tolist()], "U")
+            if "label" in values
+            else no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
-            "score": score,
+            "score": np.where(is_there, numbers, 0.0),  # one that isn't finite stays so
             "there": rows.has_solid | rows.has_flat,
             "camera": _spread(rows.flats.camera, rows.has_flat, "") if has_camera else no_text,
             "frame_id": _spread(rows.frames, rows.has_solid, ""),
@@ -114,12 +112,13 @@ class Table:
             **{name: _spread(getattr(rows.flats, name), rows.has_flat, np.nan, shape) for name, shape in _FLAT},
         }
 
+    @cached_property
     def _coordinates(self) -> CoordinateFrames:
         """Cameras are what the table calls so."""
-        upright = np.array([0.0, 0, 0, 1])
-        names = self.cameras or (_DEFAULT_CAMERA,)
-        rig = Rig({name: Mount("camera", np.zeros(3), upright) for name in (*names, _DEFAULT_CAMERA)}, {})
-        return CoordinateFrames(rig, TransformTree(), "body")
+        mount = Mount("camera", np.zeros(3), np.array([0.0, 0, 0, 1]))
+        return CoordinateFrames(
+            Rig(dict.fromkeys((*self.cameras, _DEFAULT_CAMERA), mount), {}), TransformTree(), "body"
+        )
 
 
 def open_table(path: Path) -> Table:

@@ -21,7 +21,7 @@ from fbench.replay.data.rig import Kind
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import Columns, LabeledObject, Solid, angles, place, to_boxes3d, to_columns
-from fbench.replay.formats.sequence import BoxFrame, BoxSequence, usable
+from fbench.replay.formats.sequence import BoxFrame, BoxSequence, drop_unusable
 from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
@@ -299,7 +299,7 @@ class _Writer:
 
     def sample(self, token: str, frame: BoxFrame) -> list[dict[str, Any]]:
         """Return the boxes of a keyframe."""
-        boxes = usable(frame.boxes3d, self._left)
+        boxes = drop_unusable(frame.boxes3d, self._left)
         if boxes is None or not len(boxes):
             return []
         if frame.world_T_body is None or not (np.abs(frame.world_T_body) < MAX_MAGNITUDE).all():
