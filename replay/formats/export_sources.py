@@ -40,13 +40,7 @@ class _FrameTruth:
     rig: Rig
 
 
-@dataclass(frozen=True, eq=False)
-class _Matched:
-    """All of them, with where the body was."""
-
-    rows: Sequence[_FrameTruth]
-    poses: FramePoses
-    num_frames: int
+_Matched = tuple[Sequence[_FrameTruth], FramePoses, int]  # All of them, where the body was, and the number of frames
 
 
 def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
@@ -61,19 +55,14 @@ def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, fault
     reader = source.open(faults)
     is_truth = request.boxes != "detections"
     truths = list(reader.truths() if is_truth else reader.detections(""))
-    matched = (
-        _match_by_number(truths, reader) if _are_numbered(truths, request) else _match_by_time(truths, source, faults)
-    )
-    frames = [_frame(row, matched.poses, left) for row in matched.rows]
-    info = reader.info
-    return BoxSequence(str(source.path), info.name, info.metadata, is_truth, frames, matched.num_frames)
+    is_numbered = _are_numbered(truths, request)
+    rows, poses, num = _match_by_number(truths, reader) if is_numbered else _match_by_time(truths, source, faults)
+    frames = [_frame(row, poses, left) for row in rows]
+    return BoxSequence(str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, num)
 
 
 def _are_numbered(truths: Sequence[Truth], request: ExportRequest) -> bool:
-    """Tell whether the truths say themselves which frames they belong to.
-
-    MOTChallenge counts frames, so there numbers must be counts too.
-    """
+    """Whether truths say which frames they belong to. MOTChallenge counts frames: there numbers must be counts too."""
     numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
     if not numbers or len(set(numbers)) != len(truths):
         return False
@@ -90,7 +79,7 @@ def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
     poses.finish()
     rig = reader.rig
     rows = [_FrameTruth(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
-    return _Matched(rows, poses, len(ordered))
+    return rows, poses, len(ordered)
 
 
 def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
@@ -108,7 +97,7 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
             instant, segment = frames[index]
             rig = stream.rigs[max(first for first in stream.rigs if first <= segment)]
             rows.append(_FrameTruth(index, instant.frame_number, truth, rig))
-    return _Matched(sorted(rows, key=lambda row: row.index), stream.poses, len(frames))
+    return sorted(rows, key=lambda row: row.index), stream.poses, len(frames)
 
 
 def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
@@ -116,7 +105,7 @@ def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
     boxes = truth.boxes3d
     if boxes is not None and truth.in_world:
         if pose is None:
-            left.add(NO_POSE, len(boxes))
+            left[NO_POSE] += len(boxes)
         boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
     return BoxFrame(row.index, row.number, truth.stamp_ns, row.rig, boxes, truth.boxes2d, pose)
 
@@ -126,9 +115,7 @@ _KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "
 
 
 def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
-    """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections. Raises
-    RunError where it can't be read.
-    """
+    """Read the requested boxes of a run: by default tracks where ids are needed, else detections. Raises RunError."""
     run = Run(folder)
     manifest = run.manifest
     which: Which = request.boxes or ("tracks" if request.is_tracking else "detections")
@@ -145,20 +132,11 @@ def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
             boxes3d, boxes2d = run.truth3d(record.index), run.truth2d(record.index)
         else:
             continue
-        frames.append(
-            BoxFrame(
-                record.index,
-                record.frame_number,
-                record.stamp_ns,
-                rigs[record.segment],
-                boxes3d,
-                boxes2d,
-                pose_of(pose),
-            )
-        )
+        rig, number = rigs[record.segment], record.frame_number
+        frames.append(BoxFrame(record.index, number, record.stamp_ns, rig, boxes3d, boxes2d, pose_of(pose)))
     num = max((record.index + 1 for record in run.frames), default=0)
-    log = run.manifest.log
     kinds = () if which == "truth" else _kinds(run, table)
+    log = manifest.log
     return BoxSequence(str(folder), log.name, log.metadata, which == "truth", frames, num, kinds)
 
 

@@ -275,10 +275,10 @@ def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> 
         classes = np.array([DONT_CARE if skip else "" for skip in ignored], dtype=object)
         classes[~ignored] = found[~ignored].names(name_classes)
         kept: Bool = classes != ""
-        left.add("of classes that KITTI doesn't have", int(np.count_nonzero(~kept)))
+        left["of classes that KITTI doesn't have"] += int(np.count_nonzero(~kept))
         if is_tracking:
             known = ignored | (found.column("track_id", -1) >= 0)
-            left.add("without a track id", int(np.count_nonzero(kept & ~known)))
+            left["without a track id"] += int(np.count_nonzero(kept & ~known))
             kept &= known
         rows, heads, ignored = found[kept], classes[kept].tolist(), ignored[kept]
         if is_tracking:

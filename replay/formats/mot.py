@@ -180,13 +180,13 @@ def mot_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> It
     for frame, found in frames:
         ignored: Bool = found.column("ignore", False) if sequence.is_truth else np.zeros(len(found), bool)
         known = ignored | (found.column("track_id", -1) >= 0)
-        left.add("without a track id", int(np.count_nonzero(~known)))
+        left["without a track id"] += int(np.count_nonzero(~known))
         rows, ignored = found[known], ignored[known]
         if sequence.is_truth:
             names = np.full(len(rows), _DISTRACTOR, dtype=object)
             names[~ignored] = rows[~ignored].names(name_classes)
             has: Bool = names != ""
-            left.add("of classes that MOTChallenge doesn't have", int(np.count_nonzero(~has)))
+            left["of classes that MOTChallenge doesn't have"] += int(np.count_nonzero(~has))
             rows, ends = rows[has], _truth_ends(rows[has], names[has].tolist(), ignored[has])
         else:
             confidences = rows.column("score", np.nan).tolist()

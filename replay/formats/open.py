@@ -31,10 +31,8 @@ def recognize(path: Path) -> str:
     """Return the name of the form. Raises LogError where it can't be told."""
     form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
     if form is None:
-        raise LogError(
-            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge "
-            ".txt, nuScenes or OpenLABEL .json)"
-        )
+        forms = "a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge .txt, nuScenes or OpenLABEL .json"
+        raise LogError(f"{path}: no form of boxes that fbench knows ({forms})")
     return form
 
 
@@ -116,12 +114,10 @@ class BoxFile:
         try:
             for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
                 for boxes in (truth.boxes3d, truth.boxes2d):
-                    twice = None if boxes is None else _find_repeated_id(boxes)
-                    if twice is not None:
+                    if boxes is not None and (twice := _find_repeated_id(boxes)) is not None:
                         at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
-                        raise LogError(
-                            f"{self.source.path}: id {twice} twice at {at}; an id names one object of a frame", "GT003"
-                        )
+                        where = f"{self.source.path}: id {twice} twice at {at}"
+                        raise LogError(f"{where}; an id names one object of a frame", "GT003")
                 yield truth
         except DataError as error:
             raise LogError(f"{self.source.path}: {error}") from error
@@ -137,16 +133,12 @@ class BoxFile:
 
 
 def open_boxes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> BoxFile:
-    """Open a file or folder of boxes; reading begins with `truths`. Raises ConfigError where there is no such file or
-    format. Raises LogError where its form isn't known.
-    """
+    """Open a file or folder of boxes; reading begins with `truths`. Raises as `form_of`."""
     return BoxFile(source, form_of(source), coordinates, faults)
 
 
 def form_of(source: BoxSource) -> str:
-    """Return which of `FORMATS` a file or folder has. Raises ConfigError where there is no such file or format. Raises
-    LogError where its form isn't known.
-    """
+    """Return which of `FORMATS` a file has. ConfigError: no such file or format; LogError: its form isn't known."""
     if not source.path.exists():
         raise ConfigError(f"{source.path}: no such file or folder")
     if not (source.path.is_file() or source.path.is_dir()):  # a FIFO would block, a device could go on for ever
@@ -171,7 +163,5 @@ def _find_repeated_id(boxes: Boxes2D | Boxes3D) -> int | None:
 
 
 def truth_entry(source: BoxSource) -> TruthEntry:
-    """Say where truth comes from, for the manifest. Raises ConfigError where there is no such file or format. Raises
-    LogError where it can't be read, or its form isn't known.
-    """
+    """Say where truth comes from, for the manifest. Raises as `form_of`; LogError also where it can't be read."""
     return TruthEntry(name=source.path.name, format=form_of(source), digest=digest_of(source.path))

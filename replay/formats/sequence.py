@@ -83,7 +83,7 @@ def drop_unusable(boxes: B | None, left: LeftOut) -> B | None:
         return boxes
     sane, scored = finite(boxes)
     good: Bool = sane & scored if boxes.score is None else sane & (np.abs(boxes.score) < MAX_MAGNITUDE)
-    left.add("not finite", int(np.count_nonzero(~good)))
+    left["not finite"] += int(np.count_nonzero(~good))
     return boxes if good.all() else boxes[good]
 
 
@@ -198,14 +198,14 @@ def _image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
     flat = Boxes2D.empty() if flat is None else flat
     solid = Boxes3D.empty() if solid is None else solid
     own = flat.camera == camera
-    left.add("of other cameras", int(np.count_nonzero(~own)))
+    left["of other cameras"] += int(np.count_nonzero(~own))
     flat = flat if own.all() else flat[own]
     mates = pair_boxes(flat, solid) if len(flat) and len(solid) else np.full(len(flat), -1, np.int64)
     alone = np.setdiff1d(np.arange(len(solid)), mates)
     xyxy = np.zeros((0, 4))
     if len(alone):
         xyxy, seen = project_boxes(frame.rig, camera, solid[alone])
-        left.add(f"not seen by {camera}", int(np.count_nonzero(~seen)))
+        left[f"not seen by {camera}"] += int(np.count_nonzero(~seen))
         alone, xyxy = alone[seen], xyxy[seen]
     flat_rows = np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)])
     return ImageRows(np.concatenate([flat.xyxy_px, xyxy]), flat, flat_rows, solid, np.concatenate([mates, alone]))

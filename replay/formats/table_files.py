@@ -3,8 +3,9 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -55,13 +56,16 @@ class TableFile:
 
     def _read(self, names: list[str]) -> Iterator[pa.RecordBatch]:
         if self.separator is not None:
-            yield from _csv(self.path, self.separator, names)
+            # All columns as text: numbers are parsed later, so that stamps lose nothing and errors name their row.
+            convert = pacsv.ConvertOptions(
+                column_types=dict.fromkeys(names, pa.string()), include_columns=names, null_values=[""],
+                strings_can_be_null=True, quoted_strings_can_be_null=True,
+            )  # fmt: skip
+            with pacsv.open_csv(self.path, _READ, pacsv.ParseOptions(delimiter=self.separator), convert) as reader:
+                yield from reader
             return
-        texts = [
-            self.names[name]
-            for name, kind in self.types.items()
-            if bool(pa.types.is_string(kind) or pa.types.is_large_string(kind)) and self.names[name] in names
-        ]
+        kinds = ((self.names[name], kind) for name, kind in self.types.items())
+        texts = [n for n, kind in kinds if n in names and (pa.types.is_string(kind) or pa.types.is_large_string(kind))]
         with pq.ParquetFile(
             self.path, page_checksum_verification=True, pre_buffer=False,
             read_dictionary=texts,  # a text that is repeated takes room once
@@ -73,8 +77,7 @@ def open_table_file(path: Path) -> TableFile:
     """Read the names of a table's columns. Raises LogError where it isn't a table, or names a column twice."""
     try:
         if path.suffix.lower() == ".parquet":
-            schema = _schema(path)
-            separator = None
+            schema, separator = _schema(path), None
         else:
             separator = _separator(path)
             with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator)) as reader:
@@ -90,33 +93,28 @@ def open_table_file(path: Path) -> TableFile:
 
 
 def _schema(path: Path) -> pa.Schema:
-    """Refuse files that would take more memory than a table of boxes needs."""
+    """Refuse files that would take more memory than a table of boxes needs: bound what the pages of a row group take at
+    one time, which is one page and the dictionary of each column.
+    """
     with path.open("rb", buffering=0) as opened:
-        tail = read_tail(path, opened, os.fstat(opened.fileno()).st_size)
-        require_parsable(path, tail)
+        require_parsable(path, read_tail(path, opened, os.fstat(opened.fileno()).st_size))
         with pq.ParquetFile(opened) as file:
-            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
-            for group in groups:
-                _require_small(path, opened, group)
+            for i in range(file.metadata.num_row_groups):
+                group, size = file.metadata.row_group(i), 0
+                for chunk in map(group.column, range(group.num_columns)):
+                    try:
+                        size += _largest(path, opened, chunk)
+                    except DamageError as error:
+                        raise LogError(f"{path}: column '{chunk.path_in_schema}' is damaged ({error})") from error
+                if size > _MAX_PAGES:
+                    limit = f"over {_MAX_PAGES >> 20}; write smaller ones"
+                    raise LimitError(f"{path}: pages take {size >> 20} MiB, {limit}", "LIM004")
             return file.schema_arrow
 
 
-def _require_small(path: Path, file: BinaryIO, group: Any) -> None:
-    """Bound what the pages of a row group take at one time: one page and the dictionary of each column."""
-    size = 0
-    for i in range(group.num_columns):
-        try:
-            size += _largest(path, file, group.column(i))
-        except DamageError as error:
-            raise LogError(f"{path}: column '{group.column(i).path_in_schema}' is damaged ({error})") from error
-    if size > _MAX_PAGES:
-        raise LimitError(f"{path}: pages take {size >> 20} MiB, over {_MAX_PAGES >> 20}; write smaller ones", "LIM004")
-
-
-def _largest(path: Path, file: BinaryIO, chunk: Any) -> int:
+def _largest(path: Path, file: FileIO, chunk: Any) -> int:
     """Bytes that the dictionary and the largest page of a column say that they take."""
-    starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
-    at = min(starts, default=0)
+    at = min((at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at), default=0)
     end = at + chunk.total_compressed_size
     dictionary = largest = 0
     while at < end:
@@ -140,16 +138,9 @@ def _separator(path: Path) -> str:
     return max(_SEPARATORS, key=lambda separator: head.count(separator.encode()))
 
 
-def _csv(path: Path, separator: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """All columns as text: numbers are parsed later, so that stamps lose nothing and errors name their row."""
-    convert = pacsv.ConvertOptions(
-        column_types=dict.fromkeys(names, pa.string()), include_columns=names, null_values=[""],
-        strings_can_be_null=True, quoted_strings_can_be_null=True,
-    )  # fmt: skip
-    with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator), convert) as reader:
-        yield from reader
-
-
+_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+_PLAIN = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
+          pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
 _TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
 
 
@@ -172,11 +163,7 @@ class Values:
 
     def numbers(self, name: str) -> tuple[Float64, Bool]:
         """Return float64 (N,), NaN where there is none, and where there is one (also one that isn't finite)."""
-        column = self._column(name)
-        if pa.types.is_string(column.type):
-            column = pc.utf8_trim_whitespace(column)
-            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
-        cast = self._cast(column, pa.float64(), name, "a number")
+        cast = self._cast(_drop_blank(self._column(name)), pa.float64(), name, "a number")
         there = np.asarray(cast.is_valid().to_numpy(zero_copy_only=False), bool)
         return np.asarray(cast.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64), there
 
@@ -185,10 +172,7 @@ class Values:
         column = self._column(name)
         if pa.types.is_timestamp(column.type):
             column = self._cast(column, pa.timestamp("ns"), name, "a stamp that fits nanoseconds").cast(pa.int64())
-        if pa.types.is_string(column.type):
-            column = pc.utf8_trim_whitespace(column)
-            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
-        cast = self._cast(column, pa.int64(), name, "a whole number")
+        cast = self._cast(_drop_blank(column), pa.int64(), name, "a whole number")
         return np.asarray(cast.fill_null(absent).to_numpy(zero_copy_only=False), np.int64)
 
     def texts(self, name: str) -> Text:
@@ -243,8 +227,8 @@ class Values:
                 try:
                     value.cast(kind)
                 except pa.ArrowException:
-                    told = value.value if pa.types.is_timestamp(column.type) else value.as_py()
-                    raise self._wrong(name, index, str(told), expected) from None
+                    given = value.value if pa.types.is_timestamp(column.type) else value.as_py()
+                    raise self._wrong(name, index, str(given), expected) from None
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected {expected}") from None
 
     def _wrong(self, name: str, index: int, text: str, expected: str) -> LogError:
@@ -260,27 +244,24 @@ class Values:
         self._require_short(name, column)
         if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
             column = column.cast(pa.string())
-        if not _is_plain(column.type):
+        if not any(check(column.type) for check in _PLAIN):
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected single values")
         return column
 
     def _require_short(self, name: str, column: pa.Array) -> None:
-        if not _is_text(column.type) or not len(column):
+        if not any(check(column.type) for check in _TEXTS) or not len(column):
             return
         longest = pc.max(pc.binary_length(column)).as_py() or 0
         if longest > 4 * MAX_TEXT:  # bytes of UTF-8
             raise LimitError(f"{self.path}: column '{name}' has a text of {longest} bytes, more than {4 * MAX_TEXT}")
 
 
-def _is_text(kind: pa.DataType) -> bool:
-    checks = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-    return any(check(kind) for check in checks)
-
-
-def _is_plain(kind: pa.DataType) -> bool:
-    checks = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
-              pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
-    return any(check(kind) for check in checks)
+def _drop_blank(column: pa.Array) -> pa.Array:
+    """Trim texts, and take empty ones for unknown."""
+    if not pa.types.is_string(column.type):
+        return column
+    column = pc.utf8_trim_whitespace(column)
+    return pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
 
 
 KEYS = ("stamp_ns", "stamp_s", "frame")
@@ -319,18 +300,17 @@ def key_of(file: TableFile) -> Key:
 
 
 def instants(file: TableFile, key: Key) -> Iterator[tuple[Int64, Values]]:
-    """Yield rows with their keys, ascending, never parting those of one instant. Raises LimitError where more rows than
-    memory allows aren't in order, or belong to one instant.
-    """
-    num_rows, is_ordered = _survey(file, key)
-    if is_ordered:
-        batches: Iterator[pa.Table] = file.batches()
-    elif num_rows > _MAX_UNORDERED:
+    """Yield rows with their keys, ascending, never parting those of one instant. LimitError: too many at once."""
+    num_rows, last, is_ordered = 0, -1, True
+    for batch in file.batches([key.name]):
+        keys = key.read(Values(file.path, batch))
+        if len(keys):
+            is_ordered = is_ordered and int(keys[0]) >= last and bool((np.diff(keys) >= 0).all())
+            last, num_rows = int(keys[-1]), num_rows + len(keys)
+    if not is_ordered and num_rows > _MAX_UNORDERED:
         raise LimitError(f"{file.path}: {num_rows} rows that aren't in the order of '{key.name}'; sort them")
-    else:
-        batches = _ordered(file, key)
     kept: pa.Table | None = None
-    for batch in batches:
+    for batch in file.batches() if is_ordered else _sort_rows(file, key):
         table = batch if kept is None else pa.concat_tables([kept, batch])
         values = Values(file.path, table)
         keys = key.read(values)
@@ -345,18 +325,7 @@ def instants(file: TableFile, key: Key) -> Iterator[tuple[Int64, Values]]:
         yield key.read(values), values
 
 
-def _survey(file: TableFile, key: Key) -> tuple[int, bool]:
-    """Count the rows, and tell whether they are in order."""
-    num_rows, last, is_ordered = 0, -1, True
-    for batch in file.batches([key.name]):
-        keys = key.read(Values(file.path, batch))
-        if len(keys):
-            is_ordered = is_ordered and int(keys[0]) >= last and bool((np.diff(keys) >= 0).all())
-            last, num_rows = int(keys[-1]), num_rows + len(keys)
-    return num_rows, is_ordered
-
-
-def _ordered(file: TableFile, key: Key) -> Iterator[pa.Table]:
+def _sort_rows(file: TableFile, key: Key) -> Iterator[pa.Table]:
     table = pa.concat_tables(list(file.batches()))
     order = np.argsort(key.read(Values(file.path, table)), kind="stable")
     for start in range(0, len(order), _ROWS_AT_ONCE):
