@@ -47,8 +47,8 @@ class Findings:
     def add_results(self, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None) -> None:
         """Count another system's boxes of a frame."""
         self._frames_with_results += 1
-        self._num_results.update({"3D": 0 if boxes3d is None else len(boxes3d)})
-        self._num_results.update({"2D": 0 if boxes2d is None else len(boxes2d)})
+        self._num_results["3D"] += 0 if boxes3d is None else len(boxes3d)
+        self._num_results["2D"] += 0 if boxes2d is None else len(boxes2d)
 
     def lines(self, numbers: Sequence[int], files: Mapping[str, Mapping[int, Path]]) -> Iterator[str]:
         """Yield a line about each thing that was found or is odd."""
@@ -89,9 +89,7 @@ FACTS = {
 
 
 class BenchmarkRecording:
-    """See `Recording`. All items of a frame have the same made-up stamp: that of frame N is N + 1 periods, as
-    a stamp of 0 is taken for one that wasn't set.
-    """
+    """See `Recording`. The made-up stamp of all items of frame N is N + 1 periods, as 0 is taken for one not set."""
 
     def __init__(self, frames: TrackingFrames | ObjectFrames, wish: ImportWish) -> None:
         self.name, self._frames, self._wish = frames.name, frames, wish
@@ -139,39 +137,35 @@ class BenchmarkRecording:
             yield from self._boxes(number, stamp_ns)
 
     def _messages(self, number: int, stamp_ns: int) -> Iterator[Image | PointCloud | Pose]:
-        for sensor, paths in self._frames.files.items():
-            if number in paths:
-                try:
-                    yield self._message(sensor, paths[number], number, stamp_ns)
-                except LogError as error:
-                    self._wish.bad.report(error)
+        present = ((sensor, paths[number]) for sensor, paths in self._frames.files.items() if number in paths)
+        for sensor, path in present:
+            try:
+                if sensor != LIDAR:
+                    size_wh = self._frames.expected_size(sensor)
+                    yield read_image(path, sensor, stamp_ns, size_wh, frame_number=number)
+                    continue
+                points = read_floats(path, 4)
+            except LogError as error:
+                self._wish.bad.report(error)
+                continue
+            xyz, intensity = np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
+            yield PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, frame_number=number)
         if (pose := self._frames.pose(number, stamp_ns)) is not None:
             yield pose
 
-    def _message(self, sensor: str, path: Path, number: int, stamp_ns: int) -> Image | PointCloud:
-        if sensor != LIDAR:
-            return read_image(path, sensor, stamp_ns, self._frames.expected_size(sensor), frame_number=number)
-        points = read_floats(path, 4)
-        xyz, intensity = np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
-        return PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, frame_number=number)
-
     def _boxes(self, number: int, stamp_ns: int) -> Iterator[Truth | OtherResult]:
+        objects = boxes = None
         try:
             objects = self._frames.labels(number)
         except LogError as error:
             self._wish.bad.report(error)
-            objects = None
         self._findings.add_labels(objects)
         if objects is not None:
             yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), to_boxes2d(objects), number)
-        yield from self._results(number, stamp_ns)
-
-    def _results(self, number: int, stamp_ns: int) -> Iterator[OtherResult]:
         try:
             boxes = None if self._frames.results is None else self._frames.results.boxes(number)
         except LogError as error:
             self._wish.bad.report(error)
-            return
         if boxes is not None:
             self._findings.add_results(*boxes)
             yield OtherResult(Truth(stamp_ns, stamp_ns, *boxes, number))

@@ -8,17 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from fbench.datasets.importing.files import find_numbered
-from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, Results, frame_results, frame_rows, object_label
-from fbench.datasets.kitti.sensors import (
-    IMAGES,
-    LIDAR,
-    POINTS,
-    camera_name,
-    first_size,
-    read_calibration,
-    rig_of,
-    size_without_images,
-)
+from fbench.datasets.kitti import labels, sensors
+from fbench.datasets.kitti.labels import CAMERA, OBJECT_DIGITS, Results
+from fbench.datasets.kitti.sensors import IMAGES, LIDAR, POINTS
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts
 from fbench.replay.data.arrays import Float64
@@ -29,7 +21,7 @@ from fbench.replay.formats.objects import LabeledObject
 
 LABELS = "label_2"
 PERIOD_NS = 10_000_000_000
-_CAMERAS = {camera_name(number): number for number in (2, 3)}
+_CAMERAS = {sensors.camera_name(number): number for number in (2, 3)}
 _FOLDERS = {**{f"image_{number}": (name, IMAGES) for name, number in _CAMERAS.items()}, "velodyne": (LIDAR, POINTS)}
 """Sensor and suffixes by the folder of its files."""
 
@@ -76,12 +68,10 @@ class ObjectFrames:
         if self._detections is None:
             return None
         files = find_numbered(self._detections, (".txt",), OBJECT_DIGITS, self._wish.frames)
-        found = frame_results(files, self._wish.bad)
+        found = labels.frame_results(files, self._wish.bad)
         for number in sorted(set(files).difference(self.numbers)):
-            self._wish.bad.report(
-                LogError(f"{self._detections / f'{number:06d}.txt'}: no such frame in {self.folder}; "
-                         "are the results of another set?")
-            )  # fmt: skip
+            where = f"{self._detections / f'{number:06d}.txt'}: no such frame in {self.folder}"
+            self._wish.bad.report(LogError(f"{where}; are the results of another set?"))
         return found
 
     @cached_property
@@ -96,8 +86,8 @@ class ObjectFrames:
         return self._rig_by_headers(self.numbers[-1])
 
     def _rig_by_headers(self, number: int) -> Rig:
-        images = {sensor: paths[number] for sensor, paths in self.files.items() if sensor != LIDAR and number in paths}
-        sizes_wh = {sensor: first_size([path]) for sensor, path in images.items()}
+        images = {name: paths[number] for name, paths in self.files.items() if name != LIDAR and number in paths}
+        sizes_wh = {sensor: sensors.first_size([path]) for sensor, path in images.items()}
         return self.rig_at(number, {sensor: size for sensor, size in sizes_wh.items() if size is not None})
 
     def expected_size(self, sensor: str) -> tuple[int, int] | None:
@@ -107,25 +97,26 @@ class ObjectFrames:
     def rig_at(self, number: int, sizes_wh: Mapping[str, tuple[int, int]]) -> Rig:
         """Sensors at a frame whose images have these sizes [px]: all of the set, also those that it has no file of."""
         path, has_lidar = self._calibration_path(number), LIDAR in self.files
-        calibration = read_calibration(path, self._cameras, has_lidar)
+        calibration = sensors.read_calibration(path, self._cameras, has_lidar)
         sizes = {
-            camera: sizes_wh.get(camera_name(camera)) or self._size_without_image(number, P)
+            camera: sizes_wh.get(sensors.camera_name(camera)) or self._size_without_image(number, P)
             for camera, P in calibration.projections.items()
             if camera in self._cameras
         }
-        return rig_of(calibration, sizes, has_lidar)
+        return sensors.rig_of(calibration, sizes, has_lidar)
 
     @cached_property
     def _cameras(self) -> frozenset[int]:
         """Those with images, and the one that labels and results belong to."""
-        has_boxes = bool(self._label_files) or self.results is not None
-        names = {sensor for sensor in self.files if sensor != LIDAR} | ({CAMERA} if has_boxes else set())
+        names = set(self.files) - {LIDAR} | ({CAMERA} if self._label_files or self.results is not None else set())
         return frozenset(_CAMERAS[name] for name in names)
 
     def _size_without_image(self, number: int, P: Float64) -> tuple[int, int]:
         path = self._label_files.get(number)
         quiet = BadInput(skip=True)  # what is wrong with a row is told when the labels are read
-        return size_without_images(P, [] if path is None else frame_rows(path, object_label, quiet))[0]
+        return sensors.size_without_images(
+            P, [] if path is None else labels.frame_rows(path, labels.object_label, quiet)
+        )[0]
 
     def _calibration_path(self, number: int) -> Path:
         return self.folder / "calib" / f"{number:06d}.txt"
@@ -133,7 +124,7 @@ class ObjectFrames:
     def labels(self, number: int) -> Sequence[LabeledObject] | None:
         """Labeled objects of a frame; `None` without a file, which may be empty."""
         path = self._label_files.get(number)
-        return None if path is None else frame_rows(path, object_label, self._wish.bad)
+        return None if path is None else labels.frame_rows(path, labels.object_label, self._wish.bad)
 
     def pose(self, number: int, stamp_ns: int) -> Pose | None:
         """The body's pose at a frame: never known."""

@@ -1,102 +1,39 @@
 """KITTI's tracking benchmark: `label_02/0000.txt`, `calib/0000.txt`, `image_02/0000/000000.png`, ...
-
 `velodyne/0000/000000.bin`, `oxts/0000.txt`.
 
 A. Geiger, P. Lenz and R. Urtasun, "Are we ready for Autonomous Driving? The KITTI Vision Benchmark Suite", CVPR 2012.
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from fbench.datasets.importing.files import entries, find_numbered
-from fbench.datasets.kitti.labels import (
-    CAMERA,
-    MAX_FRAMES,
-    TRACKING_DIGITS,
-    Results,
-    SequenceRows,
-    sequence_results,
-    sequence_rows,
-    tracking_label,
-)
+from fbench.datasets.importing.files import entries, find_numbered, is_number
+from fbench.datasets.kitti import labels, sensors
+from fbench.datasets.kitti.labels import CAMERA, TRACKING_DIGITS, Results, SequenceRows
 from fbench.datasets.kitti.oxts import Fix, World, fix_of
-from fbench.datasets.kitti.sensors import (
-    LIDAR,
-    SENSORS,
-    Calibration,
-    bounded_lines,
-    camera_name,
-    first_size,
-    numbered_folders,
-    read_calibration,
-    rig_of,
-    size_without_images,
-)
+from fbench.datasets.kitti.sensors import LIDAR, SENSORS, Calibration
 from fbench.replay.contracts.errors import LimitError, LogError
-from fbench.replay.contracts.importing import BadInput, ImportWish, file_facts
+from fbench.replay.contracts.importing import ImportWish, file_facts
 from fbench.replay.data.messages import Pose
 from fbench.replay.data.rig import Rig
 from fbench.replay.formats.objects import LabeledObject
 from fbench.replay.formats.text import frame_number, lines
 
-
-class SequencePoses:
-    """Poses by frame; there are none without a file, or where the calibration doesn't tell where the IMU is."""
-
-    def __init__(self, path: Path, bad: BadInput) -> None:
-        self.path, self._bad = path, bad
-
-    @cached_property
-    def _fixes(self) -> Mapping[int, Fix]:
-        """Of all frames, as the first one is the origin of the world."""
-        return dict(self._read()) if self.path.is_file() else {}
-
-    def _read(self) -> Iterator[tuple[int, Fix]]:
-        for line in bounded_lines(self.path):
-            try:
-                yield line.number - 1, fix_of(" ".join(line.fields), line.where)
-            except LogError as error:
-                self._bad.report(error)
-
-    @cached_property
-    def _world(self) -> World | None:
-        first = next(iter(self._fixes.values()), None)
-        return None if first is None else World(first)
-
-    def pose(self, number: int, calibration: Calibration, stamp_ns: int) -> Pose | None:
-        """The body's pose at a frame, where it is known."""
-        if self._world is None or number not in self._fixes:
-            return None
-        return self._world.body_pose(self._fixes[number], calibration, stamp_ns, number)
-
-    def metadata(self, calibration: Calibration) -> Mapping[str, str]:
-        """Where the origin of the world is."""
-        return {} if self._world is None or calibration.body_T_imu is None else self._world.metadata()
-
-    def notes(self, calibration: Calibration, num_frames: int) -> Iterator[str]:
-        """Lines for the summary."""
-        if not self._fixes:
-            yield "poses: none"
-        elif calibration.body_T_imu is None:
-            yield "poses: left out, as the calibration doesn't tell where the IMU is"
-        else:
-            last = max(self._fixes) + 1
-            odd = "" if last == num_frames else f", though the sequence has {num_frames} frames"
-            yield f"poses: of frames 0 to {last - 1}{odd}"
-
-
 LABELS = "label_02"
 PERIOD_NS = 100_000_000
 _FRAME_DIGITS = 6
-_CAMERAS = {camera_name(number): number for number in (2, 3)}
+_CAMERAS = {sensors.camera_name(number): number for number in (2, 3)}
 
 
 def sequences(folder: Path) -> list[str]:
     """Names of the sequences that have labels or files of sensors, sorted; empty where there are none."""
     named = {path.stem for path in find_numbered(folder / LABELS, (".txt",), TRACKING_DIGITS).values()}
-    return sorted(named.union(*(numbered_folders(folder / sensor, TRACKING_DIGITS) for sensor in SENSORS)))
+    for sensor in SENSORS:
+        inner = entries(folder / sensor)
+        named.update(path.name for path in inner if is_number(path.name, TRACKING_DIGITS) and path.is_dir())
+    return sorted(named)
 
 
 class TrackingFrames:
@@ -108,7 +45,9 @@ class TrackingFrames:
     def __init__(self, name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> None:
         self.name, self.folder, self._sequence, self._wish = name, folder, sequence, wish
         self._detections = detections
-        self._poses = SequencePoses(folder / "oxts" / f"{sequence}.txt", wish.bad)
+        self._label_path, self._calibration_path, self._poses_path = (
+            folder / kind / f"{sequence}.txt" for kind in (LABELS, "calib", "oxts")
+        )
 
     @cached_property
     def files(self) -> Mapping[str, Mapping[int, Path]]:
@@ -128,14 +67,14 @@ class TrackingFrames:
 
     @cached_property
     def numbers(self) -> Sequence[int]:
-        """Up to the last frame of any file; without files up to the length in the list of sequences; in any case up to
-        the last frame with a label.
-        """
+        """Up to the last frame of any file, without files by the list of sequences; at least to the last label."""
         num = self._num_frames
         if num == 0:
             raise LogError(f"{self.folder}: sequence {self._sequence} has no frame")
-        if num > MAX_FRAMES:
-            raise LimitError(f"{self.folder}: sequence {self._sequence} has {num} frames, more than {MAX_FRAMES}")
+        if num > labels.MAX_FRAMES:
+            raise LimitError(
+                f"{self.folder}: sequence {self._sequence} has {num} frames, more than {labels.MAX_FRAMES}"
+            )
         return [number for number in range(num) if number in self._wish.frames]
 
     @cached_property
@@ -149,26 +88,37 @@ class TrackingFrames:
 
     @cached_property
     def _rows(self) -> SequenceRows | None:
-        path = self._label_path
-        return sequence_rows(path, tracking_label, self._wish.frames, self._wish.bad) if os.path.lexists(path) else None
+        path, wish = self._label_path, self._wish
+        if not os.path.lexists(path):
+            return None
+        return labels.sequence_rows(path, labels.tracking_label, wish.frames, wish.bad)
 
-    @property
-    def _label_path(self) -> Path:
-        return self.folder / LABELS / f"{self._sequence}.txt"
+    @cached_property
+    def _fixes(self) -> Mapping[int, Fix]:
+        """Where the IMU was in all frames, as the first one is the origin of the world; none without a file."""
+        found = {}
+        for line in sensors.bounded_lines(self._poses_path) if self._poses_path.is_file() else ():
+            try:
+                found[line.number - 1] = fix_of(" ".join(line.fields), line.where)
+            except LogError as error:
+                self._wish.bad.report(error)
+        return found
+
+    @cached_property
+    def _world(self) -> World | None:
+        """`None` without poses, or where the calibration doesn't tell where the IMU is."""
+        first = next(iter(self._fixes.values()), None)
+        return None if first is None or self._calibration.body_T_imu is None else World(first)
 
     @cached_property
     def results(self) -> Results | None:
         """Another system's results; rows behind the last frame are those of another sequence."""
         if self._detections is None:
             return None
-        found = sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
+        found = labels.sequence_results(self._detections, self._sequence, self._wish.frames, self._wish.bad)
         if found is not None and found.num_frames > self._num_frames:
-            self._wish.bad.report(
-                LogError(
-                    f"{found.files[0]}: has frame {found.num_frames - 1}, but sequence {self._sequence} has "
-                    f"{self._num_frames} frames; are the results of another one?"
-                )
-            )
+            there = f"sequence {self._sequence} has {self._num_frames} frames; are the results of another one?"
+            self._wish.bad.report(LogError(f"{found.files[0]}: has frame {found.num_frames - 1}, but {there}"))
         return found
 
     @cached_property
@@ -176,11 +126,7 @@ class TrackingFrames:
         cameras = {_CAMERAS[sensor] for sensor in self._all_files if sensor != LIDAR}
         if self._has_boxes:
             cameras.add(_CAMERAS[CAMERA])
-        return read_calibration(self._calibration_path, cameras, LIDAR in self._all_files)
-
-    @property
-    def _calibration_path(self) -> Path:
-        return self.folder / "calib" / f"{self._sequence}.txt"
+        return sensors.read_calibration(self._calibration_path, cameras, LIDAR in self._all_files)
 
     @property
     def _has_boxes(self) -> bool:
@@ -190,7 +136,7 @@ class TrackingFrames:
     def rig(self) -> Rig:
         """Sensors at the first frame."""
         sizes_wh = {_CAMERAS[sensor]: self._sizes[sensor][0] for sensor in self._sizes}
-        return rig_of(self._calibration, sizes_wh, LIDAR in self._all_files)
+        return sensors.rig_of(self._calibration, sizes_wh, LIDAR in self._all_files)
 
     @cached_property
     def _sizes(self) -> Mapping[str, tuple[tuple[int, int], str]]:
@@ -199,9 +145,9 @@ class TrackingFrames:
         sizes = {}
         for sensor, number in _CAMERAS.items():
             if sensor in self._all_files or (sensor == CAMERA and self._has_boxes):
-                size_wh = first_size(self._all_files.get(sensor, {}).values())
+                size_wh = sensors.first_size(self._all_files.get(sensor, {}).values())
                 P = self._calibration.projections[number]
-                sizes[sensor] = size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
+                sizes[sensor] = sensors.size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
         return sizes
 
     def expected_size(self, sensor: str) -> tuple[int, int] | None:
@@ -218,13 +164,15 @@ class TrackingFrames:
 
     def pose(self, number: int, stamp_ns: int) -> Pose | None:
         """The body's pose at a frame, where it is known."""
-        return self._poses.pose(number, self._calibration, stamp_ns)
+        if self._world is None or number not in self._fixes:
+            return None
+        return self._world.body_pose(self._fixes[number], self._calibration, stamp_ns, number)
 
     @property
     def facts(self) -> Sequence[str]:
         """What tells these files from others."""
         paths = [path for of_sensor in self.files.values() for path in of_sensor.values()]
-        texts = (self._label_path, self._calibration_path, self._poses.path)
+        texts = (self._label_path, self._calibration_path, self._poses_path)
         return [self._sequence, str(self._num_frames), *file_facts(self.folder, [*texts, *paths])]
 
     @property
@@ -235,7 +183,7 @@ class TrackingFrames:
             "stamps": "made up: frame N at N + 1 times 0.1 s; the benchmark has none, KITTI recorded at 10 Hz",
             "truth.truncation": "0 not, 1 partly, 2 largely truncated",
             **{f"{sensor}.size": how for sensor, (_, how) in self._sizes.items()},
-            **self._poses.metadata(self._calibration),
+            **({} if self._world is None else self._world.metadata()),
         }
         return about | ({} if self.results is None else {"detections": self.results.files[0].name})
 
@@ -248,7 +196,14 @@ class TrackingFrames:
             notes.append(f"labels go on behind the last file: frames {self._num_by_files} to {labeled - 1}")
         if self._detections is not None and self.results is None:
             notes.append(f"detections: none, {self._detections.name} has no {self._sequence}.txt")
-        notes += self._poses.notes(self._calibration, self._num_frames)
+        if not self._fixes:
+            notes.append("poses: none")
+        elif self._world is None:
+            notes.append("poses: left out, as the calibration doesn't tell where the IMU is")
+        else:
+            last, num = max(self._fixes) + 1, self._num_frames
+            odd = "" if last == num else f", though the sequence has {num} frames"
+            notes.append(f"poses: of frames 0 to {last - 1}{odd}")
         return [*notes, "stamps: made up at 10 Hz, the benchmark has none"]
 
 

@@ -109,8 +109,8 @@ def camera_model(
     return CameraModel(K, size_wh, name, np.array(distortion, np.float64))
 
 
-def known_model(where: str, model: str) -> str:
-    """Return a distortion model that fbench has. Raises ConfigError naming the one that it hasn't."""
+def require_model(where: str, model: str) -> str:
+    """Return a distortion model. Raises ConfigError naming one that fbench hasn't."""
     if MODELS.get(model, model) not in _COEFFICIENTS:
         known = ", ".join(name for name in _COEFFICIENTS if name)
         raise ConfigError(f"{where}: '{model}' isn't supported; there are: {known}", INVALID)

@@ -1,6 +1,5 @@
-"""Camchains of Kalibr (YAML), read by its own names.
-
-`T_cn_cnm1` moves points from the camera before to this one, `T_cam_imu` from the IMU to this camera.
+"""Camchains of Kalibr (YAML), read by its own names: `T_cn_cnm1` moves points from the camera before to this one,
+`T_cam_imu` from the IMU to this camera.
 """
 
 from collections.abc import Mapping
@@ -11,17 +10,8 @@ import numpy as np
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.calibration_values import (
-    INVALID,
-    MALFORMED,
-    camera_model,
-    format_value,
-    known_model,
-    matrix,
-    natural,
-    numbers,
-    rigid,
-)
+from fbench.replay.formats import calibration_values as values
+from fbench.replay.formats.calibration_values import INVALID, MALFORMED
 from fbench.replay.geometry.transforms import inverse, pose_matrix
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.rig_patch import RigPatch
@@ -46,10 +36,13 @@ def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
         chained = _transform(where, camera, "T_cn_cnm1") if num else None
         by_imu = _transform(where, camera, "T_cam_imu")
         if by_imu is not None:
-            _require_agreement(where, chained, before, by_imu)
-            edges[name] = Edge(IMU, *rigid(where, inverse(by_imu)))
+            apart = 0.0 if chained is None or before is None else float(np.abs(chained @ before - by_imu).max())
+            if not apart <= _MAX_DIFFERENCE:
+                ways = f"'T_cn_cnm1' and 'T_cam_imu' lead to poses that differ by {apart:.3g}"
+                raise ConfigError(f"{where}: {ways}; remove one", INVALID)
+            edges[name] = Edge(IMU, *values.rigid(where, inverse(by_imu)))
         elif chained is not None:
-            edges[name] = Edge(f"cam{num - 1}", *rigid(where, inverse(chained)))
+            edges[name] = Edge(f"cam{num - 1}", *values.rigid(where, inverse(chained)))
         elif num:
             raise ConfigError(f"{where}: no 'T_cn_cnm1' and no 'T_cam_imu', so it isn't linked", MALFORMED)
         before = by_imu
@@ -72,17 +65,17 @@ def _intrinsics(where: str, camera: Mapping[str, object]) -> CameraModel:
     projection = _text(where, camera, "camera_model")
     if projection != "pinhole":
         raise ConfigError(f"{where}.camera_model: '{projection}' isn't supported; there is: pinhole", INVALID)
-    fu, fv, pu, pv = numbers(f"{where}.intrinsics", _value(where, camera, "intrinsics"), 4)
+    fu, fv, pu, pv = values.numbers(f"{where}.intrinsics", _value(where, camera, "intrinsics"), 4)
     size = _value(where, camera, "resolution")
     if not isinstance(size, list) or len(size) != 2:
-        raise ConfigError(f"{where}.resolution: expected width and height, got {format_value(size)}", MALFORMED)
-    width, height = (natural(f"{where}.resolution[{i}]", value) for i, value in enumerate(size))
-    model = known_model(f"{where}.distortion_model", _text(where, camera, "distortion_model"))
-    distortion = numbers(f"{where}.distortion_coeffs", camera.get("distortion_coeffs", []))
+        raise ConfigError(f"{where}.resolution: expected width and height, got {values.format_value(size)}", MALFORMED)
+    width, height = (values.natural(f"{where}.resolution[{i}]", value) for i, value in enumerate(size))
+    model = values.require_model(f"{where}.distortion_model", _text(where, camera, "distortion_model"))
+    distortion = values.numbers(f"{where}.distortion_coeffs", camera.get("distortion_coeffs", []))
     if model != "none" and len(distortion) != 4:
         raise ConfigError(f"{where}.distortion_coeffs: expected 4 numbers, got {len(distortion)}", MALFORMED)
     K = np.array([[fu, 0, pu], [0, fv, pv], [0, 0, 1]], np.float64)
-    return camera_model(f"{where}.intrinsics", K, (width, height), model, [] if model == "none" else distortion)
+    return values.camera_model(f"{where}.intrinsics", K, (width, height), model, [] if model == "none" else distortion)
 
 
 def _transform(where: str, camera: Mapping[str, object], key: str) -> Float64 | None:
@@ -90,17 +83,7 @@ def _transform(where: str, camera: Mapping[str, object], key: str) -> Float64 | 
     if key not in camera:
         return None
     place = f"{where}.{key}"
-    return pose_matrix(*rigid(place, matrix(place, camera[key], (4, 4))))
-
-
-def _require_agreement(where: str, chained: Float64 | None, before: Float64 | None, by_imu: Float64) -> None:
-    if chained is None or before is None:
-        return
-    apart = float(np.abs(chained @ before - by_imu).max())
-    if not apart <= _MAX_DIFFERENCE:
-        raise ConfigError(
-            f"{where}: 'T_cn_cnm1' and 'T_cam_imu' lead to poses that differ by {apart:.3g}; remove one", INVALID
-        )
+    return pose_matrix(*values.rigid(place, values.matrix(place, camera[key], (4, 4))))
 
 
 def _value(where: str, camera: Mapping[str, object], key: str) -> object:
@@ -112,5 +95,5 @@ def _value(where: str, camera: Mapping[str, object], key: str) -> object:
 def _text(where: str, camera: Mapping[str, object], key: str) -> str:
     value = _value(where, camera, key)
     if not isinstance(value, str):
-        raise ConfigError(f"{where}.{key}: expected a text, got {format_value(value)}", MALFORMED)
+        raise ConfigError(f"{where}.{key}: expected a text, got {values.format_value(value)}", MALFORMED)
     return value

@@ -14,19 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.calibration_values import (
-    INVALID,
-    MALFORMED,
-    camera_model,
-    format_value,
-    known_model,
-    matrix,
-    natural,
-    numbers,
-    require_tree,
-    rigid,
-    unit_quaternion,
-)
+from fbench.replay.formats import calibration_values as values
+from fbench.replay.formats.calibration_values import INVALID, MALFORMED, format_value
 from fbench.replay.formats.documents import TomlError, YamlFileError, parse_toml, parse_yaml
 from fbench.replay.formats.kalibr import read_kalibr
 from fbench.replay.formats.urdf import read_urdf
@@ -89,11 +78,11 @@ def read_rig_toml(path: Path, content: bytes) -> RigPatch:
     twice = sorted(file.sensors.keys() & file.frames.keys())
     if twice:
         raise ConfigError(f"{path}: '{twice[0]}' is in [sensors] and in [frames]; remove one", MALFORMED)
-    edges = {name: _edge(f"{path}: sensors.{name}", table) for name, table in file.sensors.items()}
-    edges |= {name: _edge(f"{path}: frames.{name}", table) for name, table in file.frames.items()}
+    groups = (("sensors", file.sensors), ("frames", file.frames))
+    edges = {name: _edge(f"{path}: {group}.{name}", table) for group, own in groups for name, table in own.items()}
     if BODY in edges:
         raise ConfigError(f"{path}: '{BODY}' is the root, and has no pose", INVALID)
-    require_tree(str(path), edges)
+    values.require_tree(str(path), edges)
     return RigPatch(edges, {name: _camera(f"{path}: cameras.{name}", t) for name, t in file.cameras.items()})
 
 
@@ -117,11 +106,11 @@ def _edge(where: str, table: PoseTable) -> Edge:
         if table.translation_m is not None:
             raise ConfigError(f"{where}: a matrix holds the translation, so translation_m is one too many", MALFORMED)
         place = f"{where}.matrix"
-        return Edge(table.parent, *rigid(place, matrix(place, table.matrix, (4, 4), (3, 4))))
+        return Edge(table.parent, *values.rigid(place, values.matrix(place, table.matrix, (4, 4), (3, 4))))
     if table.translation_m is None:
         raise ConfigError(f"{where}: no translation_m", MALFORMED)
     if table.rotation_xyzw is not None:
-        rotation = unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
+        rotation = values.unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
     else:
         angles: Any = table.yaw_pitch_roll_deg
         rotation = np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_quat(), np.float64)
@@ -134,27 +123,24 @@ def _camera(where: str, table: CameraTable) -> CameraModel:
         got = [*(["K"] if table.K is not None else []), *given]
         raise ConfigError(f"{where}: expected K, or fx, fy, cx and cy; got {', '.join(got) or 'none'}", MALFORMED)
     if table.K is not None:
-        K = matrix(f"{where}.K", table.K, (3, 3))
+        K = values.matrix(f"{where}.K", table.K, (3, 3))
     else:
         fx, fy, cx, cy = (getattr(table, name) for name in _PINHOLE)
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
     width, height = table.size_wh
-    return camera_model(where, K, (width, height), table.distortion_model, table.distortion)
+    return values.camera_model(where, K, (width, height), table.distortion_model, table.distortion)
 
 
 def read_camera_info(path: Path, tree: Mapping[str, object]) -> RigPatch:
-    """Return the camera of a file, under its `camera_name`, else under the name of the file. Raises ConfigError naming
-    the key that is wrong.
-    """
-    for key in ("image_width", "image_height"):
-        if key not in tree:
-            raise ConfigError(f"{path}: no '{key}'", MALFORMED)
-    width, height = (natural(f"{path}: {key}", tree[key]) for key in ("image_width", "image_height"))
+    """Return the camera of a file, under its `camera_name`, else the file's name. ConfigError names the wrong key."""
+    if missing := [key for key in ("image_width", "image_height") if key not in tree]:
+        raise ConfigError(f"{path}: no '{missing[0]}'", MALFORMED)
+    width, height = (values.natural(f"{path}: {key}", tree[key]) for key in ("image_width", "image_height"))
     K = np.array(_data(path, tree, "camera_matrix", 3, 3)).reshape(3, 3)
     distortion = _data(path, tree, "distortion_coefficients", 1) if "distortion_coefficients" in tree else []
-    model = known_model(f"{path}: distortion_model", _text(path, tree, "distortion_model", "plumb_bob"))
+    model = values.require_model(f"{path}: distortion_model", _text(path, tree, "distortion_model", "plumb_bob"))
     name = _text(path, tree, "camera_name", path.stem) or path.stem
-    return RigPatch(cameras={name: camera_model(f"{path}: {name}", K, (width, height), model, distortion)})
+    return RigPatch(cameras={name: values.camera_model(f"{path}: {name}", K, (width, height), model, distortion)})
 
 
 def _text(path: Path, tree: Mapping[str, object], key: str, default: str) -> str:
@@ -169,12 +155,13 @@ def _data(path: Path, tree: Mapping[str, object], key: str, rows: int, cols: int
     value = tree.get(key)
     if not isinstance(value, Mapping) or "data" not in value:
         raise ConfigError(f"{path}: no '{key}' with rows, cols and data", MALFORMED)
-    found = tuple(natural(f"{path}: {key}.{n}", value[n]) for n in ("rows", "cols") if n in value and value[n] != "0")
-    data = numbers(f"{path}: {key}.data", value["data"], None if cols is None else rows * cols)
+    found = tuple(
+        values.natural(f"{path}: {key}.{n}", value[n]) for n in ("rows", "cols") if n in value and value[n] != "0"
+    )
+    data = values.numbers(f"{path}: {key}.data", value["data"], None if cols is None else rows * cols)
     if len(found) == 2 and found != (rows, len(data) // rows):
-        raise ConfigError(
-            f"{path}: {key}: expected {rows}x{len(data) // rows}, got {found[0]}x{found[1]} (rows x cols)", MALFORMED
-        )
+        shapes = f"expected {rows}x{len(data) // rows}, got {found[0]}x{found[1]} (rows x cols)"
+        raise ConfigError(f"{path}: {key}: {shapes}", MALFORMED)
     return data
 
 
@@ -188,23 +175,6 @@ def open_rig_file(path: Path) -> RigPatch:
     """Read calibration; the form is told by the content: our TOML, URDF, Kalibr camchain, or ROS camera_info YAML.
     Raises ConfigError naming the file, and the key that is wrong.
     """
-    content = _content(path)
-    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if path.suffix.lower() == ".xacro" or start.startswith(b"<"):
-        patch = read_urdf(path, content)
-    elif len(content) > MAX_TEXT:
-        raise _too_large(path, MAX_TEXT)
-    elif _is_toml(path, start):
-        patch = read_rig_toml(path, content)
-    else:
-        patch = _yaml(path, content)
-    return RigPatch(
-        patch.edges, patch.cameras, patch.topics,
-        {name: str(path) for name in [*patch.edges, *patch.cameras, *patch.topics, *patch.moving]}, patch.moving,
-    )  # fmt: skip
-
-
-def _content(path: Path) -> bytes:
     if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
         raise ConfigError(f"{path}: not a regular file; name the file with the calibration")
     try:
@@ -212,13 +182,18 @@ def _content(path: Path) -> bytes:
             content = file.read(MAX_XML + 1)
     except OSError as error:
         raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
-    if len(content) > MAX_XML:
-        raise _too_large(path, MAX_XML)
-    return content
-
-
-def _too_large(path: Path, limit: int) -> ConfigError:
-    return ConfigError(f"{path}: has more than {limit} bytes, too large for a calibration", MALFORMED)
+    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
+    is_xml = path.suffix.lower() == ".xacro" or start.startswith(b"<")
+    if len(content) > (limit := MAX_XML if is_xml or len(content) > MAX_XML else MAX_TEXT):
+        raise ConfigError(f"{path}: has more than {limit} bytes, too large for a calibration", MALFORMED)
+    if is_xml:
+        patch = read_urdf(path, content)
+    elif _is_toml(path, start):
+        patch = read_rig_toml(path, content)
+    else:
+        patch = _yaml(path, content)
+    origins = dict.fromkeys([*patch.edges, *patch.cameras, *patch.topics, *patch.moving], str(path))
+    return RigPatch(patch.edges, patch.cameras, patch.topics, origins, patch.moving)
 
 
 def _is_toml(path: Path, start: bytes) -> bool:
