@@ -50,10 +50,9 @@ def camera_name(number: int) -> str:
 
 
 def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], has_lidar: bool) -> Rig:
-    """Return the sensors: the rectified cameras whose sizes [px] are given, and the LiDAR where there is one.
-
-    P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4). Raises KeyError for a camera
-    without P. Raises ValueError where `has_lidar` and the calibration doesn't tell where it is.
+    """Return the sensors: the rectified cameras whose sizes [px] are given, and the LiDAR where there is one, else
+    ValueError. P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4); a camera needs
+    one (KeyError).
     """
     mounts, cameras = {}, {}
     for number, size_wh in sorted(sizes_wh.items()):

@@ -70,14 +70,9 @@ class Submission:
 
 
 def open_submission(path: Path, like: Submission | None = None) -> Submission:
-    """Open a submission.
-
-    Args:
-        path: A JSON file; what tells samples, `sample.json` or `samples.csv`, lies beside it, or beside `like`.
-        like: The truth that it belongs to.
-
-    Raises:
-        LogError: where it isn't one, nobody knows a token, or some samples have a scene and others none.
+    """Open a submission; what tells samples, `sample.json` or `samples.csv`, lies beside it, or beside `like`, the
+    truth that it belongs to. Raises LogError where it isn't one, nobody knows a token, or some samples have a scene and
+    others none.
     """
     content = read_json(path)
     results = member(content, "results", str(path))

@@ -23,17 +23,10 @@ _MAX_INSPECTED = 20
 
 
 def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
-    """Open a file or folder of boxes; nothing is read yet but what tells names.
-
-    Args:
-        path: File or folder.
-        form: One of `FORMS`; `None`: names and content tell.
-        is_truth: Whether it is truth, in which some forms write other things than in results.
-        like: The truth, where these are results: what can't be told is as there.
-
-    Raises:
-        ConfigError: where there is no such file or form.
-        LogError: where the form can't be told.
+    """Open a file or folder of boxes; nothing is read yet but what tells names. `form` is one of `FORMS`; `None`: names
+    and content tell. Some forms write other things in truth than in results. `like` is the truth, where these are
+    results: what can't be told is as there. Raises ConfigError where there is no such file or form, LogError where the
+    form can't be told.
     """
     _require_usable(path, form)
     if form in (None, "log") and (logs := logs_in(path)):
@@ -129,9 +122,7 @@ _KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_t
 
 
 def _read_seqmap(path: Path) -> dict[str, int | None]:
-    """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's. Raises
-    ConfigError where there is no such file. Raises LogError where a row is neither, or a sequence is listed twice.
-    """
+    """Frames of each listed sequence; `None` where the list has names only, as MOTChallenge's."""
     if not path.is_file():
         raise ConfigError(f"--seqmap {path}: no such file")
     found: dict[str, int | None] = {}
@@ -173,8 +164,7 @@ class Pair:
 
 def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair], list[str]]:
     """Match sequences by their names, and say what there is about the rest; two files that are one sequence each belong
-    together whatever their names are. Raises ConfigError where an unknown sequence is asked for. Raises MetricError
-    where no sequence has truth (GT001), or one has no results and that is no miss.
+    together whatever their names are. A sequence without results is refused unless that counts as misses.
     """
     lengths = {} if choice.seqmap is None else _read_seqmap(choice.seqmap)
     are_single = truth.is_single and estimates.is_single and not lengths
@@ -217,14 +207,9 @@ class FilePair:
     """Counts what is odd about the results, as sequences are read."""
 
     def sequences(self, space: Space = "both") -> Iterator[Sequence]:
-        """Read sequences in the order of the truth; one is held at a time.
-
-        Args:
-            space: Where boxes are compared: those without size elsewhere are no fault.
-
-        Raises:
-            LogError: naming file, row and column of what can't be read.
-            MetricError: where truth and results don't fit together.
+        """Read sequences in the order of the truth; one is held at a time. Boxes without size elsewhere than in
+        `space`, where they are compared, are no fault. Raises LogError naming file, row and column of what can't be
+        read, MetricError where truth and results don't fit together.
         """
         for pair in self.pairs:
             truth = self.truth.read(pair.truth)
@@ -245,19 +230,9 @@ def open_files(
     truth_form: str | None = None,
     estimates_form: str | None = None,
 ) -> FilePair:
-    """Open truth and results, each a file or folder.
-
-    Args:
-        truth: Where the truth is.
-        estimates: Where the results are.
-        choice: What of them is scored.
-        truth_form: One of `FORMS`; `None`: names and content tell.
-        estimates_form: As `truth_form`.
-
-    Raises:
-        ConfigError: where there is no such file, form or sequence.
-        LogError: where a form can't be told.
-        MetricError: where no sequence has truth, or one has no results.
+    """Open truth and results, each a file or folder. Forms are of `FORMS`; `None`: names and content tell. Raises
+    ConfigError where there is no such file, form or sequence, LogError where a form can't be told, MetricError where no
+    sequence has truth, or one has no results.
     """
     true = open_source(truth, truth_form, is_truth=True)
     own = open_source(estimates, estimates_form, is_truth=False, like=true)

@@ -77,9 +77,7 @@ class Where:
 
 def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
     """Return objects in the order of their steps, those of one step as they came, and the order (N,) in which they are.
-
-    Args:
-        columns: Fields of `Objects` by name; unsorted; `None` and absent ones are unknown.
+    Columns are fields of `Objects`, unsorted; `None` and absent ones are unknown.
     """
     if not len(columns["step"]):
         return nothing(), np.zeros(0, np.int64)
@@ -96,12 +94,9 @@ def nothing() -> Objects:
 
 
 def find_unreal(objects: Objects, space: Space = "both") -> Bool:
-    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space.
-
-    Args:
-        objects: N boxes, with rectangles, solids or both.
-        space: Where boxes are compared: a rectangle without size is no matter in space (`3d`), nor a solid without size
-            in images (`2d`). Nothing may be infinite anywhere.
+    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space. A
+    rectangle without size is no matter where boxes are compared in space (`3d`), nor a solid without size in images
+    (`2d`). Nothing may be infinite anywhere.
     """
     bad, anywhere = ~np.isfinite(objects.score), np.zeros(len(objects), bool)
     if objects.xyxy_px is not None:
@@ -129,19 +124,10 @@ def _there(numbers: Array) -> Bool:
 def join(
     truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog, space: Space = "both"
 ) -> Sequence:
-    """Return one sequence of both sides.
-
-    Args:
-        truth: All of it; what isn't finite or has no size is left out, and counted as GT004.
-        estimates: All of them; what isn't finite stays, and is counted as PRD001.
-        num_frames: As told from outside; else as the sides say, else up to the last box of either.
-        where: For errors.
-        faults: Gets the counts.
-        space: Where boxes are compared, see `find_unreal`.
-
-    Raises:
-        ConfigError: where frames, or coordinates, are of different kinds.
-        MetricError: where a box is beyond the end, or one id twice in a frame for one class (GT003).
+    """Return one sequence of both sides, compared in `space`, see `find_unreal`. It has `num_frames`; else as many as
+    the sides say, else up to the last box of either. Truth that isn't finite or has no size is left out, and counted as
+    GT004; such estimates stay, and are counted as PRD001. Raises ConfigError where frames, or coordinates, are of
+    different kinds, MetricError where a box is beyond the end, or one id twice in a frame for one class (GT003).
     """
     if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
         one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
@@ -228,9 +214,8 @@ def find_missing_entries(truth: Side, estimates: Side, sequence: str) -> InputWa
 
 
 def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -> tuple[Steps, Objects, Objects]:
-    """Steps and the objects of both sides, split by camera where there are several and boxes are in images.
-
-    Where both sides have solids, these are what is scored, and cameras don't matter: rectangles are left out.
+    """Steps and objects by camera where there are several and boxes are in images. Where both sides have solids, these
+    are what is scored, and cameras don't matter: rectangles are left out.
     """
     cameras: Text = np.unique(np.concatenate([truth.camera, estimates.camera]))
     cameras = cameras[cameras != ""]

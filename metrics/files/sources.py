@@ -50,9 +50,7 @@ def open_texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool,
 
 
 def open_images(path: Path, files: Mapping[str, Path]) -> Source:
-    """Open the files of KITTI's object benchmark: one sequence of images that have nothing to do with each other.
-    Raises LogError where one isn't named by a number.
-    """
+    """Open files of KITTI's object benchmark: one sequence of unrelated images. LogError if not named by a number."""
     numbers = {frame_number(name, str(file)): file for name, file in files.items()}
     keys = np.array(sorted(numbers), np.int64)
 
@@ -63,9 +61,7 @@ def open_images(path: Path, files: Mapping[str, Path]) -> Source:
 
 
 def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
-    """Open tables: a file a sequence, or a file whose column `sequence` tells them apart. Raises LogError where one
-    can't be read, or two have one sequence.
-    """
+    """Open tables: a file a sequence, or by a column `sequence`. Raises LogError where two have one sequence."""
     found: dict[str, tuple[Table, str]] = {}
     for stem, file in files.items():
         table = open_table(file)
@@ -83,9 +79,7 @@ def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
 
 
 def open_submissions(path: Path, like: Source | None) -> Source:
-    """Open a submission, whose samples those of the truth, `like`, may tell. Its sequences are scenes; where no scene
-    is known there is one, called as the file.
-    """
+    """Open a submission; the truth, `like`, may tell its samples. Sequences are scenes; without any one as the file."""
     submission = open_submission(path, None if like is None else like.submission())
     names, is_single = tuple(scene or path.stem for scene in submission.tokens), list(submission.tokens) == [""]
 

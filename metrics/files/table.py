@@ -35,9 +35,7 @@ class Table:
     cameras: tuple[str, ...]
 
     def read(self, sequence: str = "") -> Side:
-        """Return the boxes of one sequence; those of all where the file has no column for it. Raises LogError naming
-        file, row and column of what can't be read.
-        """
+        """Return the boxes of one sequence, or of a whole file without a column for it. LogError names row, column."""
         parts = [self._part(values) for values in self._rows(sequence)]
         if not parts:
             return Side(nothing(), has_stamps=not self.key.is_frame)
@@ -60,9 +58,7 @@ class Table:
 
     @cached_property
     def _small(self) -> dict[str, pa.Table] | None:
-        """Rows by sequence, where the table is so small that it is read once; `None` where each sequence is looked for
-        in all of it.
-        """
+        """Rows by sequence of a table so small that it is read once; `None`: each sequence is read from all of it."""
         parts: dict[str, list[pa.Table]] = {}
         num = 0
         for batch in self.file.batches():
@@ -122,9 +118,7 @@ class Table:
 
 
 def open_table(path: Path) -> Table:
-    """Open a table and find its sequences and cameras. Raises ConfigError where it is a table of a run folder. Raises
-    LogError where it isn't a table of boxes.
-    """
+    """Open a table and find its sequences and cameras. ConfigError for one of a run folder, LogError if of no boxes."""
     file = open_table_file(path)
     if is_run_table(file):
         raise ConfigError(f"{path}: a table of a run folder; score the folder: fbench score {path.parent}")

@@ -26,9 +26,7 @@ _CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
 def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
-    """Return the detection of a row of AB3DMOT's, its 3D box as in `parse_object_row`; it has no id. Raises LogError
-    where a column is missing or isn't a number.
-    """
+    """Return the detection of a row, as `parse_object_row`; it has no id. LogError names a missing or wrong column."""
     if len(line.fields) != AB3DMOT_COLUMNS:
         names = ", ".join(("frame", "class", *_NAMES))
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
@@ -38,9 +36,7 @@ def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
 
 
 def read_ab3dmot_columns(path: Path) -> Columns:
-    """Read detections of one sequence as AB3DMOT takes them; steps are frames. Raises LogError naming file, row and
-    column of what can't be read.
-    """
+    """Read detections of one sequence; steps are frames. LogError names row and column of what can't be read."""
     try:
         plain = read_plain(path, ",")
         if plain is None:
@@ -57,8 +53,7 @@ def read_ab3dmot_columns(path: Path) -> Columns:
 
 
 def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read detections of one sequence as AB3DMOT takes them: comma-separated, a row a box, coordinates those of KITTI.
-    Raises ConfigError where the camera isn't known, or the folder has several sequences. Raises LogError where a row
-    can't be read.
+    """Read detections of one sequence: comma-separated, a row a box, coordinates those of KITTI. Raises as
+    `open_sequence`.
     """
     return open_sequence(source, coordinates, ",", parse_ab3dmot_row)

@@ -92,9 +92,7 @@ def unit_quaternion(where: str, xyzw: Sequence[float]) -> Float64:
 def camera_model(
     where: str, K: Float64, size_wh: tuple[int, int], model: str, distortion: Sequence[float]
 ) -> CameraModel:
-    """Return intrinsics; what fbench calls otherwise gets its name. Raises ConfigError where K has another form, or the
-    model another number of coefficients.
-    """
+    """Return intrinsics with fbench's name of the model. ConfigError: K of another form, a wrong coefficient count."""
     if not K.any():
         raise ConfigError(f"{where}: the camera isn't calibrated (K is zero)", INVALID)
     if not (K[0, 0] > 0 and K[1, 1] > 0):

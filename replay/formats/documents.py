@@ -113,9 +113,7 @@ class TomlError(Exception):
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return the tables of a file of UTF-8, with or without a byte order mark. Raises TomlError where it isn't TOML, or
-    written to exhaust whoever parses it.
-    """
+    """Return the tables of a UTF-8 file. Raises TomlError where it isn't TOML, or exhausts whoever parses it."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -153,8 +151,8 @@ def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
 
 
 def parse_yaml(content: bytes) -> object:
-    """Parse without interpreting: every value is text, so that no tag, date or number can do harm. Raises YamlFileError
-    where it is damaged, nested too deeply, or has aliases or one key twice.
+    """Parse without interpreting: values are dicts, lists and texts, so that no tag, date or number can do harm. Raises
+    YamlFileError where it is damaged, nested too deeply, or has aliases or one key twice.
     """
     try:
         text = content.decode("utf-8-sig")

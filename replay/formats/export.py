@@ -96,8 +96,8 @@ _Add = Callable[[str, BoxSequence, ExportRequest, LeftOut], Iterator[int]]
 def _add_texts(
     folder: Path, is_only: bool, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut
 ) -> Iterator[int]:
-    """Write files of rows: of KITTI `NAME.txt`, or one for each frame, without a folder where it is the only sequence;
-    of MOTChallenge `NAME.txt`, or of truth `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
+    """Write rows: of KITTI `NAME.txt`, or one a frame, in no folder of its own where it is the only sequence; of
+    MOTChallenge `NAME.txt`, or of truth `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
     """
     if request.format == "kitti":
         for number, rows in kitti_rows(sequence, request, left):
@@ -172,9 +172,9 @@ class Export:
 
 
 def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:
-    """Export sources one after the other; the files appear when all of them are done. Raises ConfigError where files
-    can't or mustn't be written, or a source isn't there. Raises LogError where the format can't hold what a source has.
-    Raises RunError where a run can't be read.
+    """Export sources one after the other; the files appear when all are done. Raises ConfigError where files can't or
+    mustn't be written, or a source isn't there, LogError where the format can't hold it, RunError where a run can't be
+    read.
     """
     job.place.check(job.sources)
     names: dict[str, Path] = {}

@@ -133,9 +133,7 @@ def require_class(request: ExportRequest) -> None:
 
 
 def namer(request: ExportRequest, where: str) -> Namer:
-    """Return what tells the class of each box as the format calls it, from `source_label` and `label`; empty: has no
-    place in it.
-    """
+    """Return what names classes of boxes in the format, from `source_label` and `label`; empty: has no place in it."""
     table = TABLES[request.format]
     known: dict[tuple[str, str], str] = {}
 

@@ -93,9 +93,8 @@ def read_samples(path: Path) -> dict[str, Sample]:
 
 
 def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a submission. When a token was is what the table of samples beside it says (see `read_samples`); without
-    one, tokens are numbers of frames or stamps [ns] themselves. Raises LogError where the form isn't that of a
-    submission, or nobody knows a token.
+    """Read a submission. When a token was says the table of samples beside it (see `read_samples`); without one, tokens
+    are numbers of frames or stamps [ns]. Raises LogError where it isn't a submission, or nobody knows a token.
     """
     where = str(source.path)
     results = member(read_json(source.path), "results", where)
@@ -222,8 +221,7 @@ def nuscenes_samples(
     sequence: BoxSequence, request: ExportRequest, left: LeftOut
 ) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield each sample of a log by its token, also those without boxes; of more than `MAX_BOXES` those with the
-    highest scores stay. Raises LogError where the log doesn't tell its tokens or poses, or boxes have no class or are
-    in images.
+    highest scores stay. LogError: the log doesn't tell tokens or poses, or boxes have no class or are in images.
     """
     tokens = sequence.metadata.get(TOKENS, "").split()
     if not tokens:

@@ -19,8 +19,7 @@ from fbench.replay.logs.setup import BoxSource
 
 def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
     """Return boxes, each in its own one of `frames`, in body coordinates; or all in those of the world, and say so.
-    Raises ConfigError where a coordinate frame isn't known. Raises LogError where some boxes are in the world and some
-    aren't.
+    Raises ConfigError for an unknown coordinate frame, LogError where only some boxes are in the world.
     """
     names = list(dict.fromkeys(frames))
     worlds = [name for name in names if coordinates.is_world(name)]

@@ -108,9 +108,7 @@ class CoordinateSystems:
 
 
 def _matrix(value: object, where: str) -> Float64:
-    """A transform as 16 numbers (rows), as quaternion x, y, z, w, or as angles about x, y, z with R = Rz Ry Rx, unless
-    `sequence` says otherwise.
-    """
+    """A transform: 16 numbers (rows), or x, y, z, w, or angles about x, y, z, R = Rz Ry Rx if no `sequence` differs."""
     given = mapping(value, where)
     if "matrix4x4" in given:
         matrix = np.array(vector(given["matrix4x4"], (16,), f"{where}: matrix4x4")).reshape(4, 4)
@@ -167,9 +165,7 @@ def make_object(
 
 
 def solid(box: Mapping[str, Any], where: str) -> Solid:
-    """Return the box of a `cuboid`: ten numbers with a quaternion x, y, z, w between position and size, or nine with
-    angles about x, y, z, R = Rz Ry Rx.
-    """
+    """Return the box of a `cuboid`: position, x, y, z, w or angles about x, y, z (R = Rz Ry Rx), then size."""
     val = vector(box.get("val"), (9, 10), f"{where}: val")
     turn = angles(val[3], val[4], val[5], val[6], where) if len(val) == 10 else (val[5], val[4], val[3])
     return Solid((val[0], val[1], val[2]), (val[-3], val[-2], val[-1]), turn)

@@ -35,8 +35,8 @@ class Line:
 
 
 def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
-    """Yield the lines of a text, split at blanks or at a separator; a byte order mark and blank lines are no matter.
-    Raises LogError where the file can't be read, or is no text. Raises LimitError where a line has no end.
+    """Yield the lines of a text that aren't blank, split at blanks or at a separator, without a byte order mark. Raises
+    LogError where the file can't be read, or is no text, LimitError where a line has no end.
     """
     try:
         with path.open(encoding="utf-8-sig") as file:

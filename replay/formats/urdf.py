@@ -25,9 +25,7 @@ _XACRO = "holds xacro macros; run `xacro FILE > rig.urdf` first, and name that f
 
 
 def read_urdf(path: Path, content: bytes) -> RigPatch:
-    """Return the pose of each link that a fixed joint holds; joints that move are told as such, and have no pose.
-    Raises ConfigError naming the joint that is wrong.
-    """
+    """Return the pose of each link held by a fixed joint, and which joints move. ConfigError names a wrong joint."""
     robot = _Robot(path)
     robot.parse(content)
     edges: dict[str, Edge] = {}

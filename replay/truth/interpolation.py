@@ -24,17 +24,10 @@ _UNKNOWN = np.full(7, np.nan)
 
 
 def interpolate(own: B, other: B, share: float) -> tuple[B, Bool]:
-    """Move boxes by `share` of the way to those of the same id at another instant: center, size, velocity, rectangle,
-    distance and range rate linearly, yaw, pitch and roll along the shorter arc. All else stays as it is, and so does
-    what isn't known on both sides.
-
-    Args:
-        own: Boxes (N,).
-        other: Boxes of the other instant, in the same coordinates; 2D ones of the same camera.
-        share: From 0 to 1.
-
-    Returns:
-        The boxes, and which of them (N,) moved: those whose id is there once on both sides, with boxes that are real.
+    """Move boxes (N,) by `share`, 0 to 1, of the way to those of the same id at another instant, in the same
+    coordinates or of the same camera: center, size, velocity, rectangle, distance and range rate linearly, yaw, pitch
+    and roll along the shorter arc. All else stays as it is, and so does what isn't known on both sides. Return the
+    boxes, and which of them (N,) moved: those whose id is there once on both sides, with boxes that are real.
     """
     (own_ids, own_rows), (other_ids, other_rows) = _ids_there_once(own), _ids_there_once(other)
     _, mine, its = np.intersect1d(own_ids, other_ids, return_indices=True)
@@ -79,12 +72,8 @@ def move_to_body(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
 
 
 class BodyMotion:
-    """Interpolates between the poses of the frames of a segment, which a finished run knows, too: so truth that is
-    added later gets the same numbers.
-
-    Args:
-        instants: The frames.
-        values: (N, 7) where the body was at each: position [m] and quaternion x, y, z, w, NaN where unknown.
+    """Interpolates between the poses of the frames of a segment, (N, 7) position [m] and quaternion x, y, z, w, NaN
+    where unknown. A finished run knows these, too: so truth that is added later gets the same numbers.
     """
 
     def __init__(self, instants: Sequence[Instant], values: Float64) -> None:
@@ -93,9 +82,7 @@ class BodyMotion:
         self._segments = {segment: list(own) for segment, own in groupby(ordered, key=lambda instant: instant.segment)}
 
     def body_T_body(self, frame: Instant, stamp_ns: int) -> Float64 | None:
-        """Return the transform (4, 4) from body coordinates at a stamp to those at a frame of its segment; `None` where
-        it isn't known.
-        """
+        """Return the transform (4, 4) from the body at a stamp to that at a frame of its segment, where it is known."""
         at_frame, at_stamp = pose_of(self._values[frame.index]), pose_of(self._at(frame.segment, stamp_ns))
         return None if at_frame is None or at_stamp is None else chain(inverse(at_frame), at_stamp)
 

@@ -33,14 +33,12 @@ class Instant:
 
 
 class Labelling:
-    """Finds the frame of each truth: by frame number where both have one, else by nearest stamp.
+    """Finds the frame of each truth, among all frames or some: by frame number where both have one, else by nearest
+    stamp.
 
     Numbers may start again in another segment: of several frames of one number the one with the nearest stamp is meant.
     Truth of a file that counts frames has no stamp to tell: its numbers are those of the log where each is there once,
     else indices. It gets its frame's stamp.
-
-    Args:
-        instants: Of all frames, or of some.
     """
 
     def __init__(self, instants: Sequence[Instant]) -> None:
@@ -143,18 +141,9 @@ def drop_unshared(parts: list[LabeledBoxes]) -> list[LabeledBoxes]:
 def drop_invalid(
     truth: Truth, index: int, world_T_body: Float64 | None, has_poses: bool, faults: FaultLog
 ) -> Truth | None:
-    """Return the truth of a frame without boxes that aren't finite or have no size, which are counted as GT004; those
-    in the world are moved to the body. `None` where that can't be done at this frame alone, counted as GT006.
-
-    Args:
-        truth: Of frame `index`.
-        index: The frame's.
-        world_T_body: Pose (4, 4) at the frame's instant, where known.
-        has_poses: Whether any frame has one.
-        faults: Where boxes are counted.
-
-    Raises:
-        LogError: where boxes are in the world and no pose is known.
+    """Return the truth of frame `index` without boxes that aren't finite or have no size, which are counted as GT004;
+    those in the world are moved to the body by its pose (4, 4). `None` where that isn't known at this frame alone,
+    counted as GT006. Raises LogError where boxes are in the world and no frame has a pose.
     """
     boxes3d = None if truth.boxes3d is None else _drop_unreal(truth.boxes3d, index, faults)
     if boxes3d is not None and truth.in_world and len(boxes3d):

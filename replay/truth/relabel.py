@@ -42,18 +42,13 @@ class Relabelled:
 def relabel(
     run: Run, source: BoxSource, classes: Mapping[str, str] | None = None, max_between_ns: int = 0
 ) -> Relabelled:
-    """Replace the truth of a run by that of a file. Scores stay as they were until the run is scored again.
+    """Replace the truth of a finished run by that of a file. Scores stay as they were until the run is scored again.
+    `classes` are labels by the names that the file gives to classes. Frames between truths that aren't farther apart
+    than `max_between_ns` get truth by interpolation; 0: none does.
 
-    Args:
-        run: A finished run, made with or without truth.
-        source: The file.
-        classes: Labels by the names that the file gives to classes.
-        max_between_ns: Frames between truths that aren't farther apart get truth by interpolation; 0: none does.
-
-    Raises:
-        ConfigError: where the file isn't there, or names a camera or coordinate frame that the run doesn't know.
-        LogError: where the file can't be read, or is in the world and the run has no poses.
-        MetricError: where none of its instants belongs to a frame of the run.
+    Raises ConfigError where the file isn't there, or names a camera or coordinate frame that the run doesn't know,
+    LogError where it can't be read, or is in the world and the run has no poses, MetricError where none of its instants
+    belongs to a frame of the run.
     """
     rig, faults, span = run.manifest.rig, FaultLog(), _Span()
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY

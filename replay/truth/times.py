@@ -19,9 +19,7 @@ _NO_CAMERA = ""  # Stands for all where nothing was in any of them
 
 
 def make_max_between_ns(gap_ms: float) -> int:
-    """Return how far truths may be apart for frames between them to get truth. Raises ConfigError where it isn't a time
-    of at most a minute: so much truth is held in memory.
-    """
+    """Return a gap in ns. Raises ConfigError for more than a minute: so much truth is held in memory."""
     if not 0 <= gap_ms <= MAX_BETWEEN_MS:
         raise ConfigError(f"--interpolate-truth {gap_ms:g}: not a number of ms from 0 to {MAX_BETWEEN_MS}")
     return round(gap_ms * 1e6)
@@ -46,16 +44,12 @@ _Pair = tuple[Placed, Placed]
 
 
 class TruthTimes:
-    """Moves truth to the instants of its frames, by interpolation between truths; what can't be interpolated stays.
+    """Moves truth to the instants of frames, all or some, by interpolation between truths; what can't be interpolated
+    stays. Frames without truth of their own get that of the objects which truths on both sides have, where those aren't
+    farther apart than `max_between_ns`; 0: none does.
 
-    3D boxes are interpolated in body coordinates of that instant, which the poses hold still, so that a standing object
-    stays where it is; where a pose isn't known, in those of each truth's own instant.
-
-    Args:
-        instants: Of all frames, or of some.
-        poses: (N, 7) where the body was at each, NaN where unknown.
-        max_between_ns: Frames without truth of their own get that of the objects which truths on both sides have, where
-            those aren't farther apart than this; 0: none does.
+    3D boxes are interpolated in body coordinates of that instant, which the poses, (N, 7) and NaN where unknown, hold
+    still, so that a standing object stays where it is; where a pose isn't known, in those of each truth's own instant.
     """
 
     def __init__(self, instants: Sequence[Instant], poses: Float64, max_between_ns: int = 0) -> None:
@@ -91,8 +85,8 @@ class TruthTimes:
         yield from self._settle(None)
 
     def _settle(self, stamp_ns: int | None) -> Iterator[Truth]:
-        """Finish the truths before a stamp, whose surroundings are known, and forget those that are too old to be
-        looked at; `None`: finish all, and begin anew.
+        """Finish the truths before a stamp, around which all is known, and forget old ones; `None`: finish all, begin
+        anew.
         """
         while self._num_done < len(self._window):
             placed, *following = self._window[self._num_done : self._num_done + 2]
@@ -135,9 +129,7 @@ class TruthTimes:
         return None if other is None or not self._fit(placed, other, frame, MAX_GAP_NS) else other
 
     def _fill(self, placed: Placed, following: Placed) -> Iterator[Truth]:
-        """Truth of the frames between two truths that have none of their own: what the truths on both sides of a
-        frame's instant have in common.
-        """
+        """Truth of the unlabeled frames between two truths: what the truths around a frame's instant have in common."""
         for index in self._labelling.between(placed.stamp_ns + 1, following.stamp_ns - 1):
             frame = self._labelling.instants[index]
             if not frame.is_chosen or index in self._labeled:
@@ -182,9 +174,7 @@ class TruthTimes:
         return (a, b) if frame.stamp_ns - a.stamp_ns <= b.stamp_ns - frame.stamp_ns else (b, a)
 
     def _find(self, stamp_ns: int, camera: str | None, *, is_after: bool) -> Placed | None:
-        """The first truth from a stamp on, or the last one up to it, that labels a camera; 3D boxes where that is
-        `None`.
-        """
+        """The first truth from a stamp on, or the last one up to it, that labels a camera; `None`: 3D boxes."""
         found = (
             (placed for placed in self._window if placed.stamp_ns >= stamp_ns)
             if is_after
@@ -193,8 +183,8 @@ class TruthTimes:
         return next((placed for placed in found if self._labels(placed, camera)), None)
 
     def _labels(self, placed: Placed, camera: str | None) -> bool:
-        """Whether a truth tells what was there. One without boxes of a camera says that nothing was, unless another
-        truth of the same frame complements it.
+        """Whether a truth says what was there. Without boxes of a camera nothing was, unless another of its frame has
+        any.
         """
         if camera is None or placed.truth.boxes2d is None or not placed.is_source:
             return placed.is_source and camera is None and placed.truth.boxes3d is not None

@@ -93,8 +93,8 @@ class DriveCalibration:
 
 
 def read_calibration(drive: Drive) -> DriveCalibration:
-    """Read the calibration of a drive's sensors. Raises LogError naming the file that is missing or wrong;
-    `calib_imu_to_velo.txt` may be missing.
+    """Read the calibration of a drive's sensors. LogError: a missing or wrong file; `calib_imu_to_velo.txt` may be
+    missing.
     """
     folder, has_lidar = drive.calibration_folder, LIDAR in drive.series
     cameras = _read(folder / CAMERAS)

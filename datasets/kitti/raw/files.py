@@ -70,9 +70,7 @@ class Drive:
 
 
 def find_drives(source: Path) -> dict[str, Path]:
-    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive. Raises
-    LogError where a folder can't be read.
-    """
+    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive."""
     here = source.resolve()
     if not here.is_dir():
         return {}
