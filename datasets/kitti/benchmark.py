@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from fbench.datasets.importing.files import find_runs, format_counts, format_list, format_runs, read_floats, read_image
+from fbench.datasets.kitti.frames import ObjectFrames, TrackingFrames
 from fbench.datasets.kitti.labels import CLASSES, boxes_3d
-from fbench.datasets.kitti.object import ObjectFrames
 from fbench.datasets.kitti.sensors import LIDAR
-from fbench.datasets.kitti.tracking import TrackingFrames
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult, log_id
 from fbench.replay.data.boxes import Boxes2D, Boxes3D

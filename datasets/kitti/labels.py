@@ -11,9 +11,8 @@ from fbench.datasets.kitti.sensors import bounded_lines, camera_name
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
-from fbench.replay.formats.ab3dmot import parse_ab3dmot_row
 from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import DONT_CARE, parse_object_row, parse_tracking_row
+from fbench.replay.formats.kitti import DONT_CARE, parse_ab3dmot_row, parse_object_row, parse_tracking_row
 from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
 from fbench.replay.formats.open import recognize
 from fbench.replay.formats.text import Line, digest_of, frame_number

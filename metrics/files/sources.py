@@ -11,8 +11,7 @@ from fbench.metrics.files.side import Side, objects_of
 from fbench.metrics.files.table import Table, open_table
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.formats.ab3dmot import read_ab3dmot_columns
-from fbench.replay.formats.kitti import read_object_columns, read_tracking_columns
+from fbench.replay.formats.kitti import read_ab3dmot_columns, read_object_columns, read_tracking_columns
 from fbench.replay.formats.mot import read_mot_columns, sequence_length
 from fbench.replay.formats.objects import Columns
 from fbench.replay.formats.text import frame_number

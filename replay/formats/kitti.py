@@ -2,7 +2,9 @@
 
 A row is `class truncated occluded alpha left top right bottom height width length x y z rotation_y [score]`; in the
 tracking benchmark frame and id come first. Location is the middle of the bottom in the camera's coordinates (x right,
-y down, z forward); `rotation_y` turns about y, 0 where the object faces x.
+y down, z forward); `rotation_y` turns about y, 0 where the object faces x. AB3DMOT takes detections
+(https://github.com/xinshuoweng/AB3DMOT) with the same numbers in another order:
+`frame,class,left,top,right,bottom,score,height,width,length,x,y,z,rotation_y,alpha`.
 """
 
 import re
@@ -66,6 +68,11 @@ _IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -
 """Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
 benchmark."""
 _IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
+_AB3DMOT_NAMES = (
+    "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
+)  # fmt: skip
+AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)  # Frame, number of the class, then these
+_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
 def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> LabeledObject:
@@ -254,6 +261,40 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
     for number, objects in frames():
         boxes = move_boxes(to_boxes3d(objects), body_T_level) if is_solid else None
         yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)
+
+
+def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
+    """Return the detection of a row, as `parse_object_row`; it has no id. LogError names a missing or wrong column."""
+    if len(line.fields) != AB3DMOT_COLUMNS:
+        names = ", ".join(("frame", "class", *_AB3DMOT_NAMES))
+        raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
+    kind = whole(line.fields[1], line.where, "class")
+    v = {n: parse_number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
+    return make_object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
+
+
+def read_ab3dmot_columns(path: Path) -> Columns:
+    """Read detections of one sequence; steps are frames. LogError names row and column of what can't be read."""
+    try:
+        plain = read_plain(path, ",")
+        if plain is None:
+            return to_columns([], [])
+        if plain.width != AB3DMOT_COLUMNS:
+            raise IrregularError
+        kinds, which = np.unique(plain.wholes(1), return_inverse=True)
+        words = np.array([_AB3DMOT_CLASSES.get(int(kind), str(kind)) for kind in kinds], np.str_)
+        unknown = np.full(len(which), -1.0)
+        numbers = np.column_stack([unknown, unknown, plain.number(14), plain.numbers((2, 3, 4, 5, *range(7, 14)))])
+        return make_columns(frames_of(plain), unknown.astype(np.int64), words, which, numbers, plain.number(6))
+    except IrregularError:
+        return columns_by_row(path, ",", parse_ab3dmot_row)
+
+
+def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read detections of one sequence: comma-separated, a row a box, coordinates those of KITTI. Raises as
+    `open_sequence`.
+    """
+    return open_sequence(source, coordinates, ",", parse_ab3dmot_row)
 
 
 def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:

@@ -11,9 +11,8 @@ from fbench.replay.contracts.errors import ConfigError, DataError, LogError, did
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.ab3dmot import AB3DMOT_COLUMNS, open_ab3dmot
 from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import open_kitti, open_kitti_tracking
+from fbench.replay.formats.kitti import AB3DMOT_COLUMNS, open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.formats.mot import open_mot
 from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel

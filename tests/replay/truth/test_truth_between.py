@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.truth.interpolation import interpolate, move_to_body
+from fbench.replay.truth.times import interpolate, move_to_body
 
 
 def solid(ids, x, yaw=None, **columns):
