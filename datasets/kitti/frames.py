@@ -44,11 +44,9 @@ class TrackingFrames:
     period_ns = 100_000_000  # KITTI's cameras and LiDAR run at 10 Hz; the benchmark comes without stamps
 
     def __init__(self, name: str, folder: Path, sequence: str, wish: ImportWish, detections: Path | None) -> None:
-        self.name, self.folder, self._sequence, self._wish = name, folder, sequence, wish
-        self._detections = detections
-        self._label_path, self._calibration_path, self._poses_path = (
-            folder / kind / f"{sequence}.txt" for kind in (TRACKING_LABELS, "calib", "oxts")
-        )
+        self.name, self.folder, self._sequence, self._wish, self._detections = name, folder, sequence, wish, detections
+        texts = (folder / kind / f"{sequence}.txt" for kind in (TRACKING_LABELS, "calib", "oxts"))
+        self._label_path, self._calibration_path, self._poses_path = texts
 
     @cached_property
     def files(self) -> Mapping[str, Mapping[int, Path]]:
@@ -73,9 +71,8 @@ class TrackingFrames:
         if num == 0:
             raise LogError(f"{self.folder}: sequence {self._sequence} has no frame")
         if num > labels.MAX_FRAMES:
-            raise LimitError(
-                f"{self.folder}: sequence {self._sequence} has {num} frames, more than {labels.MAX_FRAMES}"
-            )
+            limit = f"more than {labels.MAX_FRAMES}"
+            raise LimitError(f"{self.folder}: sequence {self._sequence} has {num} frames, {limit}")
         return [number for number in range(num) if number in self._wish.frames]
 
     @cached_property
@@ -124,14 +121,14 @@ class TrackingFrames:
 
     @cached_property
     def _calibration(self) -> Calibration:
-        cameras = {_CAMERAS[sensor] for sensor in self._all_files if sensor != LIDAR}
-        if self._has_boxes:
-            cameras.add(_CAMERAS[CAMERA])
+        cameras = [_CAMERAS[sensor] for sensor in self._cameras]
         return sensors.read_calibration(self._calibration_path, cameras, LIDAR in self._all_files)
 
-    @property
-    def _has_boxes(self) -> bool:
-        return self._rows is not None or self.results is not None
+    @cached_property
+    def _cameras(self) -> Sequence[str]:
+        """Those with images, and the one that labels and results belong to."""
+        has_boxes = self._rows is not None or self.results is not None
+        return [sensor for sensor in _CAMERAS if sensor in self._all_files or (sensor == CAMERA and has_boxes)]
 
     @cached_property
     def rig(self) -> Rig:
@@ -144,11 +141,10 @@ class TrackingFrames:
         """Size [px] of each camera's images, and how it is known."""
         rows = [] if self._rows is None else [row for objects in self._rows.frames.values() for row in objects]
         sizes = {}
-        for sensor, number in _CAMERAS.items():
-            if sensor in self._all_files or (sensor == CAMERA and self._has_boxes):
-                size_wh = sensors.first_size(self._all_files.get(sensor, {}).values())
-                P = self._calibration.projections[number]
-                sizes[sensor] = sensors.size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
+        for sensor in self._cameras:
+            size_wh = sensors.first_size(self._all_files.get(sensor, {}).values())
+            P = self._calibration.projections[_CAMERAS[sensor]]
+            sizes[sensor] = sensors.size_without_images(P, rows) if size_wh is None else (size_wh, "of the images")
         return sizes
 
     def expected_size(self, sensor: str) -> tuple[int, int] | None:
@@ -311,9 +307,8 @@ class ObjectFrames:
     def _size_without_image(self, number: int, P: Float64) -> tuple[int, int]:
         path = self._label_files.get(number)
         quiet = BadInput(skip=True)  # what is wrong with a row is told when the labels are read
-        return sensors.size_without_images(
-            P, [] if path is None else labels.frame_rows(path, labels.object_label, quiet)
-        )[0]
+        rows = [] if path is None else labels.frame_rows(path, labels.object_label, quiet)
+        return sensors.size_without_images(P, rows)[0]
 
     def _calibration_path(self, number: int) -> Path:
         return self.folder / "calib" / f"{number:06d}.txt"

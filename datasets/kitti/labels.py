@@ -12,15 +12,14 @@ from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
 from fbench.replay.formats.documents import head_of
+from fbench.replay.formats.export_request import TABLES
 from fbench.replay.formats.kitti import DONT_CARE, parse_ab3dmot_row, parse_object_row, parse_tracking_row
 from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
 from fbench.replay.formats.open import recognize
 from fbench.replay.formats.text import Line, digest_of, frame_number
 
 CAMERA = camera_name(2)  # Whose image labels and results belong to
-CLASSES = frozenset(
-    ("Car", "Van", "Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", DONT_CARE)
-)
+CLASSES = (*TABLES["kitti"].own, DONT_CARE)
 MAX_FRAMES = 200_000  # No sequence has more frames
 
 Parse = Callable[[Line], LabeledObject]

@@ -81,18 +81,13 @@ _BY_FOCAL_LENGTH: Mapping[float, tuple[str, Size]] = {
 _MAX_SIDE_PX = 2**16
 
 
-def size_of_day(P: Float64) -> tuple[str, Size] | None:
-    """Return the day of KITTI that a projection (3, 4) belongs to, and the images' size [px] on it, if it is of one."""
-    return _BY_FOCAL_LENGTH.get(round(float(P[0, 0]), 4))
-
-
 def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[Size, str]:
     """Return a size [px] for the camera of a projection (3, 4) that there are no images of, and how it is known.
 
     It is that of the day; else that of the smallest image that holds all labeled boxes; without any, that of the image
     whose middle is the principal point.
     """
-    if (known := size_of_day(P)) is not None:
+    if (known := _BY_FOCAL_LENGTH.get(round(float(P[0, 0]), 4))) is not None:
         day, size_wh = known
         return size_wh, f"without images: that of {day}, the day of recording by its focal length"
     corners = [row.flat.xyxy_px[2:] for row in objects if row.flat is not None]
@@ -181,9 +176,8 @@ def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) ->
         missing += [keys[0] for keys in (_RECTIFICATION, _LIDAR) if not found.keys() & set(keys)]
     if missing:
         raise LogError(f"{path}: no {missing[0]}")
-    rectification, velo, imu = (
-        next((_square(found[key]) for key in keys if key in found), None) for keys in (_RECTIFICATION, _LIDAR, _IMU)
-    )
+    pairs = (_RECTIFICATION, _LIDAR, _IMU)
+    rectification, velo, imu = (next((_square(found[key]) for key in keys if key in found), None) for keys in pairs)
     camera0_T_velo = None if rectification is None or velo is None else rectification @ velo
     return Calibration({i: found[f"P{i}"] for i in range(4) if f"P{i}" in found}, camera0_T_velo, imu)
 

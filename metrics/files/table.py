@@ -89,12 +89,11 @@ class Table:
         rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates), len(values)
         unknown, no_text = np.full(size, np.nan), np.full(size, "", "U1")
         numbers, is_there = values.numbers("score") if "score" in values else (unknown, np.zeros(size, bool))
+        labels = [text.lower() for text in values.texts("label").tolist()] if "label" in values else []
         has_camera = rows.has_flat.any() and bool(self.cameras)
         return {
             "step": self.key.read(values),
-            "label": np.array([t.lower() for t in values.texts("label").tolist()], "U")
-            if "label" in values
-            else no_text,
+            "label": np.array(labels, np.str_) if "label" in values else no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
             "score": np.where(is_there, numbers, 0.0),  # one that isn't finite stays so
             "there": rows.has_solid | rows.has_flat,
@@ -112,9 +111,8 @@ class Table:
     def _coordinates(self) -> CoordinateFrames:
         """Cameras are what the table calls so."""
         mount = Mount("camera", np.zeros(3), np.array([0.0, 0, 0, 1]))
-        return CoordinateFrames(
-            Rig(dict.fromkeys((*self.cameras, _DEFAULT_CAMERA), mount), {}), TransformTree(), "body"
-        )
+        rig = Rig(dict.fromkeys((*self.cameras, _DEFAULT_CAMERA), mount), {})
+        return CoordinateFrames(rig, TransformTree(), "body")
 
 
 def open_table(path: Path) -> Table:
@@ -168,9 +166,8 @@ def _slim(objects: Objects) -> Objects:
     if not len(objects):
         return nothing()
     columns = {name: getattr(objects, name) for name in _OPTIONAL}
-    absent: dict[str, Any] = {
-        name: None for name, column in columns.items() if _IS_UNKNOWN[column.dtype.kind](column).all()
-    }
+    unknown = [name for name, column in columns.items() if _IS_UNKNOWN[column.dtype.kind](column).all()]
+    absent: dict[str, Any] = dict.fromkeys(unknown)
     if "center_m" in absent:
         absent |= {"size_lwh_m": None, "yaw_rad": None}
     return replace(objects, **absent)

@@ -1,7 +1,6 @@
 """Boxes of logs and runs, read for an export."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +29,7 @@ from fbench.replay.truth.labelling import Instant, Labelling, stray
 NO_POSE = "in the world, without a pose of the body"
 
 
-@dataclass(frozen=True, eq=False)
-class _FrameTruth:
-    """The boxes of one instant, and which frame they belong to."""
-
-    index: int
-    number: int | None
-    truth: Truth
-    rig: Rig
-
-
+_FrameTruth = tuple[int, int | None, Truth, Rig]  # Index and number of a frame, and its boxes
 _Matched = tuple[Sequence[_FrameTruth], FramePoses, int]  # All of them, where the body was, and the number of frames
 
 
@@ -57,7 +47,13 @@ def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, fault
     truths = list(reader.truths() if is_truth else reader.detections(""))
     is_numbered = _are_numbered(truths, request)
     rows, poses, num = _match_by_number(truths, reader) if is_numbered else _match_by_time(truths, source, faults)
-    frames = [_frame(row, poses, left) for row in rows]
+    frames = []
+    for index, number, truth, rig in rows:
+        boxes, pose = truth.boxes3d, poses.world_T_body(index)
+        if boxes is not None and truth.in_world:
+            left[NO_POSE] += len(boxes) if pose is None else 0
+            boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
+        frames.append(BoxFrame(index, number, truth.stamp_ns, rig, boxes, truth.boxes2d, pose))
     return BoxSequence(str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, num)
 
 
@@ -78,7 +74,7 @@ def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
         poses.add(pose)
     poses.finish()
     rig = reader.rig
-    rows = [_FrameTruth(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
+    rows = [(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
     return rows, poses, len(ordered)
 
 
@@ -96,18 +92,8 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
         else:
             instant, segment = frames[index]
             rig = stream.rigs[max(first for first in stream.rigs if first <= segment)]
-            rows.append(_FrameTruth(index, instant.frame_number, truth, rig))
-    return sorted(rows, key=lambda row: row.index), stream.poses, len(frames)
-
-
-def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
-    truth, pose = row.truth, poses.world_T_body(row.index)
-    boxes = truth.boxes3d
-    if boxes is not None and truth.in_world:
-        if pose is None:
-            left[NO_POSE] += len(boxes)
-        boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
-    return BoxFrame(row.index, row.number, truth.stamp_ns, row.rig, boxes, truth.boxes2d, pose)
+            rows.append((index, instant.frame_number, truth, rig))
+    return sorted(rows, key=lambda row: row[0]), stream.poses, len(frames)
 
 
 MANIFEST = "manifest.json"

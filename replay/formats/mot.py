@@ -16,7 +16,7 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.bulk_text import IrregularError, read_plain
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, read_plain
 from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
     Columns,
@@ -127,7 +127,8 @@ def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
 def read_mot_columns(path: Path, is_truth: bool) -> Columns:
     """Read the file of one sequence; steps are frames from 0, positions the file's. LogError names row and column."""
     try:
-        return _columns_at_once(path, is_truth)
+        plain = read_plain(path, ",")
+        return to_columns([], []) if plain is None else _columns_at_once(plain, is_truth)
     except IrregularError:
         return _columns_by_row(path, is_truth)
 
@@ -137,9 +138,7 @@ def _columns_by_row(path: Path, is_truth: bool) -> Columns:
     return to_columns([frame - 1 for frame, _ in found], [row for _, row in found])
 
 
-def _columns_at_once(path: Path, is_truth: bool) -> Columns:
-    if (plain := read_plain(path, ",")) is None:
-        return to_columns([], [])
+def _columns_at_once(plain: PlainText, is_truth: bool) -> Columns:
     if not 6 <= plain.width <= 10:
         raise IrregularError
     frames = plain.wholes(0)

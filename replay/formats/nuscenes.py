@@ -170,6 +170,11 @@ def _columns_at_once(boxes: Sequence[Mapping[str, Any]], steps: Sequence[int]) -
     if any(isinstance(num, bool) or not isinstance(num, int) or num >= 2**31 for num in points):
         raise TypeError("num_pts")
     velocity = _vectors(boxes, "velocity", 2) if "velocity" in boxes[0] else None
+    w, x, y, z = _vectors(boxes, "rotation", 4).T
+    norm = w * w + x * x + y * y + z * z
+    if not (np.isfinite(norm) & (norm > 0)).all():  # left to `parse_box`
+        raise ValueError("rotation")
+    is_upright, headings = (x == 0) & (y == 0), np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return {
         "step": np.array(steps, np.int64),
         "label": text_array([name.lower() for name in names]),
@@ -177,7 +182,7 @@ def _columns_at_once(boxes: Sequence[Mapping[str, Any]], steps: Sequence[int]) -
         "score": np.array([float(score) for score in scores]),
         "center_m": _vectors(boxes, "translation", 3),
         "size_lwh_m": _vectors(boxes, "size", 3)[:, [1, 0, 2]],
-        "yaw_rad": _headings(_vectors(boxes, "rotation", 4)),
+        "yaw_rad": np.where(is_upright, 2 * np.arctan2(z, w), headings),
         "velocity_mps": None if velocity is None else np.pad(velocity, ((0, 0), (0, 1))),
         "attribute": text_array([box.get("attribute_name") or "" for box in boxes]),
         "num_points": np.maximum(np.array(points, np.int64), -1) if max(points) >= 0 else None,
@@ -189,18 +194,6 @@ def _vectors(boxes: Sequence[Mapping[str, Any]], name: str, length: int) -> Floa
     if found.shape != (len(boxes), length) or found.dtype.kind not in "if":
         raise ValueError(name)
     return found.astype(np.float64)
-
-
-def _headings(wxyz: Float64) -> Float64:
-    """Heading of the x axis; what isn't finite or isn't a rotation is left to `parse_box`."""
-    w, x, y, z = wxyz.T
-    norm = w * w + x * x + y * y + z * z
-    if not (np.isfinite(norm) & (norm > 0)).all():
-        raise ValueError("rotation")
-    yaw: Float64 = np.where(
-        (x == 0) & (y == 0), 2 * np.arctan2(z, w), np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
-    )
-    return yaw
 
 
 def attributes(boxes: Boxes3D, names: Sequence[str], velocity_mps: Float64) -> list[str]:
@@ -225,10 +218,9 @@ def nuscenes_samples(
     """
     tokens = sequence.metadata.get(TOKENS, "").split()
     if not tokens:
-        raise LogError(
-            f"{sequence.where}: its log has no nuScenes sample tokens (metadata '{TOKENS}'), without which there is "
-            "no submission; only logs that `fbench log import nuscenes` wrote have them, and runs without --redact"
-        )
+        what = f"its log has no nuScenes sample tokens (metadata '{TOKENS}'), without which there is no submission"
+        who = "only logs that `fbench log import nuscenes` wrote have them, and runs without --redact"
+        raise LogError(f"{sequence.where}: {what}; {who}")
     if len(set(tokens)) < len(tokens):
         raise LogError(f"{sequence.where}: a sample token is twice in the metadata '{TOKENS}'")
     frames = _frames(sequence, len(tokens))
@@ -268,9 +260,8 @@ def _frames(sequence: BoxSequence, num_tokens: int) -> dict[int, BoxFrame]:
             raise LogError(f"{sequence.where}: has boxes in images, but nuScenes scores boxes in 3D")
         frames[frame.number] = frame
     if frames and all(frame.world_T_body is None for frame in frames.values()):
-        raise LogError(
-            f"{sequence.where}: no pose of the body is known at its keyframes, so boxes can't go to the world"
-        )
+        why = "no pose of the body is known at its keyframes, so boxes can't go to the world"
+        raise LogError(f"{sequence.where}: {why}")
     return frames
 
 

@@ -157,9 +157,8 @@ def _data(path: Path, tree: Mapping[str, object], key: str, rows: int, cols: int
     value = tree.get(key)
     if not isinstance(value, Mapping) or "data" not in value:
         raise ConfigError(f"{path}: no '{key}' with rows, cols and data", MALFORMED)
-    found = tuple(
-        values.natural(f"{path}: {key}.{n}", value[n]) for n in ("rows", "cols") if n in value and value[n] != "0"
-    )
+    named = [n for n in ("rows", "cols") if n in value and value[n] != "0"]
+    found = tuple(values.natural(f"{path}: {key}.{n}", value[n]) for n in named)
     data = values.numbers(f"{path}: {key}.data", value["data"], None if cols is None else rows * cols)
     if len(found) == 2 and found != (rows, len(data) // rows):
         shapes = f"expected {rows}x{len(data) // rows}, got {found[0]}x{found[1]} (rows x cols)"

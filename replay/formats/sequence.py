@@ -136,10 +136,8 @@ class ImageRows:
     def column(self, name: str, fill: Any) -> Array:
         """What boxes say of themselves in a field (N,): the 2D one, else the 3D one, else `fill`."""
         flat, solid = getattr(self.flat, name), getattr(self.solid, name)
-        kind = np.asarray(fill).dtype if flat is None and solid is None else np.result_type(
-            *(column.dtype for column in (flat, solid) if column is not None)
-        )  # fmt: skip
-        values = np.full(len(self), fill, kind)
+        kinds = [column.dtype for column in (flat, solid) if column is not None] or [np.asarray(fill).dtype]
+        values = np.full(len(self), fill, np.result_type(*kinds))
         for column, rows in ((solid, self.solid_rows), (flat, self.flat_rows)):
             if column is not None:
                 values[rows >= 0] = column[rows[rows >= 0]]

@@ -191,7 +191,15 @@ def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
     """Read a table, or all tables of a folder as one. ConfigError where a camera or coordinate frame isn't known, or
     tables differ in whether they count frames, or for a run folder; LogError names file, row and column.
     """
-    files = [open_table_file(path) for path in _paths(source.path)]
+    paths = [source.path]
+    if not source.path.is_file():
+        if (source.path / "manifest.json").is_file():
+            example = source.path / "detections.parquet"
+            raise ConfigError(f"{source.path}: a run folder; give the table that is meant, such as {example}")
+        paths = sorted(path for path in source.path.iterdir() if path.is_file() and path.suffix.lower() in SUFFIXES)
+        if not paths:
+            raise LogError(f"{source.path}: no .csv and no .parquet in it")
+    files = [open_table_file(path) for path in paths]
     keys = [key_of(file) for file in files]
     if len({key.is_frame for key in keys}) > 1:
         raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")
@@ -237,17 +245,6 @@ class _Table:
                     yield Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
                 else:
                     yield Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
-
-
-def _paths(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    if (path / "manifest.json").is_file():
-        raise ConfigError(f"{path}: a run folder; give the table that is meant, such as {path / 'detections.parquet'}")
-    found = sorted(file for file in path.iterdir() if file.is_file() and file.suffix.lower() in SUFFIXES)
-    if not found:
-        raise LogError(f"{path}: no .csv and no .parquet in it")
-    return found
 
 
 def _instant(truth: Truth) -> int:

@@ -41,9 +41,8 @@ def read_urdf(path: Path, content: bytes) -> RigPatch:
         if child in edges:
             raise ConfigError(f"{where}: link '{child}' has a second parent", INVALID)
         origin = joint.parts.get("origin", {})
-        xyz, (roll, pitch, yaw) = (
-            numbers(f"{where}: origin {name}", origin.get(name, "0 0 0").split(), 3) for name in ("xyz", "rpy")
-        )
+        texts = [(name, origin.get(name, "0 0 0").split()) for name in ("xyz", "rpy")]
+        xyz, (roll, pitch, yaw) = (numbers(f"{where}: origin {name}", text, 3) for name, text in texts)
         rotation = np.asarray(Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(), np.float64)
         edges[child] = Edge(parent, np.array(xyz), rotation)
         if joint.kind in _MOVING:

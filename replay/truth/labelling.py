@@ -132,9 +132,8 @@ def join_truths(nearer: Truth, farther: Truth) -> Truth | None:
 def drop_unshared(parts: list[LabeledBoxes]) -> list[LabeledBoxes]:
     """Drop what only some of the parts tell: ids, say."""
     full = [part for part in parts if len(part)]
-    unshared: dict[str, Any] = {
-        f.name: None for part in full for f in fields(part) if any(getattr(other, f.name) is None for other in full)
-    }
+    names = (f.name for part in full for f in fields(part))
+    unshared: dict[str, Any] = {name: None for name in names if any(getattr(part, name) is None for part in full)}
     return [replace(part, **unshared) if len(part) else part for part in parts]
 
 
@@ -148,10 +147,8 @@ def drop_invalid(
     boxes3d = None if truth.boxes3d is None else _drop_unreal(truth.boxes3d, index, faults)
     if boxes3d is not None and truth.in_world and len(boxes3d):
         if not has_poses:
-            raise LogError(
-                "truth is in world coordinates, but the log has no poses of the body at its frames; give boxes in body "
-                "coordinates, or a log with poses"
-            )
+            what = "truth is in world coordinates, but the log has no poses of the body at its frames"
+            raise LogError(f"{what}; give boxes in body coordinates, or a log with poses")
         if world_T_body is None:
             faults.add("GT006", f"truth of frame {index} in the world, where the log has no pose")
             return None

@@ -110,7 +110,14 @@ def read_calibration(drive: Drive) -> DriveCalibration:
     if drive.is_rectified:
         rig = rig_of(calibration, {i: cameras.size(f"S_rect_{i:02d}") for i in numbers}, has_lidar)
     else:
-        rig = _recorded_rig(drive, cameras, camera0_T_recorded, calibration)
+        # The cameras as they are; [R | T] moves points from recorded camera 0 to camera X.
+        mounts, models = dict(rig_of(calibration, {}, has_lidar).mounts), {}
+        for i in numbers:
+            recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
+            mounts[camera_name(i)] = mount_of("camera", BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera)
+            K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
+            models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
+        rig = Rig(mounts, models)
     return DriveCalibration(rig, calibration, cameras.texts.get("calib_time", "").strip())
 
 
@@ -121,16 +128,3 @@ def _rigid(path: Path) -> Float64 | None:
 def _read(path: Path) -> Numbers:
     pairs = (line.split(":", 1) for line in read_text(path, 2**20).splitlines() if ":" in line)
     return Numbers(path, {name.strip(): text for name, text in pairs})
-
-
-def _recorded_rig(drive: Drive, cameras: Numbers, camera0_T_recorded: Float64, calibration: Calibration) -> Rig:
-    """Return the sensors with the cameras as they are; [R | T] moves points from recorded camera 0 to camera X."""
-    lidar = rig_of(calibration, {}, LIDAR in drive.series)
-    mounts, models = dict(lidar.mounts), {}
-    for i in drive.cameras.values():
-        recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
-        body_T_camera = BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera
-        mounts[camera_name(i)] = mount_of("camera", body_T_camera)
-        K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
-        models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
-    return Rig(mounts, models)

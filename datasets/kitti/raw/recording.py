@@ -141,7 +141,8 @@ class RawRecording:
     def items(self) -> Iterator[Message | Truth]:
         """All measurements by their stamps, and the boxes at those of the reference sensor."""
         self._tracklets = self._read_tracklets()
-        for entry in self._entries():
+        sensors = set(self._drive.series) - ({OXTS} if self._world is None else set())
+        for entry in order_files(self._drive, sensors, self._wish.frames, self._wish.bad.report):
             try:
                 message = self._message(entry)
             except LogError as error:
@@ -155,10 +156,6 @@ class RawRecording:
                 for texts, counter in ((boxes.source_label, self._labels), (boxes.attribute, self._states)):
                     counter.update([] if texts is None else texts.tolist())
                 yield Truth(entry.stamp_ns, entry.stamp_ns, boxes, frame_number=entry.number)
-
-    def _entries(self) -> Sequence[Entry]:
-        sensors = set(self._drive.series) - ({OXTS} if self._world is None else set())
-        return order_files(self._drive, sensors, self._wish.frames, self._wish.bad.report)
 
     def _message(self, entry: Entry) -> Message:
         stamp_ns, sensor, number = entry
