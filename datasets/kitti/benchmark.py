@@ -17,6 +17,7 @@ from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.formats.kitti import DONT_CARE
 from fbench.replay.formats.objects import to_boxes2d
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20
@@ -51,7 +52,11 @@ class BenchmarkRecording:
     def info(self) -> LogInfo:
         """Facts of the benchmark."""
         frames, results = self._frames, self._frames.results
-        facts = [frames.benchmark, *frames.facts, *(() if results is None else results.facts)]
+        facts = [
+            frames.benchmark,
+            *frames.facts,
+            *(f"{path.name} {digest_of(path)}" for path in (results.files if results else ())),
+        ]
         metadata = {
             "dataset": f"KITTI {frames.benchmark} benchmark", "benchmark": frames.benchmark,
             "frames": str(len(frames.numbers)), **FACTS, **frames.metadata,

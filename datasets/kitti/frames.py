@@ -180,7 +180,7 @@ class TrackingFrames:
             "stamps": "made up: frame N at N + 1 times 0.1 s; the benchmark has none, KITTI recorded at 10 Hz",
             "truth.truncation": "0 not, 1 partly, 2 largely truncated",
             **{f"{sensor}.size": how for sensor, (_, how) in self._sizes.items()},
-            **({} if self._world is None else self._world.metadata()),
+            **({} if self._world is None else self._world.metadata),
         }
         return about | ({} if self.results is None else {"detections": self.results.files[0].name})
 

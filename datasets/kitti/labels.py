@@ -16,7 +16,7 @@ from fbench.replay.formats.export_request import TABLES
 from fbench.replay.formats.kitti import DONT_CARE, parse_ab3dmot_row, parse_object_row, parse_tracking_row
 from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
 from fbench.replay.formats.open import recognize
-from fbench.replay.formats.text import Line, digest_of, frame_number
+from fbench.replay.formats.text import Line, frame_number
 
 CAMERA = camera_name(2)  # Whose image labels and results belong to
 CLASSES = (*TABLES["kitti"].own, DONT_CARE)
@@ -115,11 +115,6 @@ class Results:
     has_3d: bool  # Whether there are 3D boxes at all
     has_2d: bool
     num_frames: int = 0  # Of a sequence: one more than the last frame of any row
-
-    @property
-    def facts(self) -> Sequence[str]:
-        """What tells them from others: the digest of each file."""
-        return [f"{path.name} {digest_of(path)}" for path in self.files]
 
     def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
         """Boxes of one frame; `None` where the frame has no results, one part where all have none of that kind."""

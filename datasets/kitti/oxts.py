@@ -4,7 +4,6 @@ Rows of 30 values as in `oxts/dataformat.txt` of the raw data: latitude, longitu
 [rad], then velocities, accelerations, turn rates, accuracies and states of the receiver.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,14 +70,10 @@ class World:
     """
 
     def __init__(self, origin: Fix) -> None:
-        self._origin = origin
+        names = ("lat_deg", "lon_deg", "alt_m")
+        self.metadata = {f"world.origin_{name}": text for name, text in zip(names, origin.texts, strict=True)}
         self._scale = float(np.cos(np.deg2rad(origin.lat_deg)))
         self._origin_m = self._position(origin)
-
-    def metadata(self) -> Mapping[str, str]:
-        """Where the origin is, as it was written."""
-        names = ("lat_deg", "lon_deg", "alt_m")
-        return {f"world.origin_{name}": text for name, text in zip(names, self._origin.texts, strict=True)}
 
     def world_T_imu(self, fix: Fix) -> Float64:
         """Return the pose (4, 4) of the IMU (x forward, y left, z up): R = Rz(yaw) Ry(pitch) Rx(roll)."""

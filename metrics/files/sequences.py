@@ -203,8 +203,7 @@ class FilePair:
     pairs: tuple[Pair, ...]
     notes: tuple[str, ...]  # What there is to say about sequences that aren't in pairs
     faults: FaultLog = field(default_factory=FaultLog)  # Counts boxes that aren't finite, as sequences are read
-    warnings: InputWarnings = field(default_factory=InputWarnings)
-    """Counts what is odd about the results, as sequences are read."""
+    warnings: InputWarnings = field(default_factory=InputWarnings)  # What is odd about results that were read
 
     def sequences(self, space: Space = "both") -> Iterator[Sequence]:
         """Read sequences in the order of the truth; one is held at a time. Boxes without size elsewhere than in

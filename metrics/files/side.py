@@ -47,18 +47,15 @@ class Side:
     """N boxes with what says when and where they were."""
 
     objects: Objects  # Their `step` is the key: number of the frame from 0, or stamp [ns]
-    keys: Int64 | None = None
-    """Ascending keys of all frames that the source knows, also empty ones; `None`: from 0 to the highest."""
+    keys: Int64 | None = None  # Ascending, of all frames that are known, also empty ones; `None`: 0 to the highest
     has_stamps: bool = False  # Whether keys are stamps
     num_frames: int | None = None  # Where the source says it
-    camera: Text = field(default_factory=lambda: np.array([], np.str_))
-    """(N,) whose image each rectangle is in; empty (0,): nobody says."""
+    camera: Text = field(default_factory=lambda: np.array([], np.str_))  # (N,) of each rectangle; (0,): nobody says
     space: str = ""  # Coordinate frame of solids; empty: nobody says
     first_pixel: int = 0  # Position of the middle of the first pixel: MOTChallenge counts from 1
     ego_m: Float64 | None = None  # (keys, 3) where the body is, NaN where nobody says
     are_ordered: bool = True  # Whether keys follow time; tokens without a table of samples don't
-    lists_frames: bool = False
-    """Whether frames without boxes have an entry too, as in submissions and folders of images."""
+    lists_frames: bool = False  # Whether frames without boxes have an entry, as in submissions, folders of images
     warnings: tuple[InputWarning, ...] = ()  # What is odd about these boxes, as results
 
     def select(self, rows: Bool) -> "Side":

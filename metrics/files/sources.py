@@ -25,8 +25,7 @@ class Source:
     form: str  # One of `sequences.FORMS`
     names: tuple[str, ...]  # Of its sequences, in their order
     is_single: bool  # Whether it can't have but one sequence, whose name then says nothing
-    read: Callable[[str], Side]
-    """Returns the boxes of one sequence; raises `LogError` naming file, row and column of what can't be read."""
+    read: Callable[[str], Side]  # Gives the boxes of one sequence, or LogError naming file, row and column
     submission: Callable[[], Submission | None] = lambda: None  # What knows the samples of nuScenes, where it has such
     faults: FaultLog = field(default_factory=FaultLog)  # Gets what is wrong with logs
 

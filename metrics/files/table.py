@@ -15,7 +15,7 @@ from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.table import is_run_table, rows_of, spaces_of
-from fbench.replay.formats.table_files import Key, TableFile, Values, key_of, open_table_file
+from fbench.replay.formats.table_files import TableFile, Values, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 
 SEQUENCE = "sequence"
@@ -30,7 +30,6 @@ class Table:
     """One file, of which sequences are read one by one."""
 
     file: TableFile
-    key: Key
     sequences: tuple[str, ...]  # In the order in which they begin; empty: the file is one
     cameras: tuple[str, ...]
 
@@ -38,7 +37,7 @@ class Table:
         """Return the boxes of one sequence, or of a whole file without a column for it. LogError names row, column."""
         parts = [self._part(values) for values in self._rows(sequence)]
         if not parts:
-            return Side(nothing(), has_stamps=not self.key.is_frame)
+            return Side(nothing(), has_stamps=not self.file.counts_frames)
         columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         has_solid = ~np.isnan(columns["center_m"]).all(axis=1)
         camera, frames = columns.pop("camera"), np.unique(columns.pop("frame_id")[has_solid])
@@ -50,8 +49,8 @@ class Table:
         return Side(
             _slim(objects),
             # With stamps, or with rows for empty frames, the table says which frames there are.
-            keys if not self.key.is_frame or not there.all() else None,
-            not self.key.is_frame,
+            keys if not self.file.counts_frames or not there.all() else None,
+            not self.file.counts_frames,
             camera=camera[there][order],
             space=str(frames[0]) if len(frames) else "",
         )
@@ -92,7 +91,7 @@ class Table:
         labels = [text.lower() for text in values.texts("label").tolist()] if "label" in values else []
         has_camera = rows.has_flat.any() and bool(self.cameras)
         return {
-            "step": self.key.read(values),
+            "step": values.keys(self.file.key),
             "label": np.array(labels, np.str_) if "label" in values else no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
             "score": np.where(is_there, numbers, 0.0),  # one that isn't finite stays so
@@ -121,7 +120,8 @@ def open_table(path: Path) -> Table:
     if is_run_table(file):
         raise ConfigError(f"{path}: a table of a run folder; score the folder: fbench score {path.parent}")
     spaces_of(file)
-    return Table(file, key_of(file), _distinct(file, SEQUENCE), _distinct(file, "camera"))
+    _ = file.key  # refuses a table that doesn't say when its boxes were
+    return Table(file, _distinct(file, SEQUENCE), _distinct(file, "camera"))
 
 
 def _distinct(file: TableFile, column: str) -> tuple[str, ...]:

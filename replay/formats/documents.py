@@ -134,8 +134,7 @@ class YamlFileError(Exception):
 
     def __init__(self, text: str, mendable: bool = True) -> None:
         super().__init__(text)
-        self.mendable = mendable
-        """Whether the content is damaged, so that writing the file anew would help."""
+        self.mendable = mendable  # Whether the content is damaged, so that writing the file anew would help
 
 
 def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:

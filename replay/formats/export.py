@@ -10,78 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import IO
 
-from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.files import file_name, swap
 from fbench.replay.data.rig import Kind
-from fbench.replay.formats.export_request import ExportRequest, LeftOut, require_class
+from fbench.replay.formats.export_request import TABLES, ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
 from fbench.replay.formats.kitti import kitti_rows
 from fbench.replay.formats.mot import mot_rows, seqinfo
-from fbench.replay.formats.nuscenes import meta, nuscenes_samples
+from fbench.replay.formats.nuscenes import nuscenes_samples
 from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinate_frame
 from fbench.replay.setup.source import LogRequest, log_source
 
 _SUFFIXES = (".txt", ".ini")  # Of all that is written into folders
 
 
-@dataclass(frozen=True)
-class Place:
-    """A folder, or for formats of one file that file. Raises ConfigError where it mustn't be written."""
-
-    path: Path
-    is_file: bool
-    overwrite: bool = False
-
-    def check(self, sources: Sequence[Path]) -> None:
-        """See that nothing else is lost. Raises ConfigError where something is in the way, or it lies in a source."""
-        out = self.path.resolve()
-        for source in sources:
-            old = source.resolve()
-            if old == out or old in out.parents or out in old.parents:
-                raise ConfigError(f"{self.path}: is what is exported, or lies in it or around it; choose another name")
-        if self.is_file and self.path.suffix != ".json":
-            raise ConfigError(f"{self.path}: this format is one file; expected a name that ends in .json")
-        if not out.parent.is_dir():
-            raise ConfigError(f"{self.path}: can't be written (no folder {out.parent})")
-        is_empty = not self.is_file and _is_folder(self.path) and not any(self.path.iterdir())
-        if not (self.path.exists() or self.path.is_symlink()) or is_empty:
-            return
-        if not self.overwrite:
-            raise ConfigError(f"{self.path}: exists already; choose another with --out, or --overwrite it")
-        if self.is_file or not _is_folder(self.path):
-            is_export = self.is_file and self.path.is_file()
-        else:
-            is_export = all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.path.rglob("*"))
-        if not is_export:
-            raise ConfigError(f"{self.path}: exists and holds more than an export, so --overwrite doesn't touch it")
-
-
 def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
-
-
-@contextmanager
-def _draft(place: Place) -> Iterator[Path]:
-    """What is written until it gets its name; nothing is left of it where that doesn't happen."""
-    out = place.path.absolute()
-    draft = out.with_name(f".{out.name}.partial-{os.getpid()}")
-    try:
-        if not place.is_file:
-            draft.mkdir()
-    except OSError as error:
-        raise ConfigError(f"{place.path}: can't be written ({error.strerror})") from error
-    try:
-        yield draft
-        if place.is_file:
-            draft.replace(out)
-        else:
-            swap(draft, out)
-    finally:
-        if place.is_file:
-            draft.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(draft, ignore_errors=True)
 
 
 def _open(path: Path) -> IO[str]:
@@ -138,11 +83,11 @@ def _submission(path: Path) -> Iterator[_Add]:
     with _open(path) as file:
         file.write('{"results": {')
         yield add
-        file.write(f'\n}}, "meta": {json.dumps(meta(kinds))}}}\n')
+        used = {f"use_{kind}": kind in kinds for kind in ("camera", "lidar", "radar")}
+        file.write(f'\n}}, "meta": {json.dumps({**used, "use_map": False, "use_external": False})}}}\n')
 
 
-Progress = Callable[[str, int, int], None]
-"""Gets the name of a sequence, how many of its frames are done, and how many there are."""
+Progress = Callable[[str, int, int], None]  # Gets the name of a sequence, how many frames are done, and there are
 
 
 @dataclass(frozen=True)
@@ -162,13 +107,62 @@ class Export:
 
     sources: Sequence[Path]  # Run folders and logs
     request: ExportRequest
-    place: Place
+    out: Path  # A folder; of nuScenes, whose format is one file, that file
+    overwrite: bool = False
     name: str = ""  # Of the only source, in place of its own
 
     def __post_init__(self) -> None:
-        require_class(self.request)
+        name, names = self.request.class_name, TABLES[self.request.format].names
+        if name and name not in names:
+            raise ConfigError(f"--class {name}: no class of {self.request.format}{did_you_mean(name, names)}")
         if self.name and len(self.sources) != 1:
             raise ConfigError(f"--name {self.name}: is for one source, there are {len(self.sources)}")
+
+    def require_free_place(self) -> None:
+        """See that nothing else is lost. Raises ConfigError where something is in the way, or it lies in a source."""
+        out = self.out.resolve()
+        for source in self.sources:
+            old = source.resolve()
+            if old == out or old in out.parents or out in old.parents:
+                raise ConfigError(f"{self.out}: is what is exported, or lies in it or around it; choose another name")
+        if self.request.is_nuscenes and self.out.suffix != ".json":
+            raise ConfigError(f"{self.out}: this format is one file; expected a name that ends in .json")
+        if not out.parent.is_dir():
+            raise ConfigError(f"{self.out}: can't be written (no folder {out.parent})")
+        is_empty = not self.request.is_nuscenes and _is_folder(self.out) and not any(self.out.iterdir())
+        if not (self.out.exists() or self.out.is_symlink()) or is_empty:
+            return
+        if not self.overwrite:
+            raise ConfigError(f"{self.out}: exists already; choose another with --out, or --overwrite it")
+        if self.request.is_nuscenes or not _is_folder(self.out):
+            is_export = self.request.is_nuscenes and self.out.is_file()
+        else:
+            is_export = all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.out.rglob("*"))
+        if not is_export:
+            raise ConfigError(f"{self.out}: exists and holds more than an export, so --overwrite doesn't touch it")
+
+
+@contextmanager
+def _draft(job: Export) -> Iterator[Path]:
+    """What is written until it gets its name; nothing is left of it where that doesn't happen."""
+    out, is_file = job.out.absolute(), job.request.is_nuscenes
+    draft = out.with_name(f".{out.name}.partial-{os.getpid()}")
+    try:
+        if not is_file:
+            draft.mkdir()
+    except OSError as error:
+        raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
+    try:
+        yield draft
+        if is_file:
+            draft.replace(out)
+        else:
+            swap(draft, out)
+    finally:
+        if is_file:
+            draft.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(draft, ignore_errors=True)
 
 
 def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:
@@ -176,9 +170,9 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
     mustn't be written, or a source isn't there, LogError where the format can't hold it, RunError where a run can't be
     read.
     """
-    job.place.check(job.sources)
+    job.require_free_place()
     names: dict[str, Path] = {}
-    with _draft(job.place) as draft:
+    with _draft(job) as draft:
         texts = nullcontext(partial(_add_texts, draft, len(job.sources) == 1))
         with _submission(draft) if job.request.is_nuscenes else texts as add:
             for source in job.sources:

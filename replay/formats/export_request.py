@@ -22,8 +22,7 @@ class ExportRequest:
     format: Format
     boxes: Which | None = None  # `None`: of a run its tracks or detections, as the format goes; of a log its truth
     camera: str = ""  # Whose image 2D boxes are in; empty: that of KITTI's labels in a log of KITTI, else the only one
-    frame: str = ""
-    """`body` or a camera, in whose coordinates KITTI's 3D boxes are written; empty: as the log says, else `camera`."""
+    frame: str = ""  # `body` or a camera that KITTI's 3D boxes are written in; empty: as the log says, else `camera`
     class_name: str = ""  # Class of boxes that have none, as the format calls it
 
     @property
@@ -37,8 +36,7 @@ class ExportRequest:
         return self.format.startswith("nuscenes")
 
 
-LeftOut = Counter[str]
-"""Boxes that the format has no place for, by the reason."""
+LeftOut = Counter[str]  # Boxes that the format has no place for, by the reason
 
 
 def make_export_request(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportRequest:
@@ -123,13 +121,6 @@ TABLES: Mapping[Format, ClassTable] = {
     "nuscenes": ClassTable(_NUSCENES_OWN, _NUSCENES_LABELS),
     "nuscenes-tracking": ClassTable(_TRACKED_OWN, _NUSCENES_LABELS),
 }
-
-
-def require_class(request: ExportRequest) -> None:
-    """Refuse a class that the format doesn't have. Raises ConfigError naming the nearest one."""
-    name, names = request.class_name, TABLES[request.format].names
-    if name and name not in names:
-        raise ConfigError(f"--class {name}: no class of {request.format}{did_you_mean(name, names)}")
 
 
 def namer(request: ExportRequest, where: str) -> Namer:

@@ -217,15 +217,13 @@ def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
 
 def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read the file of one sequence; up to the last frame with a row, those without are empty."""
-    return open_sequence(source, coordinates, None, parse_tracking_row)
+    return _open_sequence(source, coordinates, None, parse_tracking_row)
 
 
-def open_sequence(
+def _open_sequence(
     source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], LabeledObject]
 ) -> Iterator[Truth]:
-    """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame. Raises ConfigError
-    where the camera isn't known, or the folder has several sequences. Raises LogError where a row can't be read.
-    """
+    """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame."""
     camera = find_camera(source.camera or source.frame, coordinates, str(source.path))
     files = _text_files(source.path, "label_02")
     if len(files) > 1:
@@ -291,10 +289,8 @@ def read_ab3dmot_columns(path: Path) -> Columns:
 
 
 def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read detections of one sequence: comma-separated, a row a box, coordinates those of KITTI. Raises as
-    `open_sequence`.
-    """
-    return open_sequence(source, coordinates, ",", parse_ab3dmot_row)
+    """Read detections of one sequence: commas part columns, a row a box, coordinates of KITTI."""
+    return _open_sequence(source, coordinates, ",", parse_ab3dmot_row)
 
 
 def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:

@@ -3,7 +3,7 @@
 """
 
 import csv
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64, text_array
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.data.rig import Kind
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import Columns, LabeledObject, Solid, angles, place, to_boxes3d, to_columns
@@ -44,8 +43,7 @@ _BY_CLASS = {
 }
 """When moving and when not; what isn't here has no attribute."""
 MAX_BOXES = 500  # Of a sample; the devkit refuses more
-TOKENS = "nuscenes.sample_tokens"
-"""Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
+TOKENS = "nuscenes.sample_tokens"  # Metadata of a log: tokens of its keyframes by frame number, blanks between
 _SURE = 1.0  # Score of boxes that have none
 _METER_DIGITS, _TURN_DIGITS = 6, 12
 
@@ -123,9 +121,7 @@ def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: Faul
 
 
 def parse_box(value: object, where: str) -> LabeledObject:
-    """Return the object of a box of a submission, in the world. Sizes are width, length, height there, quaternions
-    w, x, y, z. Raises LogError saying what is missing or wrong.
-    """
+    """Return the object of a box, in the world (size w, l, h; quaternion w, x, y, z). LogError says what is wrong."""
     box = mapping(value, where)
     name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
     if not name:
@@ -239,12 +235,6 @@ def nuscenes_samples(
         names = np.array(name_classes(*labels), dtype=object)
         rows = _choose(boxes, names != "", request.is_tracking, left)
         yield token, _results(token, boxes[rows], names[rows].tolist(), pose, request.is_tracking)
-
-
-def meta(kinds: Collection[Kind]) -> dict[str, bool]:
-    """Say which sensors results come from."""
-    used = {f"use_{kind}": kind in kinds for kind in ("camera", "lidar", "radar")}
-    return {**used, "use_map": False, "use_external": False}
 
 
 def _frames(sequence: BoxSequence, num_tokens: int) -> dict[int, BoxFrame]:

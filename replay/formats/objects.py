@@ -97,7 +97,6 @@ class Solid:
     size_lwh_m: Triple
     yaw_pitch_roll_rad: Triple  # R = Rz(yaw) Ry(pitch) Rx(roll)
     velocity_mps: Triple | None = None
-    frame: str = ""  # Its coordinate frame; empty: the body
 
 
 @dataclass(frozen=True, slots=True)

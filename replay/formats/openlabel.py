@@ -68,9 +68,7 @@ class CoordinateSystems:
         return found
 
     def target(self, name: str, moving: Mapping[str, _Edge], where: str) -> tuple[str, Float64]:
-        """Return `body` or `world`, and the matrix (4, 4) that moves boxes there. Raises LogError for a loop,
-        ConfigError where nothing leads from there to the log.
-        """
+        """Return `body` or `world`, and the matrix (4, 4) to it. LogError: a loop. ConfigError: nothing leads there."""
         matrix, met, at = np.eye(4), {name: None}, name
         while True:
             if self._is_world(at):
@@ -146,10 +144,10 @@ _NUMBERS = {
 """Fields of fbench by the names of numbers among an object's attributes."""
 
 
-def make_object(
+def _make_object(
     name: str, uid: str, solid: Solid | None, flat: Flat | None, given: Sequence[Mapping[str, Any]], where: str
 ) -> LabeledObject:
-    """Return an object with what the numbers among its data say. Raises LogError where one isn't a number."""
+    """Make an object with what the numbers among its data say."""
     values: dict[str, float] = {}
     for source in given:
         for item in items(source.get("num", []), f"{where}: num"):
@@ -162,19 +160,6 @@ def make_object(
         visibility=values.get("visibility"), occlusion=values.get("occlusion"), truncation=values.get("truncation"),
         num_lidar_pts=int(points) if 0 <= points < 2**31 else None,
     )  # fmt: skip
-
-
-def solid(box: Mapping[str, Any], where: str) -> Solid:
-    """Return the box of a `cuboid`: position, x, y, z, w or angles about x, y, z (R = Rz Ry Rx), then size."""
-    val = vector(box.get("val"), (9, 10), f"{where}: val")
-    turn = angles(val[3], val[4], val[5], val[6], where) if len(val) == 10 else (val[5], val[4], val[3])
-    return Solid((val[0], val[1], val[2]), (val[-3], val[-2], val[-1]), turn)
-
-
-def flat(camera: str, box: Mapping[str, Any], where: str) -> Flat:
-    """Return the box of a `bbox`: the middle, width and height."""
-    x, y, width, height = vector(box.get("val"), (4,), f"{where}: val")
-    return Flat(camera, (x - width / 2, y - height / 2, x + width / 2, y + height / 2))
 
 
 _UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "image", "mesh", "area_reference")
@@ -250,14 +235,22 @@ class _Reader:
             at = f"{where} cuboid {i}"
             box = mapping(item, at)
             systems.append(text(box.get("coordinate_system"), f"{at}: coordinate_system") or system)
-            objects.append(make_object(name, uid, solid(box, at), None, (data, member(box, "attributes", at)), at))
+            # Position, then x, y, z, w, or angles about x, y, z with R = Rz Ry Rx, then size.
+            x, y, z, *turn, length, width, height = vector(box.get("val"), (9, 10), f"{at}: val")
+            yaw_pitch_roll = (
+                angles(turn[0], turn[1], turn[2], turn[3], at) if len(turn) == 4 else (turn[2], turn[1], turn[0])
+            )
+            solid = Solid((x, y, z), (length, width, height), yaw_pitch_roll)
+            objects.append(_make_object(name, uid, solid, None, (data, member(box, "attributes", at)), at))
         for i, item in enumerate(items(data.get("bbox", []), f"{where}: bbox")):
             at = f"{where} bbox {i}"
             box = mapping(item, at)
             stream = text(box.get("coordinate_system", box.get("stream")), f"{at}: coordinate_system") or system
             if (camera := self._camera(stream, at)) is not None:
                 given = (data, member(box, "attributes", at))
-                objects.append(make_object(name, uid, None, flat(camera, box, at), given, at))
+                x, y, width, height = vector(box.get("val"), (4,), f"{at}: val")  # The middle, width and height
+                flat = Flat(camera, (x - width / 2, y - height / 2, x + width / 2, y + height / 2))
+                objects.append(_make_object(name, uid, None, flat, given, at))
         for kind in _UNUSED:
             if kind in data:
                 self._faults.once("GT005", (self._where, kind), f"{where}: {kind}")

@@ -5,6 +5,7 @@ rectified images; fbench uses images as they are, so it takes only `camera_matri
 `T_cn_cnm1` moves points from the camera before to this one, `T_cam_imu` from the IMU to this camera.
 """
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,6 +32,7 @@ Four = Annotated[list[Number], Field(min_length=4, max_length=4)]
 Rows = list[list[Number]]
 Pixels = Annotated[int, Field(gt=0, le=1_000_000)]
 _ROTATIONS = ("rotation_xyzw", "yaw_pitch_roll_deg", "matrix")
+_MIN_NORM = 1e-6  # Of a quaternion
 _PINHOLE = ("fx", "fy", "cx", "cy")
 
 
@@ -112,7 +114,9 @@ def _edge(where: str, table: PoseTable) -> Edge:
     if table.translation_m is None:
         raise ConfigError(f"{where}: no translation_m", MALFORMED)
     if table.rotation_xyzw is not None:
-        rotation = values.unit_quaternion(f"{where}.rotation_xyzw", table.rotation_xyzw)
+        if math.hypot(*table.rotation_xyzw) < _MIN_NORM:
+            raise ConfigError(f"{where}.rotation_xyzw: is zero, so no rotation", INVALID)
+        rotation = np.array(table.rotation_xyzw, np.float64)
     else:
         angles: Any = table.yaw_pitch_roll_deg
         rotation = np.asarray(Rotation.from_euler("ZYX", angles, degrees=True).as_quat(), np.float64)

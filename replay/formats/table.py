@@ -15,7 +15,7 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.objects import angles, default_camera, find_camera, place
-from fbench.replay.formats.table_files import SUFFIXES, Key, TableFile, Values, instants, key_of, open_table_file
+from fbench.replay.formats.table_files import SUFFIXES, TableFile, Values, instants, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import column_array
@@ -171,7 +171,7 @@ def is_run_table(file: TableFile) -> bool:
 def read_run_table(file: TableFile) -> Iterator[Truth]:
     """Read boxes by the index of their frame; frames without any aren't in the table. Raises LogError if damaged."""
     kind = _KINDS[file.metadata[b"boxes"]]
-    for keys, values in instants(file, Key("frame")):
+    for keys, values in instants(file):
         columns = {f.name: values.table.column(f.name.lower()) for f in fields(kind)}
         arrays: dict[str, Any] = {n: column_array(c) for n, c in columns.items() if c.null_count < len(values)}
         boxes = replace(Boxes3D.empty(), **arrays) if kind is Boxes3D else replace(Boxes2D.empty(), **arrays)
@@ -200,12 +200,11 @@ def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
         if not paths:
             raise LogError(f"{source.path}: no .csv and no .parquet in it")
     files = [open_table_file(path) for path in paths]
-    keys = [key_of(file) for file in files]
-    if len({key.is_frame for key in keys}) > 1:
+    if len({file.counts_frames for file in files}) > 1:
         raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")
     readers = [
-        read_run_table(file) if is_run_table(file) else _Table(file, key, spaces_of(file), source, coordinates).truths()
-        for file, key in zip(files, keys, strict=True)
+        read_run_table(file) if is_run_table(file) else _Table(file, spaces_of(file), source, coordinates).truths()
+        for file in files
     ]
     together = heapq.merge(*readers, key=_instant)
     return _join(together, source.path) if len(readers) > 1 else together
@@ -216,14 +215,13 @@ class _Table:
     """How one table is read."""
 
     file: TableFile
-    key: Key
     spaces: tuple[bool, bool]
     source: BoxSource
     coordinates: CoordinateFrames
 
     def truths(self) -> Iterator[Truth]:
         camera = default_camera(self.source, self.coordinates)
-        for keys, values in instants(self.file, self.key):
+        for keys, values in instants(self.file):
             rows = rows_of(values, self.spaces, camera, self.coordinates)
             arrivals = values.wholes("arrival_ns") if "arrival_ns" in values else np.full(len(values), -1)
             before3d, before2d = (np.concatenate([[0], np.cumsum(has)]) for has in (rows.has_solid, rows.has_flat))
@@ -241,7 +239,7 @@ class _Table:
                     boxes3d = Boxes3D.empty()
                 boxes2d = flats if len(flats) else Boxes2D.empty() if self.spaces[1] and has_empty else None
                 key, arrival_ns = int(keys[start]), int(arrivals[start:stop].max())
-                if self.key.is_frame:
+                if self.file.counts_frames:
                     yield Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
                 else:
                     yield Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)

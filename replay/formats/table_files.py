@@ -20,12 +20,12 @@ from fbench.replay.logs.containers.parquet.footer import DamageError, read_tail,
 from fbench.replay.logs.containers.parquet.groups import read_page
 
 SUFFIXES = (".csv", ".tsv", ".parquet")
+KEYS = ("stamp_ns", "stamp_s", "frame")
 ROW = "row"  # Column that is added: the number of each row, 1 for the first behind the header
 _ROWS_AT_ONCE = 16384
 _MAX_PAGES = 256 * 2**20
 _PAGE_HEADER = 64 * 1024
-_GROWING = (6, 7)
-"""DELTA_LENGTH_BYTE_ARRAY and DELTA_BYTE_ARRAY of parquet-format: a few bytes may stand for any amount of text."""
+_GROWING = (6, 7)  # DELTA_LENGTH_BYTE_ARRAY, DELTA_BYTE_ARRAY of parquet-format: few bytes stand for any text
 _SEPARATORS = ",;\t"
 _READ = pacsv.ReadOptions(use_threads=False, block_size=2**20)
 
@@ -39,6 +39,19 @@ class TableFile:
     types: dict[str, pa.DataType]
     separator: str | None  # Of a CSV; `None`: Parquet
     metadata: dict[bytes, bytes]
+
+    @property
+    def key(self) -> str:
+        """Column that says when the boxes of a row were. Raises LogError where there is none."""
+        for name in KEYS:
+            if name in self.names:
+                return name
+        raise LogError(f"{self.path}: no column says when boxes were; expected {', '.join(KEYS[:-1])} or {KEYS[-1]}")
+
+    @property
+    def counts_frames(self) -> bool:
+        """Whether the key is the frame, and not a stamp."""
+        return self.key == "frame"
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield rows with their numbers, all columns or some. Raises LogError where the file is damaged."""
@@ -202,6 +215,15 @@ class Values:
         """Return stamps [ns] (N,) from seconds, -1 where there are none."""
         return np.array(self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds"), np.int64)
 
+    def keys(self, name: str) -> Int64:
+        """Return stamps [ns] or frames (N,), by the key of the table. Raises LogError naming a row without any."""
+        if name == "stamp_ns" and pa.types.is_floating(self.table.column(name).type):
+            raise LogError(f"{self.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
+        found = self.seconds(name) if name == "stamp_s" else self.wholes(name)
+        if len(found) and found.min() < 0:
+            raise LogError(f"{self.where(int(np.argmax(found < 0)))}: {name} is missing or negative")
+        return found
+
     def _each(self, name: str, read: Callable[[str], Any], expected: str) -> list[Any]:
         """Read each different text once."""
         known: dict[str, Any] = {}
@@ -264,69 +286,38 @@ def _drop_blank(column: pa.Array) -> pa.Array:
     return pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
 
 
-KEYS = ("stamp_ns", "stamp_s", "frame")
 _MAX_UNORDERED = 5_000_000
 _MAX_AT_ONCE = 200_000
 
 
-@dataclass(frozen=True)
-class Key:
-    """What says when the boxes of a row were."""
-
-    name: str
-
-    @property
-    def is_frame(self) -> bool:
-        """Whether frames are counted."""
-        return self.name == "frame"
-
-    def read(self, values: Values) -> Int64:
-        """Return stamps [ns] or frames (N,). Raises LogError naming the row where there is none."""
-        if self.name == "stamp_ns" and pa.types.is_floating(values.table.column("stamp_ns").type):
-            raise LogError(f"{values.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
-        found = values.seconds(self.name) if self.name == "stamp_s" else values.wholes(self.name)
-        if len(found) and found.min() < 0:
-            index = int(np.argmax(found < 0))
-            raise LogError(f"{values.where(index)}: {self.name} is missing or negative")
-        return found
-
-
-def key_of(file: TableFile) -> Key:
-    """Return the column that says when boxes were. Raises LogError where there is none."""
-    name = next((name for name in KEYS if name in file.names), None)
-    if name is None:
-        raise LogError(f"{file.path}: no column says when boxes were; expected {', '.join(KEYS[:-1])} or {KEYS[-1]}")
-    return Key(name)
-
-
-def instants(file: TableFile, key: Key) -> Iterator[tuple[Int64, Values]]:
+def instants(file: TableFile) -> Iterator[tuple[Int64, Values]]:
     """Yield rows with their keys, ascending, never parting those of one instant. LimitError: too many at once."""
     num_rows, last, is_ordered = 0, -1, True
-    for batch in file.batches([key.name]):
-        keys = key.read(Values(file.path, batch))
+    for batch in file.batches([file.key]):
+        keys = Values(file.path, batch).keys(file.key)
         if len(keys):
             is_ordered = is_ordered and int(keys[0]) >= last and bool((np.diff(keys) >= 0).all())
             last, num_rows = int(keys[-1]), num_rows + len(keys)
     if not is_ordered and num_rows > _MAX_UNORDERED:
-        raise LimitError(f"{file.path}: {num_rows} rows that aren't in the order of '{key.name}'; sort them")
+        raise LimitError(f"{file.path}: {num_rows} rows that aren't in the order of '{file.key}'; sort them")
     kept: pa.Table | None = None
-    for batch in file.batches() if is_ordered else _sort_rows(file, key):
+    for batch in file.batches() if is_ordered else _sort_rows(file):
         table = batch if kept is None else pa.concat_tables([kept, batch])
         values = Values(file.path, table)
-        keys = key.read(values)
+        keys = values.keys(file.key)
         last = int(np.searchsorted(keys, keys[-1])) if len(keys) else 0
         if len(keys) - last > _MAX_AT_ONCE:
-            raise LimitError(f"{file.path}: over {_MAX_AT_ONCE} rows at '{key.name}' {keys[-1]}")
+            raise LimitError(f"{file.path}: over {_MAX_AT_ONCE} rows at '{file.key}' {keys[-1]}")
         if last:
             yield keys[:last], Values(file.path, table.slice(0, last))
         kept = table.slice(last)
     if kept is not None and kept.num_rows:
         values = Values(file.path, kept)
-        yield key.read(values), values
+        yield values.keys(file.key), values
 
 
-def _sort_rows(file: TableFile, key: Key) -> Iterator[pa.Table]:
+def _sort_rows(file: TableFile) -> Iterator[pa.Table]:
     table = pa.concat_tables(list(file.batches()))
-    order = np.argsort(key.read(Values(file.path, table)), kind="stable")
+    order = np.argsort(Values(file.path, table).keys(file.key), kind="stable")
     for start in range(0, len(order), _ROWS_AT_ONCE):
         yield table.take(pa.array(order[start : start + _ROWS_AT_ONCE]))

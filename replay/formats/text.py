@@ -66,9 +66,7 @@ def frame_number(text: str, where: str) -> int:
 
 
 def digest_of(path: Path) -> str:
-    """Return the blake2b-128 of a file; of a folder, over names and digests of all its files in the order of names.
-    Raises LogError where a file can't be read.
-    """
+    """Return the blake2b-128 of a file; of a folder over names and digests of all files, in that order; or LogError."""
     digest = blake2b(digest_size=16)
     if not path.is_file():
         for file in sorted(file for file in path.rglob("*") if file.is_file()):

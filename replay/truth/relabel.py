@@ -56,8 +56,11 @@ def relabel(
     file = open_boxes(source, coordinates, faults)
     map_ = ClassMap(classes or {})
     truths = (_classify(span.note(truth), map_, source.path.name, faults) for truth in file.truths())
+    # Truth refers to stamps as recorded, before an offset was added.
+    offset_ns = run.manifest.frames.offsets_ns.get(run.manifest.frames.reference, 0)
+    instants = [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
     with closing(_Tables(run)) as tables:
-        times = TruthTimes(_instants(run), run.poses, max_between_ns)
+        times = TruthTimes(instants, run.poses, max_between_ns)
         _match(run, times.match(truths), tables, faults)
         if not tables.truths:
             raise MetricError(_unmatched(run, source.path, span))
@@ -146,13 +149,6 @@ def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Table
                 faults.add("GT006", stray(truth))
         elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
             tables.add(index, kept)
-
-
-def _instants(run: Run) -> list[Instant]:
-    """Truth refers to stamps as recorded, before an offset was added."""
-    frames = run.manifest.frames
-    offset_ns = frames.offsets_ns.get(frames.reference, 0)
-    return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
 
 
 def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:

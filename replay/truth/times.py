@@ -17,8 +17,7 @@ from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.geometry.transforms import chain, inverse, wrap_angle
 from fbench.replay.truth.labelling import TOLERANCE_NS, Instant, Labelling, drop_unshared, is_real
 
-MAX_GAP_NS = 600_000_000
-"""Truth moves to the instant of its frame only between truths that aren't farther apart: keyframes of 2 Hz, say."""
+MAX_GAP_NS = 600_000_000  # Truth moves to its frame's instant only between truths nearer than this: keyframes of 2 Hz
 MAX_BETWEEN_MS = 60_000
 _NO_CAMERA = ""  # Stands for all where nothing was in any of them
 
@@ -34,7 +33,6 @@ B = TypeVar("B", Boxes2D, Boxes3D)
 NO_ID = -1
 _LINEAR = ("center_m", "size_lwh_m", "velocity_mps", "xyxy_px", "visible_xyxy_px", "distance_m", "range_rate_mps")
 _ANGLES = ("yaw_rad", "roll_rad", "pitch_rad")
-_UNKNOWN = np.full(7, np.nan)
 
 
 def interpolate(own: B, other: B, share: float) -> tuple[B, Bool]:
@@ -85,38 +83,6 @@ def move_to_body(boxes: Boxes3D, dst_T_src: Float64) -> Boxes3D:
     )
 
 
-class BodyMotion:
-    """Interpolates between the poses of the frames of a segment, (N, 7) position [m] and quaternion x, y, z, w, NaN
-    where unknown. A finished run knows these, too: so truth that is added later gets the same numbers.
-    """
-
-    def __init__(self, instants: Sequence[Instant], values: Float64) -> None:
-        self._values: dict[int, Float64] = {i.index: value for i, value in zip(instants, values, strict=True)}
-        ordered = sorted(instants, key=lambda instant: (instant.segment, instant.stamp_ns))
-        self._segments = {segment: list(own) for segment, own in groupby(ordered, key=lambda instant: instant.segment)}
-
-    def body_T_body(self, frame: Instant, stamp_ns: int) -> Float64 | None:
-        """Return the transform (4, 4) from the body at a stamp to that at a frame of its segment, where it is known."""
-        at_frame, at_stamp = pose_of(self._values[frame.index]), pose_of(self._at(frame.segment, stamp_ns))
-        return None if at_frame is None or at_stamp is None else chain(inverse(at_frame), at_stamp)
-
-    def is_known(self, frame: Instant) -> bool:
-        """Whether a frame has a pose."""
-        return pose_of(self._values[frame.index]) is not None
-
-    def _at(self, segment: int, stamp_ns: int) -> Float64:
-        frames = self._segments[segment]
-        place = bisect_left(frames, stamp_ns, key=lambda frame: frame.stamp_ns)
-        if place < len(frames) and frames[place].stamp_ns == stamp_ns:
-            return self._values[frames[place].index]
-        around = frames[place - 1 : place + 1] if place else []
-        values = [self._values[frame.index] for frame in around]
-        if len(around) < 2 or np.isnan(values).any():
-            return _UNKNOWN
-        before, after = (Pose("", f.stamp_ns, f.stamp_ns, v[:3], v[3:]) for f, v in zip(around, values, strict=True))
-        return pose_between(before, after, stamp_ns)
-
-
 @dataclass(eq=False)
 class Placed:
     """A truth with its frame."""
@@ -140,13 +106,16 @@ class TruthTimes:
     stays. Frames without truth of their own get that of the objects which truths on both sides have, where those aren't
     farther apart than `max_between_ns`; 0: none does.
 
-    3D boxes are interpolated in body coordinates of that instant, which the poses, (N, 7) and NaN where unknown, hold
-    still, so that a standing object stays where it is; where a pose isn't known, in those of each truth's own instant.
+    3D boxes are interpolated in body coordinates of that instant, which the poses, (N, 7) position [m] and quaternion
+    x, y, z, w, NaN where unknown, hold still, so that a standing object stays where it is; where a pose isn't known, in
+    those of each truth's own instant.
     """
 
     def __init__(self, instants: Sequence[Instant], poses: Float64, max_between_ns: int = 0) -> None:
         self._labelling = Labelling(instants)
-        self._motion = BodyMotion(instants, poses)
+        self._poses: dict[int, Float64] = {i.index: pose for i, pose in zip(instants, poses, strict=True)}
+        ordered = sorted(instants, key=lambda instant: (instant.segment, instant.stamp_ns))
+        self._segments = {segment: list(own) for segment, own in groupby(ordered, key=lambda instant: instant.segment)}
         self._max_between_ns = max_between_ns
         self._reach_ns = max(MAX_GAP_NS, max_between_ns) + TOLERANCE_NS
         self._window: list[Placed] = []  # Truths by stamp, none much older than those that aren't done
@@ -177,9 +146,7 @@ class TruthTimes:
         yield from self._settle(None)
 
     def _settle(self, stamp_ns: int | None) -> Iterator[Truth]:
-        """Finish the truths before a stamp, around which all is known, and forget old ones; `None`: finish all, begin
-        anew.
-        """
+        """Finish truths before a stamp, with all known around them, and forget old ones; `None`: finish all."""
         while self._num_done < len(self._window):
             placed, *following = self._window[self._num_done : self._num_done + 2]
             if stamp_ns is not None and placed.stamp_ns >= stamp_ns:
@@ -236,7 +203,7 @@ class TruthTimes:
 
     def _make_3d(self, pair: _Pair, frame: Instant) -> Boxes3D | None:
         near, far = (placed.truth for placed in pair)
-        can_place = not near.in_world or self._motion.is_known(frame)
+        can_place = not near.in_world or pose_of(self._poses[frame.index]) is not None
         if not (_has_ids(near.boxes3d) and _has_ids(far.boxes3d) and can_place):
             return None
         boxes, is_moved = self._interpolate_3d(near, far, frame)
@@ -275,9 +242,7 @@ class TruthTimes:
         return next((placed for placed in found if self._labels(placed, camera)), None)
 
     def _labels(self, placed: Placed, camera: str | None) -> bool:
-        """Whether a truth says what was there. Without boxes of a camera nothing was, unless another of its frame has
-        any.
-        """
+        """Whether a truth says what was there. Without boxes of a camera nothing was, if none of its frame has any."""
         if camera is None or placed.truth.boxes2d is None or not placed.is_source:
             return placed.is_source and camera is None and placed.truth.boxes3d is not None
         if placed.index is None or len(_boxes_of(placed.truth, camera)):
@@ -301,13 +266,33 @@ class TruthTimes:
             return a, np.zeros(len(a), bool)
         here, there = a, b
         if not own.in_world:
-            own_T, other_T = (self._motion.body_T_body(frame, truth.stamp_ns) for truth in (own, other))
+            own_T, other_T = (self._body_T_body(frame, truth.stamp_ns) for truth in (own, other))
             if own_T is not None and other_T is not None:
                 here, there = move_to_body(a, own_T), move_to_body(b, other_T)
         boxes, is_moved = interpolate(here, there, _share(own, other, frame))
         still, moved = a.arrays(), boxes.arrays().items()
         rows = {name: np.where(is_moved.reshape(-1, *[1] * (x.ndim - 1)), x, still[name]) for name, x in moved}
         return replace(boxes, **rows), is_moved
+
+    def _body_T_body(self, frame: Instant, stamp_ns: int) -> Float64 | None:
+        """Transform (4, 4) from the body at a stamp to that at a frame of its segment, where it is known: by the poses
+        of frames, which a finished run knows, too, so that truth that is added later gets the same numbers.
+        """
+        frames = self._segments[frame.segment]
+        place = bisect_left(frames, stamp_ns, key=lambda other: other.stamp_ns)
+        if place < len(frames) and frames[place].stamp_ns == stamp_ns:
+            at_stamp = pose_of(self._poses[frames[place].index])
+        else:
+            around = frames[place - 1 : place + 1] if place else []
+            values = [self._poses[other.index] for other in around]
+            if len(around) < 2 or np.isnan(values).any():
+                return None
+            before, after = (
+                Pose("", f.stamp_ns, f.stamp_ns, v[:3], v[3:]) for f, v in zip(around, values, strict=True)
+            )
+            at_stamp = pose_of(pose_between(before, after, stamp_ns))
+        at_frame = pose_of(self._poses[frame.index])
+        return None if at_frame is None or at_stamp is None else chain(inverse(at_frame), at_stamp)
 
 
 def _interpolate_2d(own: Truth, other: Truth, camera: str, frame: Instant) -> tuple[Boxes2D, Bool]:

@@ -93,9 +93,7 @@ class DriveCalibration:
 
 
 def read_calibration(drive: Drive) -> DriveCalibration:
-    """Read the calibration of a drive's sensors. LogError: a missing or wrong file; `calib_imu_to_velo.txt` may be
-    missing.
-    """
+    """Read a drive's calibration. LogError names a file that is missing or wrong; `calib_imu_to_velo.txt` may lack."""
     folder, has_lidar = drive.calibration_folder, LIDAR in drive.series
     cameras = _read(folder / CAMERAS)
     camera0_T_recorded = np.eye(4)

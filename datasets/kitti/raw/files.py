@@ -84,28 +84,22 @@ def find_drives(source: Path) -> dict[str, Path]:
 def open_drive(name: str, folder: Path) -> Drive:
     """List the files of a drive. Raises LogError where a folder can't be read, or there is no measurement."""
     endings = {LIDAR: ("bin",) if name.endswith("_sync") else ("txt", "bin"), OXTS: ("txt",)}
-    found = [
-        _series(sensor, folder / _FOLDERS.get(sensor, sensor), endings.get(sensor, _IMAGES))
-        for sensor in (*CAMERAS, LIDAR, OXTS)
-    ]
+    found = []
+    for sensor in (*CAMERAS, LIDAR, OXTS):
+        inner, others = folder / _FOLDERS.get(sensor, sensor), []
+        paths: dict[int, Path] = {}
+        for path in entries(inner / "data"):
+            match = _NUMBERED.fullmatch(path.name)
+            if match is None or match[2] not in endings.get(sensor, _IMAGES) or int(match[1]) >= MAX_FRAMES:
+                others.append(path.name)
+            elif (twin := paths.setdefault(int(match[1]), path)) is not path:
+                raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
+        found.append(Series(sensor, inner, dict(sorted(paths.items())), tuple(others)))
     drive = Drive(name, folder, {series.sensor: series for series in found if series.paths})
     if not set(drive.series) - {OXTS}:
         places = ", ".join(f"{series.folder.name}/data" for series in found if series.sensor != OXTS)
         raise LogError(f"{folder}: no image and no point cloud, expected files in {places}")
     return drive
-
-
-def _series(sensor: str, folder: Path, endings: tuple[str, ...]) -> Series:
-    paths: dict[int, Path] = {}
-    others = []
-    for path in entries(folder / "data"):
-        match = _NUMBERED.fullmatch(path.name)
-        if match is None or match[2] not in endings or int(match[1]) >= MAX_FRAMES:
-            others.append(path.name)
-            continue
-        if (twin := paths.setdefault(int(match[1]), path)) is not path:
-            raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
-    return Series(sensor, folder, dict(sorted(paths.items())), tuple(others))
 
 
 def _parse_stamp(path: Path, lines: Sequence[str], number: int) -> int:

@@ -106,7 +106,7 @@ class RawRecording:
             "stamps": _STAMPS,
             "reference": drive.reference,
             **({"calibrated": self._calibration.made} if self._calibration.made else {}),
-            **({} if self._world is None else self._world.metadata()),
+            **({} if self._world is None else self._world.metadata),
             **describe_params(self._params),
         }
         return LogInfo(self.name, log_id("kitti", self._facts(), self._wish.frames, self._params), metadata)
