@@ -26,6 +26,8 @@ from fbench.replay.formats.text import frame_number, lines
 TRACKING_LABELS, OBJECT_LABELS = "label_02", "label_2"
 _FRAME_DIGITS = 6
 _CAMERAS = {sensors.camera_name(number): number for number in (2, 3)}
+_FOLDERS = {**{f"image_{number}": (name, IMAGES) for name, number in _CAMERAS.items()}, "velodyne": (LIDAR, POINTS)}
+"""Sensor and suffixes by the folder of its files."""
 
 
 def sequences(folder: Path) -> list[str]:
@@ -78,7 +80,17 @@ class TrackingFrames:
     @cached_property
     def _num_frames(self) -> int:
         labeled = 0 if self._rows is None else self._rows.num_frames
-        return max(self._num_by_files or _list_length(self.folder, self._sequence), labeled)
+        return max(self._num_by_files or self._num_listed(), labeled)
+
+    def _num_listed(self) -> int:
+        """How many frames the benchmark's `evaluate_tracking.seqmap*` says: `0000 empty 000000 000154`."""
+        is_test, name = self.folder.name == "testing", "evaluate_tracking.seqmap"
+        for path in (*entries(self.folder), *entries(self.folder.parent)):
+            if path.name.startswith(name) and is_test == (path.suffix == ".test") and path.is_file():
+                for line in lines(path):
+                    if line.fields[0] == self._sequence and len(line.fields) == 4:
+                        return frame_number(line.fields[3], line.where)
+        return 0
 
     @property
     def _num_by_files(self) -> int:
@@ -202,21 +214,6 @@ class TrackingFrames:
             odd = "" if last == num else f", though the sequence has {num} frames"
             notes.append(f"poses: of frames 0 to {last - 1}{odd}")
         return [*notes, "stamps: made up at 10 Hz, the benchmark has none"]
-
-
-def _list_length(folder: Path, sequence: str) -> int:
-    """How many frames a sequence has by the benchmark's `evaluate_tracking.seqmap*`: `0000 empty 000000 000154`."""
-    is_test = folder.name == "testing"
-    for path in (*entries(folder), *entries(folder.parent)):
-        if path.name.startswith("evaluate_tracking.seqmap") and is_test == (path.suffix == ".test") and path.is_file():
-            for line in lines(path):
-                if line.fields[0] == sequence and len(line.fields) == 4:
-                    return frame_number(line.fields[3], line.where)
-    return 0
-
-
-_FOLDERS = {**{f"image_{number}": (name, IMAGES) for name, number in _CAMERAS.items()}, "velodyne": (LIDAR, POINTS)}
-"""Sensor and suffixes by the folder of its files."""
 
 
 def has_frames(folder: Path) -> bool:

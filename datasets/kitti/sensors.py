@@ -26,6 +26,26 @@ BODY_T_CAMERA0 = BODY_T_OPTICAL
 Body coordinates have their origin in the rectified camera 0, so that labels, which are given there and stand upright
 there, are the same boxes in the log, whatever the calibration of the other sensors.
 """
+Size = tuple[int, int]
+_BY_FOCAL_LENGTH: Mapping[float, tuple[str, Size]] = {
+    721.5377: ("2011_09_26", (1242, 375)),
+    707.0493: ("2011_09_28", (1224, 370)),
+    718.3351: ("2011_09_29", (1238, 374)),
+    707.0912: ("2011_09_30", (1226, 370)),
+    718.856: ("2011_10_03", (1241, 376)),
+}
+"""Day of recording and size [px], by the focal length [px] of the rectified cameras, which is that of the day."""
+_MAX_SIDE_PX = 2**16
+_RECTIFICATION = ("R0_rect", "R_rect")
+_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
+_IMU = ("Tr_imu_to_velo", "Tr_imu_velo")
+_SHAPES: dict[str, tuple[int, int]] = {
+    **{f"P{i}": (3, 4) for i in range(4)},
+    **dict.fromkeys(_RECTIFICATION, (3, 3)),
+    **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
+}
+"""The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
+_MAX = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,18 +87,6 @@ def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], ha
             raise ValueError("the calibration doesn't tell where the LiDAR is")
         mounts[LIDAR] = mount_of("lidar", BODY_T_CAMERA0 @ calibration.camera0_T_velo)
     return Rig(mounts, cameras)
-
-
-Size = tuple[int, int]
-_BY_FOCAL_LENGTH: Mapping[float, tuple[str, Size]] = {
-    721.5377: ("2011_09_26", (1242, 375)),
-    707.0493: ("2011_09_28", (1224, 370)),
-    718.3351: ("2011_09_29", (1238, 374)),
-    707.0912: ("2011_09_30", (1226, 370)),
-    718.856: ("2011_10_03", (1241, 376)),
-}
-"""Day of recording and size [px], by the focal length [px] of the rectified cameras, which is that of the day."""
-_MAX_SIDE_PX = 2**16
 
 
 def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[Size, str]:
@@ -145,18 +153,6 @@ class KittiParams:
     detections: Path | None = None
     """Folder with another system's results, `NNNN.txt` for each sequence of the tracking benchmark or `FFFFFF.txt` for
     each frame of the object benchmark; they become recorded results."""
-
-
-_RECTIFICATION = ("R0_rect", "R_rect")
-_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
-_IMU = ("Tr_imu_to_velo", "Tr_imu_velo")
-_SHAPES: dict[str, tuple[int, int]] = {
-    **{f"P{i}": (3, 4) for i in range(4)},
-    **dict.fromkeys(_RECTIFICATION, (3, 3)),
-    **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
-}
-"""The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
-_MAX = 1e6
 
 
 def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) -> Calibration:

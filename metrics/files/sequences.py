@@ -20,6 +20,10 @@ _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
 _MAX_INSPECTED = 20
+_KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
+Missing = Literal["error", "empty"]
+MISSING: tuple[Missing, ...] = get_args(Missing)
+_NAMED = 5
 
 
 def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
@@ -118,9 +122,6 @@ def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
     return form
 
 
-_KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
-
-
 def _read_seqmap(path: Path) -> dict[str, int | None]:
     """Frames of each listed sequence; `None` where the list has names only, as MOTChallenge's."""
     if not path.is_file():
@@ -137,11 +138,6 @@ def _read_seqmap(path: Path) -> dict[str, int | None]:
     if not found:
         raise LogError(f"{path}: lists no sequence")
     return found
-
-
-Missing = Literal["error", "empty"]
-MISSING: tuple[Missing, ...] = get_args(Missing)
-_NAMED = 5
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,13 @@ _DEFAULT_CAMERA = "image"
 _LEVELS = ("visibility", "occlusion", "truncation")
 _MAX_ROWS = 20_000_000  # Rows of one sequence that are taken into memory
 _MAX_KEPT = 500_000  # Rows of a table of several sequences up to which it is read once and kept
+_SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
+_FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
+_OPTIONAL = ("center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points")
+_IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
+    "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
+}  # fmt: skip
+"""Marks values that say nothing, by the kind of their array."""
 
 
 @dataclass(frozen=True)
@@ -150,15 +157,6 @@ def _num_points(values: Values) -> Array:
     if not points:
         return np.full(len(values), -1, np.int64)
     return np.where(np.max(points, axis=0) < 0, -1, np.maximum(points, 0).sum(axis=0))
-
-
-_SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
-_FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
-_OPTIONAL = ("center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points")
-_IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
-    "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
-}  # fmt: skip
-"""Marks values that say nothing, by the kind of their array."""
 
 
 def _slim(objects: Objects) -> Objects:

@@ -23,6 +23,9 @@ from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinat
 from fbench.replay.setup.source import LogRequest, log_source
 
 _SUFFIXES = (".txt", ".ini")  # Of all that is written into folders
+_Add = Callable[[str, BoxSequence, ExportRequest, LeftOut], Iterator[int]]
+"""Writes a sequence under a name, and yields the number of rows of each frame."""
+Progress = Callable[[str, int, int], None]  # Gets the name of a sequence, how many frames are done, and there are
 
 
 def _is_folder(path: Path) -> bool:
@@ -32,10 +35,6 @@ def _is_folder(path: Path) -> bool:
 def _open(path: Path) -> IO[str]:
     path.parent.mkdir(parents=True, exist_ok=True)
     return path.open("w", encoding="utf-8", newline="\n")
-
-
-_Add = Callable[[str, BoxSequence, ExportRequest, LeftOut], Iterator[int]]
-"""Writes a sequence under a name, and yields the number of rows of each frame."""
 
 
 def _add_texts(
@@ -87,9 +86,6 @@ def _submission(path: Path) -> Iterator[_Add]:
         file.write(f'\n}}, "meta": {json.dumps({**used, "use_map": False, "use_external": False})}}}\n')
 
 
-Progress = Callable[[str, int, int], None]  # Gets the name of a sequence, how many frames are done, and there are
-
-
 @dataclass(frozen=True)
 class Exported:
     """What became of one run or log."""
@@ -112,7 +108,8 @@ class Export:
     name: str = ""  # Of the only source, in place of its own
 
     def __post_init__(self) -> None:
-        name, names = self.request.class_name, TABLES[self.request.format].names
+        name, table = self.request.class_name, TABLES[self.request.format]
+        names = sorted({*table.own.values(), *table.labels.values()} - {""})
         if name and name not in names:
             raise ConfigError(f"--class {name}: no class of {self.request.format}{did_you_mean(name, names)}")
         if self.name and len(self.sources) != 1:
@@ -178,7 +175,6 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
             for source in job.sources:
                 left = LeftOut()
                 sequence = _sequence(source, job.request, left, faults)
-                sequence.require_boxes(job.request.is_tracking)
                 name = file_name(job.name or sequence.name)
                 if name in names:
                     raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
@@ -192,16 +188,24 @@ def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done
 
 
 def _sequence(source: Path, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
+    """Read a run or log that has boxes, with ids where these are needed."""
     if not source.exists():
         raise ConfigError(f"{source}: no such run folder or log")
-    if (source / MANIFEST).is_file():
-        return run_sequence(source, request)
     try:
-        return log_sequence(log_source(LogRequest(source)), request, left, faults)
+        is_run = (source / MANIFEST).is_file()
+        log = None if is_run else log_source(LogRequest(source))
+        sequence = run_sequence(source, request) if log is None else log_sequence(log, request, left, faults)
     except LogError as error:
-        if error.code == "LOG001":
+        if error.code == "LOG001" and not is_run:
             raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error
         raise
+    if all(frame.boxes3d is None and frame.boxes2d is None for frame in sequence.frames):
+        raise LogError(f"{sequence.where}: has no {'truth' if sequence.is_truth else 'boxes'} to export")
+    full = sequence.boxes
+    if request.is_tracking and full and all(boxes.track_id is None for boxes in full):
+        advice = "export tracks with --boxes tracks, or take --format kitti or nuscenes"
+        raise LogError(f"{sequence.where}: its boxes have no track ids, which this format needs; {advice}")
+    return sequence
 
 
 def _describe_view(sequence: BoxSequence, request: ExportRequest) -> str:

@@ -13,6 +13,8 @@ Which = Literal["tracks", "detections", "truth"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 _TRACKING: tuple[Format, ...] = ("kitti-tracking", "mot", "nuscenes-tracking")
 _WHICH: tuple[Which, ...] = get_args(Which)
+LeftOut = Counter[str]  # Boxes that the format has no place for, by the reason
+Namer = Callable[[Text, Text], list[str]]
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,6 @@ class ExportRequest:
         return self.format.startswith("nuscenes")
 
 
-LeftOut = Counter[str]  # Boxes that the format has no place for, by the reason
-
-
 def make_export_request(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportRequest:
     """Read `--format`, `--boxes`, `--camera`, `--frame`, `--class`. ConfigError where one isn't known."""
     chosen = next((known for known in FORMATS if known == form), None)
@@ -50,9 +49,6 @@ def make_export_request(form: str, boxes: str | None, camera: str, frame: str, c
     return ExportRequest(chosen, which, camera, frame, class_name)
 
 
-Namer = Callable[[Text, Text], list[str]]
-
-
 @dataclass(frozen=True)
 class ClassTable:
     """One benchmark's classes."""
@@ -61,11 +57,6 @@ class ClassTable:
     """Names by what datasets call a class (`source_label`), where the benchmark tells more classes apart than fbench;
     empty: has no place in it."""
     labels: Mapping[str, str]  # Names by the labels of fbench; without one: has no place
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All classes."""
-        return tuple(sorted({*self.own.values(), *self.labels.values()} - {""}))
 
     def name(self, source_label: str, label: str) -> str | None:
         """Name of a class; empty: has no place, `None`: the box has no class."""

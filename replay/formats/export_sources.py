@@ -31,6 +31,8 @@ NO_POSE = "in the world, without a pose of the body"
 
 _FrameTruth = tuple[int, int | None, Truth, Rig]  # Index and number of a frame, and its boxes
 _Matched = tuple[Sequence[_FrameTruth], FramePoses, int]  # All of them, where the body was, and the number of frames
+MANIFEST = "manifest.json"
+_KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
 
 
 def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
@@ -94,10 +96,6 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
             rig = stream.rigs[max(first for first in stream.rigs if first <= segment)]
             rows.append((index, instant.frame_number, truth, rig))
     return sorted(rows, key=lambda row: row[0]), stream.poses, len(frames)
-
-
-MANIFEST = "manifest.json"
-_KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
 
 
 def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:

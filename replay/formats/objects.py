@@ -16,6 +16,18 @@ from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.logs.coordinate_frames import WORLDS, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
+Triple = tuple[float, float, float]
+_NONE3 = (np.nan,) * 3
+_NONE4 = (np.nan,) * 4
+_MAX_EMPTY = 200_000  # Frames without rows, one after the other, that still belong to a sequence: nearly two hours
+_OPTIONAL: dict[str, tuple[Any, Any]] = {
+    "score": (np.float64, np.nan), "track_id": (np.int64, -1), "ignore": (np.bool_, False),
+    "visibility": (np.float64, np.nan), "occlusion": (np.float64, np.nan), "truncation": (np.float64, np.nan),
+    "alpha_rad": (np.float64, np.nan), "attribute": (np.str_, ""), "num_lidar_pts": (np.int64, -1),
+}  # fmt: skip
+"""Type of columns that aren't always there, and what stands for an unknown value."""
+Columns = dict[str, Any]  # Fields of many objects by name, each (N, ...); `None` where nothing is known
+
 
 def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
     """Return boxes, each in its own one of `frames`, in body coordinates; or all in those of the world, and say so.
@@ -83,12 +95,6 @@ def default_camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
     return "" if is_frame else source.camera
 
 
-Triple = tuple[float, float, float]
-_NONE3 = (np.nan,) * 3
-_NONE4 = (np.nan,) * 4
-_MAX_EMPTY = 200_000  # Frames without rows, one after the other, that still belong to a sequence: nearly two hours
-
-
 @dataclass(frozen=True, slots=True)
 class Solid:
     """A 3D box."""
@@ -124,14 +130,6 @@ class LabeledObject:
     attribute: str | None = None
     num_lidar_pts: int | None = None
     alpha_rad: float | None = None  # KITTI's angle of observation, which boxes have no place for
-
-
-_OPTIONAL: dict[str, tuple[Any, Any]] = {
-    "score": (np.float64, np.nan), "track_id": (np.int64, -1), "ignore": (np.bool_, False),
-    "visibility": (np.float64, np.nan), "occlusion": (np.float64, np.nan), "truncation": (np.float64, np.nan),
-    "alpha_rad": (np.float64, np.nan), "attribute": (np.str_, ""), "num_lidar_pts": (np.int64, -1),
-}  # fmt: skip
-"""Type of columns that aren't always there, and what stands for an unknown value."""
 
 
 def _column(rows: Sequence[LabeledObject], name: str) -> Array | None:
@@ -184,9 +182,6 @@ def _common(rows: Sequence[LabeledObject]) -> dict[str, Any]:
         "source_label": text_array([row.source_label for row in rows]),
         **{name: column for name, column in optional.items() if column is not None},
     }
-
-
-Columns = dict[str, Any]  # Fields of many objects by name, each (N, ...); `None` where nothing is known
 
 
 def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:

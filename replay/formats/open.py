@@ -24,6 +24,15 @@ from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry
 
 _MAX_INSPECTED = 20
+FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
+    "table": open_table,
+    "kitti": open_kitti,
+    "kitti-tracking": open_kitti_tracking,
+    "ab3dmot": open_ab3dmot,
+    "mot": open_mot,
+    "nuscenes": open_nuscenes,
+    "openlabel": open_openlabel,
+}
 
 
 def recognize(path: Path) -> str:
@@ -81,17 +90,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
-    "table": open_table,
-    "kitti": open_kitti,
-    "kitti-tracking": open_kitti_tracking,
-    "ab3dmot": open_ab3dmot,
-    "mot": open_mot,
-    "nuscenes": open_nuscenes,
-    "openlabel": open_openlabel,
-}
 
 
 @dataclass(frozen=True)

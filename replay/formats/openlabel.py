@@ -34,6 +34,12 @@ WORLD = "world"
 
 
 _Edge = tuple[str, Float64]  # The parent of a coordinate system, and its pose (4, 4) there: parent_T_child
+_NUMBERS = {
+    "score": "score", "confidence": "score", "occlusion": "occlusion", "truncation": "truncation",
+    "visibility": "visibility", "num_points": "num_lidar_pts", "num_lidar_pts": "num_lidar_pts",
+}  # fmt: skip
+"""Fields of fbench by the names of numbers among an object's attributes."""
+_UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "image", "mesh", "area_reference")
 
 
 class CoordinateSystems:
@@ -137,13 +143,6 @@ def _require_rigid(matrix: Float64, where: str) -> None:
         raise LogError(f"{where}: is no rigid transform", "CAL001")
 
 
-_NUMBERS = {
-    "score": "score", "confidence": "score", "occlusion": "occlusion", "truncation": "truncation",
-    "visibility": "visibility", "num_points": "num_lidar_pts", "num_lidar_pts": "num_lidar_pts",
-}  # fmt: skip
-"""Fields of fbench by the names of numbers among an object's attributes."""
-
-
 def _make_object(
     name: str, uid: str, solid: Solid | None, flat: Flat | None, given: Sequence[Mapping[str, Any]], where: str
 ) -> LabeledObject:
@@ -162,9 +161,6 @@ def _make_object(
     )  # fmt: skip
 
 
-_UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "image", "mesh", "area_reference")
-
-
 def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read the frames of a file. A frame's `timestamp` says when it was; where none has one, keys count frames. Raises
     ConfigError where a coordinate system or camera isn't known, LogError where the form isn't that of OpenLABEL.
@@ -175,27 +171,23 @@ def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: Fau
     if not frames:
         raise LogError(f"{where}: no frames; boxes that belong to no frame can't be scored")
     reader = _Reader(root, source, coordinates, faults)
-    instants = sorted(_instant(key, value, where) for key, value in frames.items())
+    instants: list[tuple[int, int, str]] = []  # Stamp (-1: none), number and key
+    for key, value in frames.items():
+        at = f"{where}: frame '{key[:40]}'"
+        given = member(value, "frame_properties", at).get("timestamp")
+        try:
+            stamp = given if isinstance(given, str) or given is None else repr(scalar(given, f"{at}: timestamp"))
+            instants.append((-1, frame_number(key, at), key) if stamp is None else (stamp_of_time(stamp), 0, key))
+        except ValueError as error:
+            raise LogError(f"{at}: timestamp {error}") from error
     if len({stamp_ns >= 0 for stamp_ns, _, _ in instants}) > 1:
         raise LogError(f"{where}: some frames have a timestamp and some don't")
-    for stamp_ns, number, key in instants:
+    for stamp_ns, number, key in sorted(instants):
         boxes3d, boxes2d, in_world = reader.boxes(key, frames[key])
         if stamp_ns >= 0:
             yield Truth(stamp_ns, stamp_ns, boxes3d, boxes2d, in_world=in_world)
         else:
             yield Truth(0, 0, boxes3d, boxes2d, number, number, in_world)
-
-
-def _instant(key: str, value: object, where: str) -> tuple[int, int, str]:
-    """Stamp (-1: none), number and key of a frame."""
-    at = f"{where}: frame '{key[:40]}'"
-    stamp = member(value, "frame_properties", at).get("timestamp")
-    if stamp is None:
-        return -1, frame_number(key, at), key
-    try:
-        return stamp_of_time(stamp if isinstance(stamp, str) else repr(scalar(stamp, f"{at}: timestamp"))), 0, key
-    except ValueError as error:
-        raise LogError(f"{at}: timestamp {error}") from error
 
 
 class _Reader:

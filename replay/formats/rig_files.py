@@ -34,6 +34,12 @@ Pixels = Annotated[int, Field(gt=0, le=1_000_000)]
 _ROTATIONS = ("rotation_xyzw", "yaw_pitch_roll_deg", "matrix")
 _MIN_NORM = 1e-6  # Of a quaternion
 _PINHOLE = ("fx", "fy", "cx", "cy")
+IMU = "imu"  # What the coordinate frame of the IMU is called here
+_MAX_DIFFERENCE = 0.01  # [m] and, of matrix elements, nearly [rad]: how far two ways to a camera may lead apart
+MAX_TEXT = 1024 * 1024  # Bytes of a TOML or YAML file; a rig of a hundred sensors has a tenth of it
+MAX_XML = 16 * 1024 * 1024  # Bytes of a URDF file
+_FORMS = "fbench's TOML ([sensors.NAME] ...), URDF, a Kalibr camchain, or camera_info YAML of ROS"
+_IMU_KEYS = ("imu", "accelerometer_noise_density", "gyroscope_noise_density")
 
 
 class _Strict(BaseModel):
@@ -170,10 +176,6 @@ def _data(path: Path, tree: Mapping[str, object], key: str, rows: int, cols: int
     return data
 
 
-IMU = "imu"  # What the coordinate frame of the IMU is called here
-_MAX_DIFFERENCE = 0.01  # [m] and, of matrix elements, nearly [rad]: how far two ways to a camera may lead apart
-
-
 def read_kalibr(path: Path, tree: Mapping[str, object]) -> RigPatch:
     """Return cameras `cam0`, `cam1` ... with their topics: each in the IMU's coordinate frame where the file has it,
     else in that of the camera before. Raises ConfigError naming the key that is wrong.
@@ -251,12 +253,6 @@ def _text_of(where: str, camera: Mapping[str, object], key: str) -> str:
     if not isinstance(value, str):
         raise ConfigError(f"{where}.{key}: expected a text, got {values.format_value(value)}", MALFORMED)
     return value
-
-
-MAX_TEXT = 1024 * 1024  # Bytes of a TOML or YAML file; a rig of a hundred sensors has a tenth of it
-MAX_XML = 16 * 1024 * 1024  # Bytes of a URDF file
-_FORMS = "fbench's TOML ([sensors.NAME] ...), URDF, a Kalibr camchain, or camera_info YAML of ROS"
-_IMU_KEYS = ("imu", "accelerometer_noise_density", "gyroscope_noise_density")
 
 
 def open_rig_file(path: Path) -> RigPatch:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
@@ -17,6 +17,12 @@ from fbench.replay.formats.export_request import LeftOut, Namer
 from fbench.replay.geometry.camera import project_boxes, require_projection
 
 B = TypeVar("B", Boxes2D, Boxes3D)
+CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
+"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
+own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
+BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
+_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
+_LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +73,6 @@ class BoxSequence:
         known = [number for number in own if number is not None]
         return known if len(set(known)) == len(own) else [frame.index for frame in self.frames]
 
-    def require_boxes(self, is_tracking: bool) -> None:
-        """Refuse what has no boxes at all, or no ids where these are needed. LogError says what is missing."""
-        if all(frame.boxes3d is None and frame.boxes2d is None for frame in self.frames):
-            raise LogError(f"{self.where}: has no {'truth' if self.is_truth else 'boxes'} to export")
-        full = self.boxes
-        if is_tracking and full and all(boxes.track_id is None for boxes in full):
-            advice = "export tracks with --boxes tracks, or take --format kitti or nuscenes"
-            raise LogError(f"{self.where}: its boxes have no track ids, which this format needs; {advice}")
-
 
 def drop_unusable(boxes: B | None, left: LeftOut) -> B | None:
     """Drop boxes whose geometry or score isn't finite, or is beyond all reason, and count them."""
@@ -111,13 +108,6 @@ def pair_boxes(
         if rows := waiting[classes[0][i]]:
             mates[i] = rows.popleft()
     return mates
-
-
-CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
-"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
-own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
-BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
-_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,9 +197,6 @@ def _image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
         alone, xyxy = alone[seen], xyxy[seen]
     flat_rows = np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)])
     return ImageRows(np.concatenate([flat.xyxy_px, xyxy]), flat, flat_rows, solid, np.concatenate([mates, alone]))
-
-
-_LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
 
 
 def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:

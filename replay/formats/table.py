@@ -33,6 +33,7 @@ COLUMNS = (
     "stamp_ns", "stamp_s", "frame", "frame_id", *SOLID, *_ANGLES, "yaw_deg", *_QUATERNION, *_VELOCITY, "camera", *FLAT,
     "label", *_FLOATS, "track_id", "ignore", "attribute", *_WHOLES, *_FLAT_FLOATS, "arrival_ns",
 )  # fmt: skip
+_KINDS: Mapping[bytes, type[Boxes2D] | type[Boxes3D]] = {b"Boxes3D": Boxes3D, b"Boxes2D": Boxes2D}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +158,6 @@ def _is_slip(name: str, meant: str) -> bool:
     """Whether the names differ in dashes, blanks or one letter at most."""
     plain = [text.replace("_", "").replace("-", "").replace(" ", "") for text in (name, meant)]
     return plain[0] == plain[1] or (abs(len(name) - len(meant)) <= 1 and sorted(name)[:-1] == sorted(meant)[:-1])
-
-
-_KINDS: Mapping[bytes, type[Boxes2D] | type[Boxes3D]] = {b"Boxes3D": Boxes3D, b"Boxes2D": Boxes2D}
 
 
 def is_run_table(file: TableFile) -> bool:

@@ -28,6 +28,12 @@ _PAGE_HEADER = 64 * 1024
 _GROWING = (6, 7)  # DELTA_LENGTH_BYTE_ARRAY, DELTA_BYTE_ARRAY of parquet-format: few bytes stand for any text
 _SEPARATORS = ",;\t"
 _READ = pacsv.ReadOptions(use_threads=False, block_size=2**20)
+_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+_PLAIN = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
+          pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
+_TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
+_MAX_UNORDERED = 5_000_000
+_MAX_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True)
@@ -151,12 +157,6 @@ def _separator(path: Path) -> str:
     return max(_SEPARATORS, key=lambda separator: head.count(separator.encode()))
 
 
-_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-_PLAIN = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
-          pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
-_TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
-
-
 @dataclass(frozen=True)
 class Values:
     """Some rows of a table."""
@@ -211,15 +211,15 @@ class Values:
             return np.maximum(self.wholes(name), -1)
         return np.array(self._each(name, track_number, "an id"), np.int64)
 
-    def seconds(self, name: str) -> Int64:
-        """Return stamps [ns] (N,) from seconds, -1 where there are none."""
-        return np.array(self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds"), np.int64)
-
     def keys(self, name: str) -> Int64:
         """Return stamps [ns] or frames (N,), by the key of the table. Raises LogError naming a row without any."""
         if name == "stamp_ns" and pa.types.is_floating(self.table.column(name).type):
             raise LogError(f"{self.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
-        found = self.seconds(name) if name == "stamp_s" else self.wholes(name)
+        if name == "stamp_s":
+            stamps = self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds")
+            found = np.array(stamps, np.int64)
+        else:
+            found = self.wholes(name)
         if len(found) and found.min() < 0:
             raise LogError(f"{self.where(int(np.argmax(found < 0)))}: {name} is missing or negative")
         return found
@@ -284,10 +284,6 @@ def _drop_blank(column: pa.Array) -> pa.Array:
         return column
     column = pc.utf8_trim_whitespace(column)
     return pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
-
-
-_MAX_UNORDERED = 5_000_000
-_MAX_AT_ONCE = 200_000
 
 
 def instants(file: TableFile) -> Iterator[tuple[Int64, Values]]:

@@ -20,6 +20,10 @@ from fbench.replay.truth.labelling import TOLERANCE_NS, Instant, Labelling, drop
 MAX_GAP_NS = 600_000_000  # Truth moves to its frame's instant only between truths nearer than this: keyframes of 2 Hz
 MAX_BETWEEN_MS = 60_000
 _NO_CAMERA = ""  # Stands for all where nothing was in any of them
+B = TypeVar("B", Boxes2D, Boxes3D)
+NO_ID = -1
+_LINEAR = ("center_m", "size_lwh_m", "velocity_mps", "xyxy_px", "visible_xyxy_px", "distance_m", "range_rate_mps")
+_ANGLES = ("yaw_rad", "roll_rad", "pitch_rad")
 
 
 def make_max_between_ns(gap_ms: float) -> int:
@@ -27,12 +31,6 @@ def make_max_between_ns(gap_ms: float) -> int:
     if not 0 <= gap_ms <= MAX_BETWEEN_MS:
         raise ConfigError(f"--interpolate-truth {gap_ms:g}: not a number of ms from 0 to {MAX_BETWEEN_MS}")
     return round(gap_ms * 1e6)
-
-
-B = TypeVar("B", Boxes2D, Boxes3D)
-NO_ID = -1
-_LINEAR = ("center_m", "size_lwh_m", "velocity_mps", "xyxy_px", "visible_xyxy_px", "distance_m", "range_rate_mps")
-_ANGLES = ("yaw_rad", "roll_rad", "pitch_rad")
 
 
 def interpolate(own: B, other: B, share: float) -> tuple[B, Bool]:

@@ -22,6 +22,8 @@ _YEARS = range(1970, 2262)
 CAMERAS = {camera_name(number): number for number in range(4)}
 _IMAGES = ("png", "jpg", "jpeg")
 _FOLDERS = {LIDAR: "velodyne_points"}  # Of sensors whose folders have other names
+Met = Callable[[LogError], None]
+_END_NS = 2**63  # Behind all stamps, which aren't negative
 
 
 @dataclass(frozen=True)
@@ -116,10 +118,6 @@ def _parse_stamp(path: Path, lines: Sequence[str], number: int) -> int:
         what = f"'{text[:40]}' is no stamp, expected one as 2011-09-26 13:02:25.964389445"
         what = what if text else f"no stamp for file {number}"
         raise LogError(f"{path}: line {number + 1}: {what}") from error
-
-
-Met = Callable[[LogError], None]
-_END_NS = 2**63  # Behind all stamps, which aren't negative
 
 
 class Entry(NamedTuple):

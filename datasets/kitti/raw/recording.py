@@ -35,6 +35,10 @@ from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20
+_STAMPS = (
+    "each sensor's own, as recorded; local time without a zone, taken as UTC; the LiDAR's is when it faced forward, "
+    "its points have no times of their own"
+)
 
 
 def _gaps(numbers: Sequence[int]) -> list[range]:
@@ -44,12 +48,6 @@ def _gaps(numbers: Sequence[int]) -> list[range]:
 
 def _format_ranges(found: Iterable[range]) -> str:
     return format_runs(found, _LISTED)
-
-
-_STAMPS = (
-    "each sensor's own, as recorded; local time without a zone, taken as UTC; the LiDAR's is when it faced forward, "
-    "its points have no times of their own"
-)
 
 
 def names(source: Path) -> list[str]:

@@ -30,6 +30,13 @@ _MAX_CHARS = 1000
 _MAX_TEXTS = 100
 _MAX_POSES = 1_000_000
 _MAX_MAGNITUDE = 1e9
+FILE = "tracklet_labels.xml"
+STATES = {0: "", 1: "interpolated", 2: "labelled"}
+"""`attribute` of boxes by <state>: whether a person placed the box, or it lies between two which one placed."""
+_CLASSES = {"Person (sitting)": "Person_sitting"}  # Names that other benchmarks of KITTI write differently
+_NUMBERS = ("tx", "ty", "tz", "rx", "ry", "rz", "state", "occlusion", "truncation")  # Of a pose
+_UNKNOWN = -1
+_MAX_BYTES = 2**26
 
 
 @dataclass(slots=True)
@@ -40,6 +47,8 @@ class Element:
     line: int
     tag: str
     texts: dict[str, str] = field(default_factory=dict)  # Texts of the elements within that hold no others
+    poses: "list[Element]" = field(default_factory=list)  # Of a tracklet
+    num_poses: "Element | None" = None  # Holds `count`
 
     @property
     def where(self) -> str:
@@ -67,14 +76,6 @@ class Element:
         return value
 
 
-@dataclass(slots=True)
-class TrackletElement(Element):
-    """One tracklet, as it is written."""
-
-    poses: list[Element] = field(default_factory=list)
-    num_poses: Element | None = None  # Holds `count`
-
-
 class TrackletsXml:
     """Reads one file, tracklet by tracklet."""
 
@@ -83,7 +84,7 @@ class TrackletsXml:
         self._tags: list[str] = []
         self._open: list[Element] = []
         self._text = ""
-        self._tracklets: list[TrackletElement] = []
+        self._tracklets: list[Element] = []
         self._num_poses = 0
         self._total: Element | None = None
         self._parser = expat.ParserCreate("utf-8")
@@ -91,7 +92,7 @@ class TrackletsXml:
         self._parser.CharacterDataHandler, self._parser.buffer_text = self._add_text, True
         self._parser.StartDoctypeDeclHandler = self._check_dtd
 
-    def tracklets(self, content: bytes) -> Sequence[TrackletElement]:
+    def tracklets(self, content: bytes) -> Sequence[Element]:
         """Read the document; there are as many tracklets as it says. Raises LogError where it isn't such a document."""
         try:
             self._parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
@@ -124,9 +125,8 @@ class TrackletsXml:
             return element
         place = tuple(self._tags)
         if place == _TRACKLET:
-            self._tracklets.append(TrackletElement(self._path, element.line, tag))
-            return self._tracklets[-1]
-        if place == _POSE:
+            self._tracklets.append(element)
+        elif place == _POSE:
             self._num_poses += 1
             if self._num_poses > _MAX_POSES:
                 self._refuse(f"more than {_MAX_POSES} boxes")
@@ -156,15 +156,6 @@ class TrackletsXml:
 def _require_count(element: Element, num: int) -> None:
     if (count := element.count("count")) != num:
         raise LogError(f"{element.where}: <count> is {count}, but there are {num}")
-
-
-FILE = "tracklet_labels.xml"
-STATES = {0: "", 1: "interpolated", 2: "labelled"}
-"""`attribute` of boxes by <state>: whether a person placed the box, or it lies between two which one placed."""
-_CLASSES = {"Person (sitting)": "Person_sitting"}  # Names that other benchmarks of KITTI write differently
-_NUMBERS = ("tx", "ty", "tz", "rx", "ry", "rz", "state", "occlusion", "truncation")  # Of a pose
-_UNKNOWN = -1
-_MAX_BYTES = 2**26
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +201,7 @@ def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], N
     return Tracklets(move_boxes(boxes[order], body_T_velo), frame[order], len(tracks))
 
 
-def _track(element: TrackletElement) -> _Track:
+def _track(element: Element) -> _Track:
     lwh = (element.real("l"), element.real("w"), element.real("h"))
     if min(lwh) <= 0:
         raise LogError(f"{element.where}: the box has no size (h {lwh[2]:g}, w {lwh[1]:g}, l {lwh[0]:g})")
