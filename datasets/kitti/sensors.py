@@ -45,7 +45,7 @@ _SHAPES: dict[str, tuple[int, int]] = {
     **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
 }
 """The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
-_MAX = 1e6
+_MAX_NUMBER = 1e6  # In a matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def _matrix(line: Line, key: str) -> Float64:
     if len(texts) != rows * columns:
         raise LogError(f"{line.where}: {key} has {len(texts)} numbers, expected {rows * columns}")
     values = np.array([parse_number(text, line.where, key) for text in texts]).reshape(rows, columns)
-    if not np.all(np.abs(values) < _MAX):  # also false for NaN
+    if not np.all(np.abs(values) < _MAX_NUMBER):  # also false for NaN
         raise LogError(f"{line.where}: {key} has a number that isn't finite, or is beyond all reason")
     is_projection, square = key.startswith("P"), values[:, :3]
     if is_projection and not is_pinhole(square):

@@ -20,10 +20,10 @@ _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
 _MAX_INSPECTED = 20
-_KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
+_NUM_SEQMAP = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
 Missing = Literal["error", "empty"]
 MISSING: tuple[Missing, ...] = get_args(Missing)
-_NAMED = 5
+_MAX_NAMED = 5
 
 
 def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
@@ -129,12 +129,12 @@ def _read_seqmap(path: Path) -> dict[str, int | None]:
     found: dict[str, int | None] = {}
     for line in lines(path):
         name, num = line.fields[0], len(line.fields)
-        if num not in (1, _KITTI):
+        if num not in (1, _NUM_SEQMAP):
             raise LogError(f"{line.where}: {num} columns, expected a name, or: NAME empty 000000 FRAMES")
         if name in found:
             raise LogError(f"{line.where}: sequence '{name[:40]}' twice")
         if num > 1 or line.number > 1 or name != "name":
-            found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if num == _KITTI else None
+            found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if num == _NUM_SEQMAP else None
     if not found:
         raise LogError(f"{path}: lists no sequence")
     return found
@@ -186,8 +186,8 @@ def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair],
 
 
 def _list_names(names: list[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {', '.join(names[:_NAMED])}{more}"
+    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {', '.join(names[:_MAX_NAMED])}{more}"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.formats.kitti import read_ab3dmot_columns, read_object_columns, read_tracking_columns
 from fbench.replay.formats.mot import read_mot_columns, sequence_length
-from fbench.replay.formats.objects import Columns
 from fbench.replay.formats.text import frame_number
 
 
@@ -32,17 +31,15 @@ class Source:
 
 def open_texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool, is_single: bool) -> Source:
     """Open texts of KITTI tracking, AB3DMOT or MOTChallenge, one a sequence."""
-    readers: dict[str, Callable[[Path], Columns]] = {
-        "kitti-tracking": read_tracking_columns,
-        "ab3dmot": read_ab3dmot_columns,
-        "mot": lambda file: read_mot_columns(file, is_truth),
-    }
 
     def read(name: str) -> Side:
-        objects, _ = objects_of(readers[form](files[name]))
+        file = files[name]
         if form == "mot":
-            return Side(objects, num_frames=sequence_length(files[name]), first_pixel=1)
-        return Side(objects, space="camera")
+            return Side(
+                objects_of(read_mot_columns(file, is_truth))[0], num_frames=sequence_length(file), first_pixel=1
+            )
+        columns = read_tracking_columns(file) if form == "kitti-tracking" else read_ab3dmot_columns(file)
+        return Side(objects_of(columns)[0], space="camera")
 
     return Source(path, form, tuple(files), is_single, read)
 

@@ -47,7 +47,10 @@ def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, fault
     reader = source.open(faults)
     is_truth = request.boxes != "detections"
     truths = list(reader.truths() if is_truth else reader.detections(""))
-    is_numbered = _are_numbered(truths, request)
+    numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
+    is_numbered = bool(numbers) and len(set(numbers)) == len(truths)
+    if request.format == "mot":  # which counts frames, so numbers must be counts too
+        is_numbered = is_numbered and sorted(numbers) == list(range(len(numbers)))
     rows, poses, num = _match_by_number(truths, reader) if is_numbered else _match_by_time(truths, source, faults)
     frames = []
     for index, number, truth, rig in rows:
@@ -57,14 +60,6 @@ def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, fault
             boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
         frames.append(BoxFrame(index, number, truth.stamp_ns, rig, boxes, truth.boxes2d, pose))
     return BoxSequence(str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, num)
-
-
-def _are_numbered(truths: Sequence[Truth], request: ExportRequest) -> bool:
-    """Whether truths say which frames they belong to. MOTChallenge counts frames: there numbers must be counts too."""
-    numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
-    if not numbers or len(set(numbers)) != len(truths):
-        return False
-    return request.format != "mot" or sorted(numbers) == list(range(len(numbers)))
 
 
 def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
