@@ -52,12 +52,12 @@ def export(
 ) -> None:
     """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.formats.export import Export, Place
+    from fbench.replay.formats.export import Export
     from fbench.replay.formats.export import export as export_sources
     from fbench.replay.formats.export_request import make_export_request
 
     request = make_export_request(form, boxes, camera, frame, class_name)
-    job = Export(sources, request, Place(out, request.is_nuscenes, overwrite), name)
+    job = Export(sources, request, out, overwrite, name)
     faults, done = FaultLog(), list["Exported"]()
     with explain_losses(faults), import_progress(len(sources)) as progress:
         for exported in export_sources(job, faults, progress):

@@ -1,81 +1,26 @@
 """One log of a benchmark, made of numbered frames: what tracking and object benchmark share."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from fbench.datasets.importing.files import find_runs, format_counts, format_list, format_runs, read_floats, read_image
+from fbench.datasets.kitti.frames import ObjectFrames, TrackingFrames
 from fbench.datasets.kitti.labels import CLASSES, boxes_3d
-from fbench.datasets.kitti.object import ObjectFrames
 from fbench.datasets.kitti.sensors import LIDAR
-from fbench.datasets.kitti.tracking import TrackingFrames
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import Imported, ImportWish, OtherResult, log_id
-from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Image, PointCloud, Pose, Truth
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.rig import LogInfo, Rig, RigChange
 from fbench.replay.formats.kitti import DONT_CARE
-from fbench.replay.formats.objects import LabeledObject, to_boxes2d
+from fbench.replay.formats.objects import to_boxes2d
+from fbench.replay.formats.text import digest_of
 from fbench.replay.logs.coordinate_frames import BODY
 
 _LISTED = 20
-
-
-class Findings:
-    """Counts labels and results."""
-
-    def __init__(self) -> None:
-        self._classes: Counter[str] = Counter()
-        self._tracks: set[int] = set()
-        self._unlabeled = self._empty = 0
-        self._num_results: Counter[str] = Counter()
-        self._frames_with_results = 0
-
-    def add_labels(self, objects: Sequence[LabeledObject] | None) -> None:
-        """Count the objects of a frame, or a frame that isn't labeled."""
-        self._unlabeled += objects is None
-        self._empty += objects is not None and not objects
-        for row in objects or ():
-            self._classes[row.source_label] += 1
-            if row.track_id is not None and row.track_id >= 0:
-                self._tracks.add(row.track_id)
-
-    def add_results(self, boxes3d: Boxes3D | None, boxes2d: Boxes2D | None) -> None:
-        """Count another system's boxes of a frame."""
-        self._frames_with_results += 1
-        self._num_results.update({"3D": 0 if boxes3d is None else len(boxes3d)})
-        self._num_results.update({"2D": 0 if boxes2d is None else len(boxes2d)})
-
-    def lines(self, numbers: Sequence[int], files: Mapping[str, Mapping[int, Path]]) -> Iterator[str]:
-        """Yield a line about each thing that was found or is odd."""
-        yield f"frames: {len(numbers)}" + (f", {numbers[0]} to {numbers[-1]}" if numbers else "")
-        yield "files: " + (", ".join(f"{name} {len(paths)}" for name, paths in files.items()) or "none of sensors")
-        for name, paths in files.items():
-            if lost := [number for number in numbers if number not in paths]:
-                yield f"missing files: {name} {len(lost)} (frames {format_runs(find_runs(lost), _LISTED)})"
-        yield from self._label_lines(len(numbers))
-        if self._frames_with_results:
-            counts = ", ".join(f"{num} in {kind}" for kind, num in self._num_results.items() if num) or "none"
-            yield f"detections: {counts}, for {self._frames_with_results} frames"
-
-    def _label_lines(self, num_frames: int) -> Iterator[str]:
-        if self._unlabeled == num_frames:
-            yield "boxes: no labels"
-            return
-        num = self._classes.total() - self._classes[DONT_CARE]
-        tracks = f", {len(self._tracks)} tracks" if self._tracks else ", without track ids"
-        yield f"boxes: {num}{tracks}; {self._classes[DONT_CARE]} DontCare regions"
-        classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
-        yield f"classes: {format_counts(classes) or 'none'}"
-        yield f"frames without boxes: {self._empty}"
-        if self._unlabeled:
-            yield f"unlabeled frames: {self._unlabeled}"
-        if unknown := sorted(name for name in self._classes if name not in CLASSES):
-            yield f"classes that the benchmark lacks, taken by their names: {format_list(unknown, _LISTED)}"
 
 
 FACTS = {
@@ -89,13 +34,14 @@ FACTS = {
 
 
 class BenchmarkRecording:
-    """See `Recording`. All items of a frame have the same made-up stamp: that of frame N is N + 1 periods, as
-    a stamp of 0 is taken for one that wasn't set.
-    """
+    """See `Recording`. The made-up stamp of all items of frame N is N + 1 periods, as 0 is taken for one not set."""
 
     def __init__(self, frames: TrackingFrames | ObjectFrames, wish: ImportWish) -> None:
         self.name, self._frames, self._wish = frames.name, frames, wish
-        self._findings = Findings()
+        self._classes: Counter[str] = Counter()  # Of labels, as they were read
+        self._tracks: set[int] = set()
+        self._num_unlabeled = self._num_empty = self._num_with_results = 0  # Frames
+        self._num_results: Counter[str] = Counter()
 
     @property
     def rig(self) -> Rig:
@@ -106,7 +52,11 @@ class BenchmarkRecording:
     def info(self) -> LogInfo:
         """Facts of the benchmark."""
         frames, results = self._frames, self._frames.results
-        facts = [frames.benchmark, *frames.facts, *(() if results is None else results.facts)]
+        facts = [
+            frames.benchmark,
+            *frames.facts,
+            *(f"{path.name} {digest_of(path)}" for path in (results.files if results else ())),
+        ]
         metadata = {
             "dataset": f"KITTI {frames.benchmark} benchmark", "benchmark": frames.benchmark,
             "frames": str(len(frames.numbers)), **FACTS, **frames.metadata,
@@ -139,44 +89,70 @@ class BenchmarkRecording:
             yield from self._boxes(number, stamp_ns)
 
     def _messages(self, number: int, stamp_ns: int) -> Iterator[Image | PointCloud | Pose]:
-        for sensor, paths in self._frames.files.items():
-            if number in paths:
-                try:
-                    yield self._message(sensor, paths[number], number, stamp_ns)
-                except LogError as error:
-                    self._wish.bad.report(error)
+        present = ((sensor, paths[number]) for sensor, paths in self._frames.files.items() if number in paths)
+        for sensor, path in present:
+            try:
+                if sensor != LIDAR:
+                    size_wh = self._frames.expected_size(sensor)
+                    yield read_image(path, sensor, stamp_ns, size_wh, frame_number=number)
+                    continue
+                points = read_floats(path, 4)
+            except LogError as error:
+                self._wish.bad.report(error)
+                continue
+            xyz, intensity = np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
+            yield PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, frame_number=number)
         if (pose := self._frames.pose(number, stamp_ns)) is not None:
             yield pose
 
-    def _message(self, sensor: str, path: Path, number: int, stamp_ns: int) -> Image | PointCloud:
-        if sensor != LIDAR:
-            return read_image(path, sensor, stamp_ns, self._frames.expected_size(sensor), frame_number=number)
-        points = read_floats(path, 4)
-        xyz, intensity = np.ascontiguousarray(points[:, :3]), np.ascontiguousarray(points[:, 3])
-        return PointCloud(sensor, stamp_ns, stamp_ns, xyz, intensity, frame_number=number)
-
     def _boxes(self, number: int, stamp_ns: int) -> Iterator[Truth | OtherResult]:
+        objects = boxes = None
         try:
             objects = self._frames.labels(number)
         except LogError as error:
             self._wish.bad.report(error)
-            objects = None
-        self._findings.add_labels(objects)
+        self._num_unlabeled += objects is None
+        self._num_empty += objects is not None and not objects
+        self._classes.update(row.source_label for row in objects or ())
+        ids = (row.track_id for row in objects or () if row.track_id is not None)
+        self._tracks.update(id_ for id_ in ids if id_ >= 0)
         if objects is not None:
             yield Truth(stamp_ns, stamp_ns, boxes_3d(objects), to_boxes2d(objects), number)
-        yield from self._results(number, stamp_ns)
-
-    def _results(self, number: int, stamp_ns: int) -> Iterator[OtherResult]:
         try:
             boxes = None if self._frames.results is None else self._frames.results.boxes(number)
         except LogError as error:
             self._wish.bad.report(error)
-            return
         if boxes is not None:
-            self._findings.add_results(*boxes)
+            self._num_with_results += 1
+            for kind, own in zip(("3D", "2D"), boxes, strict=True):
+                self._num_results[kind] += 0 if own is None else len(own)
             yield OtherResult(Truth(stamp_ns, stamp_ns, *boxes, number))
 
     def summary(self) -> Sequence[str]:
-        """What was found."""
-        frames = self._frames
-        return [*self._findings.lines(frames.numbers, frames.files), *frames.notes]
+        """A line about each thing that was found or is odd."""
+        numbers, files = self._frames.numbers, self._frames.files
+        lines = [f"frames: {len(numbers)}" + (f", {numbers[0]} to {numbers[-1]}" if numbers else "")]
+        counts = ", ".join(f"{name} {len(paths)}" for name, paths in files.items())
+        lines.append(f"files: {counts or 'none of sensors'}")
+        for name, paths in files.items():
+            if lost := [number for number in numbers if number not in paths]:
+                lines.append(f"missing files: {name} {len(lost)} (frames {format_runs(find_runs(lost), _LISTED)})")
+        lines += self._label_lines(len(numbers))
+        if self._num_with_results:
+            counts = ", ".join(f"{num} in {kind}" for kind, num in self._num_results.items() if num) or "none"
+            lines.append(f"detections: {counts}, for {self._num_with_results} frames")
+        return [*lines, *self._frames.notes]
+
+    def _label_lines(self, num_frames: int) -> Iterator[str]:
+        if self._num_unlabeled == num_frames:
+            yield "boxes: no labels"
+            return
+        tracks = f", {len(self._tracks)} tracks" if self._tracks else ", without track ids"
+        classes = Counter({name: num for name, num in self._classes.items() if name != DONT_CARE})
+        yield f"boxes: {classes.total()}{tracks}; {self._classes[DONT_CARE]} DontCare regions"
+        yield f"classes: {format_counts(classes) or 'none'}"
+        yield f"frames without boxes: {self._num_empty}"
+        if self._num_unlabeled:
+            yield f"unlabeled frames: {self._num_unlabeled}"
+        if unknown := sorted(name for name in self._classes if name not in CLASSES):
+            yield f"classes that the benchmark lacks, taken by their names: {format_list(unknown, _LISTED)}"

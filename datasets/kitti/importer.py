@@ -10,10 +10,9 @@ from pathlib import Path
 
 from fbench.datasets.kitti import raw
 from fbench.datasets.kitti.benchmark import BenchmarkRecording
+from fbench.datasets.kitti.frames import ObjectFrames, TrackingFrames, has_frames, sequences
 from fbench.datasets.kitti.labels import results_folder
-from fbench.datasets.kitti.object import ObjectFrames, has_frames
 from fbench.datasets.kitti.sensors import KittiParams, split_folders
-from fbench.datasets.kitti.tracking import TrackingFrames, sequences
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import ImportWish, require_folder
 from fbench.replay.contracts.protocols import Recording

@@ -1,6 +1,7 @@
 """Labels of the object and tracking benchmarks, and results of other systems on their sequences and frames."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -10,18 +11,15 @@ from fbench.datasets.kitti.sensors import bounded_lines, camera_name
 from fbench.replay.contracts.errors import ConfigError, LimitError, LogError
 from fbench.replay.contracts.importing import BadInput, FrameRange
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D
-from fbench.replay.formats.ab3dmot import parse_ab3dmot_row
 from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import DONT_CARE, parse_object_row, parse_tracking_row
+from fbench.replay.formats.export_request import TABLES
+from fbench.replay.formats.kitti import DONT_CARE, parse_ab3dmot_row, parse_object_row, parse_tracking_row
 from fbench.replay.formats.objects import LabeledObject, to_boxes2d, to_boxes3d
 from fbench.replay.formats.open import recognize
-from fbench.replay.formats.text import Line, digest_of, frame_number
+from fbench.replay.formats.text import Line, frame_number
 
 CAMERA = camera_name(2)  # Whose image labels and results belong to
-CLASSES = frozenset(
-    ("Car", "Van", "Truck", "Pedestrian", "Person", "Person_sitting", "Cyclist", "Tram", "Misc", DONT_CARE)
-)
-_ALPHA = 3  # Column behind the class
+CLASSES = (*TABLES["kitti"].own, DONT_CARE)
 MAX_FRAMES = 200_000  # No sequence has more frames
 
 Parse = Callable[[Line], LabeledObject]
@@ -47,13 +45,11 @@ def object_label(line: Line) -> LabeledObject:
 
 def _keep_alpha(row: LabeledObject, fields: Sequence[str]) -> LabeledObject:
     """Keep the observation angle as it is written: it doesn't follow from the box, as it was labeled separately."""
-    return row if row.source_label == DONT_CARE else replace(row, attribute=f"alpha={fields[_ALPHA]}")
+    return row if row.source_label == DONT_CARE else replace(row, attribute=f"alpha={fields[3]}")
 
 
 def sequence_rows(path: Path, parse: Parse, frames: FrameRange, bad: BadInput, comma: bool = False) -> SequenceRows:
-    """Read the file of one sequence; rows of frames that aren't asked for are counted only. Raises LogError naming the
-    row that can't be used, unless such are skipped.
-    """
+    """Read the file of a sequence; rows of other frames are only counted. LogError names a bad row unless skipped."""
     found: dict[int, list[LabeledObject]] = {}
     ids: set[tuple[int, int]] = set()
     num_frames = 0
@@ -88,21 +84,18 @@ def boxes_3d(objects: Sequence[LabeledObject]) -> Boxes3D:
 
 def _check(row: LabeledObject, line: Line, frame: int, ids: set[tuple[int, int]]) -> LabeledObject:
     """Refuse what no box can be, and ids that were met before in the frame."""
-    if not all(abs(value) < MAX_MAGNITUDE for value in _numbers(row)):  # also refuses NaN
+    numbers = [value for value in (row.score, row.occlusion, row.truncation) if value is not None]
+    if row.flat is not None:
+        numbers += row.flat.xyxy_px
+    if row.solid is not None:
+        numbers += (*row.solid.center_m, *row.solid.size_lwh_m, *row.solid.yaw_pitch_roll_rad)
+    if not all(abs(value) < MAX_MAGNITUDE for value in numbers):  # also refuses NaN
         raise LogError(f"{line.where}: a number isn't finite, or is beyond all reason")
     if row.track_id is not None and row.track_id >= 0:
         if (frame, row.track_id) in ids:
             raise LogError(f"{line.where}: id {row.track_id} twice in frame {frame}; an id names one object")
         ids.add((frame, row.track_id))
     return row
-
-
-def _numbers(row: LabeledObject) -> Iterator[float]:
-    if row.flat is not None:
-        yield from row.flat.xyxy_px
-    if row.solid is not None:
-        yield from (*row.solid.center_m, *row.solid.size_lwh_m, *row.solid.yaw_pitch_roll_rad)
-    yield from (value for value in (row.score, row.occlusion, row.truncation) if value is not None)
 
 
 TRACKING_DIGITS, OBJECT_DIGITS = 4, 6
@@ -123,11 +116,6 @@ class Results:
     has_2d: bool
     num_frames: int = 0  # Of a sequence: one more than the last frame of any row
 
-    @property
-    def facts(self) -> Sequence[str]:
-        """What tells them from others: the digest of each file."""
-        return [f"{path.name} {digest_of(path)}" for path in self.files]
-
     def boxes(self, number: int) -> tuple[Boxes3D | None, Boxes2D | None] | None:
         """Boxes of one frame; `None` where the frame has no results, one part where all have none of that kind."""
         rows = self.rows(number)
@@ -137,9 +125,7 @@ class Results:
 
 
 def results_folder(folder: Path) -> Path:
-    """Return where the files of results are: the folder, or its `data/`, where TrackEval has them. Raises ConfigError
-    where there are none.
-    """
+    """Return the folder with files of results: this one, or its `data/` (TrackEval). ConfigError without any."""
     if not folder.is_dir():
         raise ConfigError(f"--detections {folder}: {'not a folder' if folder.exists() else 'no such folder'}")
     for inner in (folder, folder / "data"):
@@ -149,9 +135,7 @@ def results_folder(folder: Path) -> Path:
 
 
 def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadInput) -> Results | None:
-    """Read the results of a sequence; `None` where there is no file of its name. Raises LogError naming file and row,
-    where they can't be used.
-    """
+    """Read the results of a sequence; `None` where it has no file. LogError names file and row that can't be used."""
     path = folder / f"{sequence}.txt"
     if not path.is_file():
         return None
@@ -159,35 +143,28 @@ def sequence_results(folder: Path, sequence: str, frames: FrameRange, bad: BadIn
     try:
         parse, comma = _SEQUENCE_FORMS["kitti-tracking" if is_empty else recognize(path)]
     except (KeyError, LogError) as error:
-        raise LogError(
-            f"{path}: no results of a sequence, expected KITTI's 17 or 18 columns (frame, id, class ...) or AB3DMOT's "
-            "15 with commas between"
-        ) from error
+        forms = "KITTI's 17 or 18 columns (frame, id, class ...) or AB3DMOT's 15 with commas between"
+        raise LogError(f"{path}: no results of a sequence, expected {forms}") from error
     found = sequence_rows(path, parse, frames, bad, comma)
     has_3d, has_2d = _find_kinds(chain.from_iterable(found.frames.values()))
     return Results([path], lambda number: found.frames.get(number, ()), has_3d, has_2d, found.num_frames)
 
 
 def frame_results(paths: Mapping[int, Path], bad: BadInput) -> Results | None:
-    """Open the results of single frames by their files; `None` where there are none. Raises LogError naming file and
-    row, where they can't be used.
-    """
+    """Open the results of single frames by their files; `None` without any. LogError names file and row, when read."""
     if not paths:
         return None
-    quiet = BadInput(skip=True)  # what is wrong is reported when the frames are read
 
-    def rows(number: int, bad: BadInput) -> Sequence[LabeledObject] | None:
+    def rows(number: int) -> Sequence[LabeledObject] | None:
         return frame_rows(paths[number], object_label, bad) if number in paths else None
 
     def quiet_rows() -> Iterator[LabeledObject]:
-        for number in paths:
-            try:
-                yield from rows(number, quiet) or ()
-            except LogError:
-                continue
+        for path in paths.values():
+            with suppress(LogError):  # what is wrong is reported when the frames are read
+                yield from frame_rows(path, object_label, BadInput(skip=True))
 
     has_3d, has_2d = _find_kinds(quiet_rows())
-    return Results(list(paths.values()), lambda number: rows(number, bad), has_3d, has_2d)
+    return Results(list(paths.values()), rows, has_3d, has_2d)
 
 
 def _find_kinds(rows: Iterable[LabeledObject]) -> tuple[bool, bool]:

@@ -4,20 +4,19 @@ Rows of 30 values as in `oxts/dataformat.txt` of the raw data: latitude, longitu
 [rad], then velocities, accelerations, turn rates, accuracies and states of the receiver.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fbench.datasets.kitti.sensors import Calibration, world_T_body
+from fbench.datasets.kitti.sensors import Calibration
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.importing import read_text
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.messages import Pose
 from fbench.replay.formats.text import parse_number
-from fbench.replay.geometry.transforms import quaternion
+from fbench.replay.geometry.transforms import inverse, quaternion
 
 SENSOR = "oxts"
 NUM_VALUES = 30
@@ -39,24 +38,19 @@ class Fix:
 
 
 def fix_of(row: str, where: str) -> Fix:
-    """Return what a row tells; `where` names it in errors. Raises LogError where it hasn't 30 finite numbers, or isn't
-    on Earth.
-    """
+    """Return what a row tells. Raises LogError where it hasn't 30 finite numbers, or isn't on Earth."""
     texts = row.split()
     if len(texts) != NUM_VALUES:
         raise LogError(f"{where}: {len(texts)} values, expected {NUM_VALUES}")
-    values = [parse_number(text, where, _column(i)) for i, text in enumerate(texts)]
-    for i in np.flatnonzero(~np.isfinite(values)):
-        raise LogError(f"{where}: {_column(int(i))} is '{texts[i][:40]}', expected a finite number")
+    names = [*_SHOWN, *(f"value {i + 1}" for i in range(len(_SHOWN), NUM_VALUES))]
+    values = [parse_number(text, where, name) for name, text in zip(names, texts, strict=True)]
+    for i in np.flatnonzero(~np.isfinite(values)).tolist():
+        raise LogError(f"{where}: {names[i]} is '{texts[i][:40]}', expected a finite number")
     lat, lon, *others = values[:6]
     if not (abs(lat) < 90 and abs(lon) <= 180 and max(map(abs, others)) < EARTH_RADIUS_M):
         raise LogError(f"{where}: latitude {lat:g}, longitude {lon:g}, altitude {others[0]:g} is no place on Earth")
     alt, roll, pitch, yaw = others
     return Fix(lat, lon, alt, roll, pitch, yaw, (texts[0], texts[1], texts[2]))
-
-
-def _column(index: int) -> str:
-    return _SHOWN[index] if index < len(_SHOWN) else f"value {index + 1}"
 
 
 def read_fix(path: Path) -> Fix:
@@ -76,14 +70,10 @@ class World:
     """
 
     def __init__(self, origin: Fix) -> None:
-        self._origin = origin
+        names = ("lat_deg", "lon_deg", "alt_m")
+        self.metadata = {f"world.origin_{name}": text for name, text in zip(names, origin.texts, strict=True)}
         self._scale = float(np.cos(np.deg2rad(origin.lat_deg)))
         self._origin_m = self._position(origin)
-
-    def metadata(self) -> Mapping[str, str]:
-        """Where the origin is, as it was written."""
-        names = ("lat_deg", "lon_deg", "alt_m")
-        return {f"world.origin_{name}": text for name, text in zip(names, self._origin.texts, strict=True)}
 
     def world_T_imu(self, fix: Fix) -> Float64:
         """Return the pose (4, 4) of the IMU (x forward, y left, z up): R = Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -94,9 +84,9 @@ class World:
 
     def body_pose(self, fix: Fix, calibration: Calibration, stamp_ns: int, frame_number: int | None) -> Pose | None:
         """Return the body's pose; `None` where the calibration doesn't tell where the IMU is."""
-        pose = world_T_body(self.world_T_imu(fix), calibration)
-        if pose is None:
+        if calibration.body_T_imu is None:
             return None
+        pose = self.world_T_imu(fix) @ inverse(calibration.body_T_imu)
         return Pose(SENSOR, stamp_ns, stamp_ns, pose[:3, 3], quaternion(pose[:3, :3]), frame_number)
 
     def _position(self, fix: Fix) -> Float64:

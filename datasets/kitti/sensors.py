@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fbench.datasets.importing.files import BODY_T_OPTICAL, entries, is_number, is_pinhole, is_rotation, mount_of
+from fbench.datasets.importing.files import BODY_T_OPTICAL, is_pinhole, is_rotation, mount_of
 from fbench.replay.contracts.errors import DecodeError, LimitError, LogError
 from fbench.replay.contracts.importing import read_bytes, require_file
 from fbench.replay.data.arrays import Float64
@@ -18,7 +18,6 @@ from fbench.replay.data.images import encoded_size
 from fbench.replay.data.rig import CameraModel, Rig
 from fbench.replay.formats.objects import LabeledObject
 from fbench.replay.formats.text import Line, lines, parse_number
-from fbench.replay.geometry.transforms import inverse
 
 LIDAR = "velodyne"
 BODY_T_CAMERA0 = BODY_T_OPTICAL
@@ -27,6 +26,26 @@ BODY_T_CAMERA0 = BODY_T_OPTICAL
 Body coordinates have their origin in the rectified camera 0, so that labels, which are given there and stand upright
 there, are the same boxes in the log, whatever the calibration of the other sensors.
 """
+Size = tuple[int, int]
+_BY_FOCAL_LENGTH: Mapping[float, tuple[str, Size]] = {
+    721.5377: ("2011_09_26", (1242, 375)),
+    707.0493: ("2011_09_28", (1224, 370)),
+    718.3351: ("2011_09_29", (1238, 374)),
+    707.0912: ("2011_09_30", (1226, 370)),
+    718.856: ("2011_10_03", (1241, 376)),
+}
+"""Day of recording and size [px], by the focal length [px] of the rectified cameras, which is that of the day."""
+_MAX_SIDE_PX = 2**16
+_RECTIFICATION = ("R0_rect", "R_rect")
+_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
+_IMU = ("Tr_imu_to_velo", "Tr_imu_velo")
+_SHAPES: dict[str, tuple[int, int]] = {
+    **{f"P{i}": (3, 4) for i in range(4)},
+    **dict.fromkeys(_RECTIFICATION, (3, 3)),
+    **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
+}
+"""The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
+_MAX_NUMBER = 1e6  # In a matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +70,9 @@ def camera_name(number: int) -> str:
 
 
 def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], has_lidar: bool) -> Rig:
-    """Return the sensors: the rectified cameras whose sizes [px] are given, and the LiDAR where there is one.
-
-    P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4). Raises KeyError for a camera
-    without P. Raises ValueError where `has_lidar` and the calibration doesn't tell where it is.
+    """Return the sensors: the rectified cameras whose sizes [px] are given, and the LiDAR where there is one, else
+    ValueError. P = K [I | t] gives the camera's position -t in rectified camera 0 (paper, equation 4); a camera needs
+    one (KeyError).
     """
     mounts, cameras = {}, {}
     for number, size_wh in sorted(sizes_wh.items()):
@@ -71,39 +89,13 @@ def rig_of(calibration: Calibration, sizes_wh: Mapping[int, tuple[int, int]], ha
     return Rig(mounts, cameras)
 
 
-def world_T_body(world_T_imu: Float64, calibration: Calibration) -> Float64 | None:
-    """Return the body's pose (4, 4) from that of the IMU; `None` where the calibration doesn't tell it."""
-    body_T_imu = calibration.body_T_imu
-    return None if body_T_imu is None else world_T_imu @ inverse(body_T_imu)
-
-
-Size = tuple[int, int]
-_BY_FOCAL_LENGTH: Mapping[float, tuple[str, Size]] = {
-    721.5377: ("2011_09_26", (1242, 375)),
-    707.0493: ("2011_09_28", (1224, 370)),
-    718.3351: ("2011_09_29", (1238, 374)),
-    707.0912: ("2011_09_30", (1226, 370)),
-    718.856: ("2011_10_03", (1241, 376)),
-}
-"""Day of recording and size [px], by the focal length [px] of the rectified cameras, which is that of the day."""
-_MAX_SIDE_PX = 2**16
-
-
-def known_size(P: Float64) -> tuple[str, Size] | None:
-    """Return the day that a projection (3, 4) belongs to, and the images' size [px] on it; `None` where it is none of
-    KITTI's.
-    """
-    return _BY_FOCAL_LENGTH.get(round(float(P[0, 0]), 4))
-
-
 def size_without_images(P: Float64, objects: Iterable[LabeledObject]) -> tuple[Size, str]:
     """Return a size [px] for the camera of a projection (3, 4) that there are no images of, and how it is known.
 
     It is that of the day; else that of the smallest image that holds all labeled boxes; without any, that of the image
     whose middle is the principal point.
     """
-    known = known_size(P)
-    if known is not None:
+    if (known := _BY_FOCAL_LENGTH.get(round(float(P[0, 0]), 4))) is not None:
         day, size_wh = known
         return size_wh, f"without images: that of {day}, the day of recording by its focal length"
     corners = [row.flat.xyxy_px[2:] for row in objects if row.flat is not None]
@@ -145,15 +137,8 @@ def split_folders(source: Path) -> Mapping[str, Path]:
     return {"": inner[0] if inner else source}
 
 
-def numbered_folders(folder: Path, digits: int) -> list[str]:
-    """Return the names of the folders inside one that are numbers of so many digits, sorted."""
-    return [path.name for path in entries(folder) if is_number(path.name, digits) and path.is_dir()]
-
-
 def bounded_lines(path: Path, comma: bool = False) -> Iterator[Line]:
-    """Return the lines of a text that tells of all frames, split at blanks or commas; it is never large. Raises
-    LogError where it can't be read, or isn't UTF-8. Raises LimitError where it is too large.
-    """
+    """Return the lines of a text, split at blanks or commas. LogError: isn't readable UTF-8; LimitError: too large."""
     if path.exists():
         require_file(path)
     if path.is_file() and (size := path.stat().st_size) > _MAX_TEXT_BYTES:
@@ -170,46 +155,11 @@ class KittiParams:
     each frame of the object benchmark; they become recorded results."""
 
 
-_RECTIFICATION = ("R0_rect", "R_rect")
-_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam")
-_IMU = ("Tr_imu_to_velo", "Tr_imu_velo")
-_SHAPES: dict[str, tuple[int, int]] = {
-    **{f"P{i}": (3, 4) for i in range(4)},
-    **dict.fromkeys(_RECTIFICATION, (3, 3)),
-    **dict.fromkeys((*_LIDAR, *_IMU), (3, 4)),
-}
-"""The object benchmark writes the first name of each pair, with a colon; the tracking benchmark the second, without."""
-_MAX = 1e6
-
-
 def read_calibration(path: Path, cameras: Collection[int], needs_lidar: bool) -> Calibration:
-    """Read what one file says of sensors; keys that aren't known are left alone.
-
-    Args:
-        path: The file.
-        cameras: Numbers of the cameras that must be in it.
-        needs_lidar: Whether the LiDAR must be in it.
-
-    Raises:
-        LogError: naming line and key, where one is missing, has another count of numbers, or can't be a calibration.
+    """Read what one file says of sensors: at least of the cameras of these numbers, and of the LiDAR if it is needed;
+    keys that aren't known are left alone. Raises LogError naming line and key, where one is missing, has another count
+    of numbers, or can't be a calibration.
     """
-    found = _matrices(path)
-    missing = [f"P{i}" for i in sorted(cameras) if f"P{i}" not in found]
-    if needs_lidar:
-        missing += [keys[0] for keys in (_RECTIFICATION, _LIDAR) if not any(key in found for key in keys)]
-    if missing:
-        raise LogError(f"{path}: no {missing[0]}")
-    rectification, velo, imu = (
-        next((found[key] for key in keys if key in found), None) for keys in (_RECTIFICATION, _LIDAR, _IMU)
-    )
-    return Calibration(
-        {i: found[f"P{i}"] for i in range(4) if f"P{i}" in found},
-        None if rectification is None or velo is None else _square(rectification) @ _square(velo),
-        None if imu is None else _square(imu),
-    )
-
-
-def _matrices(path: Path) -> Mapping[str, Float64]:
     found: dict[str, Float64] = {}
     for line in bounded_lines(path):
         key = line.fields[0].removesuffix(":")
@@ -217,7 +167,15 @@ def _matrices(path: Path) -> Mapping[str, Float64]:
             raise LogError(f"{line.where}: {key} a second time")
         if key in _SHAPES:
             found[key] = _matrix(line, key)
-    return found
+    missing = [f"P{i}" for i in sorted(cameras) if f"P{i}" not in found]
+    if needs_lidar:
+        missing += [keys[0] for keys in (_RECTIFICATION, _LIDAR) if not found.keys() & set(keys)]
+    if missing:
+        raise LogError(f"{path}: no {missing[0]}")
+    pairs = (_RECTIFICATION, _LIDAR, _IMU)
+    rectification, velo, imu = (next((_square(found[key]) for key in keys if key in found), None) for keys in pairs)
+    camera0_T_velo = None if rectification is None or velo is None else rectification @ velo
+    return Calibration({i: found[f"P{i}"] for i in range(4) if f"P{i}" in found}, camera0_T_velo, imu)
 
 
 def _matrix(line: Line, key: str) -> Float64:
@@ -226,7 +184,7 @@ def _matrix(line: Line, key: str) -> Float64:
     if len(texts) != rows * columns:
         raise LogError(f"{line.where}: {key} has {len(texts)} numbers, expected {rows * columns}")
     values = np.array([parse_number(text, line.where, key) for text in texts]).reshape(rows, columns)
-    if not np.all(np.abs(values) < _MAX):  # also false for NaN
+    if not np.all(np.abs(values) < _MAX_NUMBER):  # also false for NaN
         raise LogError(f"{line.where}: {key} has a number that isn't finite, or is beyond all reason")
     is_projection, square = key.startswith("P"), values[:, :3]
     if is_projection and not is_pinhole(square):

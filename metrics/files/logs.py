@@ -8,7 +8,7 @@ import numpy as np
 from fbench.metrics.files.nuscenes import Submission
 from fbench.metrics.files.side import Side, nothing
 from fbench.metrics.files.sources import Source
-from fbench.metrics.reference_runs.rows import B, Rows, join_sides, objects_of, stack
+from fbench.metrics.reference_runs.rows import B, join_sides, objects_of, stack
 from fbench.metrics.reference_runs.world import in_world
 from fbench.replay.contracts.errors import LogError, MetricError
 from fbench.replay.contracts.faults import FaultLog
@@ -79,30 +79,25 @@ def open_logs(path: Path, logs: list[Path]) -> Source:
 
 
 def _at_body(sequence: BoxSequence) -> Side:
-    """Rectangles and solids; in body coordinates, which in KITTI's logs are those of its files."""
+    """Rectangles and solids; in body coordinates, which in KITTI's logs are those of its files. Where rectangles are of
+    several cameras, solids alone, or rectangles where there are no solids.
+    """
     is_kitti = CAMERA0 in sequence.metadata
     numbers = np.array([frame.number for frame in sequence.frames if frame.number is not None], np.int64)
     has_numbers = is_kitti and len(np.unique(numbers)) == len(sequence.frames)
     keys = numbers if has_numbers else np.array([frame.stamp_ns for frame in sequence.frames], np.int64)
     order = np.argsort(keys, kind="stable")
-    rows = _rows(sequence, order)
-    objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
-    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
-    camera = names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
-    return Side(
-        objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera,
-        space="camera" if is_kitti else "body",
-    )  # fmt: skip
-
-
-def _rows(sequence: BoxSequence, order: Int64) -> Rows:
-    """All objects; where rectangles are of several cameras, solids alone, or rectangles where there are no solids."""
     frames = [sequence.frames[at] for at in order.tolist()]
     flat, flat_frame = _stack([frame.boxes2d for frame in frames], Boxes2D.empty())
     solid, solid_frame = _stack([frame.boxes3d for frame in frames], Boxes3D.empty())
     if len(sequence.cameras_of_boxes) > 1 and len(solid):
         flat, flat_frame = flat[:0], flat_frame[:0]
-    return join_sides(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
+    rows = join_sides(flat_frame, flat, np.arange(len(flat)), solid_frame, solid)
+    objects = objects_of(rows, "kitti-tracking" if is_kitti else None, keys[order][rows.frame])
+    names: Text = np.append(rows.found.flat.camera, "")[rows.found.flat_rows]
+    camera = names if len(np.unique(names[names != ""])) > 1 else np.array([], np.str_)
+    space = "camera" if is_kitti else "body"
+    return Side(objects if len(objects) else nothing(), keys[order], not has_numbers, camera=camera, space=space)
 
 
 def _stack(parts: list[B | None], nothing: B) -> tuple[B, Int64]:

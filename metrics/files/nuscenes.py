@@ -10,16 +10,9 @@ import numpy as np
 
 from fbench.metrics.files.side import InputWarning, Side, objects_of
 from fbench.replay.contracts.errors import LogError
+from fbench.replay.formats import nuscenes
 from fbench.replay.formats.documents import items, mapping, member, read_json
-from fbench.replay.formats.nuscenes import (
-    ATTRIBUTES,
-    FRAMES_BELOW,
-    UNKNOWN_EGO,
-    Sample,
-    find_companion,
-    read_samples,
-    to_box_columns,
-)
+from fbench.replay.formats.nuscenes import UNKNOWN_EGO, Sample
 
 
 @dataclass(frozen=True)
@@ -65,7 +58,7 @@ class Submission:
             warnings += [InputWarning(what, num, where) for what, num in _count_oddities(token, found).items() if num]
         ego = np.array(ego_m, np.float64).reshape(-1, 3)
         return Side(
-            objects_of(to_box_columns(boxes, steps))[0],
+            objects_of(nuscenes.to_box_columns(boxes, steps))[0],
             keys,
             self.has_stamps,
             space="world",
@@ -77,27 +70,25 @@ class Submission:
 
 
 def open_submission(path: Path, like: Submission | None = None) -> Submission:
-    """Open a submission.
-
-    Args:
-        path: A JSON file; what tells samples, `sample.json` or `samples.csv`, lies beside it, or beside `like`.
-        like: The truth that it belongs to.
-
-    Raises:
-        LogError: where it isn't one, nobody knows a token, or some samples have a scene and others none.
+    """Open a submission; what tells samples, `sample.json` or `samples.csv`, lies beside it, or beside `like`, the
+    truth that it belongs to. Raises LogError where it isn't one, nobody knows a token, or some samples have a scene and
+    others none.
     """
     content = read_json(path)
     results = member(content, "results", str(path))
     if not results:
         raise LogError(f"{path}: no results; expected an object with 'results' by sample token")
-    companion = find_companion(path)
+    companion = nuscenes.find_companion(path)
     has_stamps = are_ordered = True
     if companion is not None:
-        samples: Mapping[str, Sample] = read_samples(companion)
+        samples: Mapping[str, Sample] = nuscenes.read_samples(companion)
     elif like is not None:
         samples, has_stamps, are_ordered = like.samples, like.has_stamps, like.are_ordered
     elif all(token.isascii() and token.isdigit() and len(token) < 19 for token in results):
-        samples, has_stamps = {token: Sample(int(token)) for token in results}, max(map(int, results)) >= FRAMES_BELOW
+        samples, has_stamps = (
+            {token: Sample(int(token)) for token in results},
+            max(map(int, results)) >= nuscenes.FRAMES_BELOW,
+        )
     else:
         samples, has_stamps, are_ordered = {t: Sample(key) for key, t in enumerate(sorted(results))}, False, False
     strange = next((token[:40] for token in results if token not in samples), None)
@@ -114,7 +105,7 @@ def open_submission(path: Path, like: Submission | None = None) -> Submission:
 def _count_oddities(token: str, boxes: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     """How many boxes under one sample are odd in which way."""
     flat = [box for box in boxes if "tracking_name" not in box]
-    strange = [box for box in flat if box.get("attribute_name") and box["attribute_name"] not in ATTRIBUTES]
+    strange = [box for box in flat if box.get("attribute_name") and box["attribute_name"] not in nuscenes.ATTRIBUTES]
     return {
         "box whose sample_token names another sample than it is under":
             sum(box.get("sample_token", token) != token for box in boxes),

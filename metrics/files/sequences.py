@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 from fbench.metrics.files.logs import logs_in, open_logs
 from fbench.metrics.files.side import InputWarning, InputWarnings, Side, Where, find_missing_entries, join, nothing
-from fbench.metrics.files.sources import Source, open_images, open_submission_source, open_tables, open_texts
+from fbench.metrics.files.sources import Source, open_images, open_submissions, open_tables, open_texts
 from fbench.replay.contracts.errors import ConfigError, LogError, MetricError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.sequences import Sequence, Space
@@ -20,20 +20,17 @@ _NUSCENES_TABLES = "nuscenes-tables"
 _NUSCENES_VERSIONS = ("v1.0-mini", "v1.0-trainval", "v1.0-test")
 _INNER = ("data", "label_02", "label_2")
 _MAX_INSPECTED = 20
+_NUM_SEQMAP = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
+Missing = Literal["error", "empty"]
+MISSING: tuple[Missing, ...] = get_args(Missing)
+_MAX_NAMED = 5
 
 
 def open_source(path: Path, form: str | None, is_truth: bool, like: Source | None = None) -> Source:
-    """Open a file or folder of boxes; nothing is read yet but what tells names.
-
-    Args:
-        path: File or folder.
-        form: One of `FORMS`; `None`: names and content tell.
-        is_truth: Whether it is truth, in which some forms write other things than in results.
-        like: The truth, where these are results: what can't be told is as there.
-
-    Raises:
-        ConfigError: where there is no such file or form.
-        LogError: where the form can't be told.
+    """Open a file or folder of boxes; nothing is read yet but what tells names. `form` is one of `FORMS`; `None`: names
+    and content tell. Some forms write other things in truth than in results. `like` is the truth, where these are
+    results: what can't be told is as there. Raises ConfigError where there is no such file or form, LogError where the
+    form can't be told.
     """
     _require_usable(path, form)
     if form in (None, "log") and (logs := logs_in(path)):
@@ -45,7 +42,7 @@ def open_source(path: Path, form: str | None, is_truth: bool, like: Source | Non
     if kind == "nuscenes":
         if len(files) > 1:
             raise ConfigError(f"{path}: {len(files)} files; name one submission")
-        return open_submission_source(next(iter(files.values())), like)
+        return open_submissions(next(iter(files.values())), like)
     if kind == "kitti":
         return open_images(path, files)
     if kind == "table":
@@ -59,9 +56,8 @@ def _require_usable(path: Path, form: str | None) -> None:
     if not (path.is_file() or path.is_dir()):
         raise ConfigError(f"{path}: neither a regular file nor a folder")
     if form == _NUSCENES_TABLES or any((path / version).is_dir() for version in _NUSCENES_VERSIONS):
-        raise ConfigError(
-            f"{path}: the tables of nuScenes aren't scored as they are; first fbench log import nuscenes {path} -o LOGS"
-        )
+        advice = f"first fbench log import nuscenes {path} -o LOGS"
+        raise ConfigError(f"{path}: the tables of nuScenes aren't scored as they are; {advice}")
     if form is not None and form not in FORMS:
         raise ConfigError(f"'{form}' is no form of boxes that can be scored{did_you_mean(form, FORMS)}")
     if form == "log" and not logs_in(path):
@@ -92,8 +88,7 @@ def _files(path: Path) -> dict[str, Path]:
     }
     if not own:
         raise LogError(f"{path}: no files of boxes in it (.txt, .csv, .parquet, SEQUENCE/gt/gt.txt)")
-    kinds = {file.suffix.lower() == ".txt" for file in own.values()}
-    if len(kinds) > 1:
+    if len({file.suffix.lower() == ".txt" for file in own.values()}) > 1:
         raise LogError(f"{path}: texts and tables in one folder; put them into two")
     return own
 
@@ -120,40 +115,29 @@ def _form(path: Path, files: Mapping[str, Path], like: Source | None) -> str:
             raise LogError(f"{path}: every file is empty, so its form can't be told; say --truth-format")
         return like.form
     (form, file), *others = found.items()
-    if others:
-        other, second = others[0]
+    for other, second in others:
         raise LogError(f"{path}: {file.name} is '{form}', but {second.name} is '{other}'; one folder, one form")
     if form not in FORMS:
         raise ConfigError(f"{path}: '{form}' can't be scored yet; there are: {', '.join(FORMS)}")
     return form
 
 
-_KITTI = 4  # Columns: name, `empty`, first frame, number of frames (`evaluate_tracking.seqmap.training`)
-
-
 def _read_seqmap(path: Path) -> dict[str, int | None]:
-    """Return how many frames each listed sequence has; `None` where the list has names only, as MOTChallenge's. Raises
-    ConfigError where there is no such file. Raises LogError where a row is neither, or a sequence is listed twice.
-    """
+    """Frames of each listed sequence; `None` where the list has names only, as MOTChallenge's."""
     if not path.is_file():
         raise ConfigError(f"--seqmap {path}: no such file")
     found: dict[str, int | None] = {}
     for line in lines(path):
         name, num = line.fields[0], len(line.fields)
-        if num not in (1, _KITTI):
+        if num not in (1, _NUM_SEQMAP):
             raise LogError(f"{line.where}: {num} columns, expected a name, or: NAME empty 000000 FRAMES")
         if name in found:
             raise LogError(f"{line.where}: sequence '{name[:40]}' twice")
         if num > 1 or line.number > 1 or name != "name":
-            found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if num == _KITTI else None
+            found[name] = min(frame_number(line.fields[3], line.where), MAX_FRAMES) if num == _NUM_SEQMAP else None
     if not found:
         raise LogError(f"{path}: lists no sequence")
     return found
-
-
-Missing = Literal["error", "empty"]
-MISSING: tuple[Missing, ...] = get_args(Missing)
-_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -176,8 +160,7 @@ class Pair:
 
 def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair], list[str]]:
     """Match sequences by their names, and say what there is about the rest; two files that are one sequence each belong
-    together whatever their names are. Raises ConfigError where an unknown sequence is asked for. Raises MetricError
-    where no sequence has truth (GT001), or one has no results and that is no miss.
+    together whatever their names are. A sequence without results is refused unless that counts as misses.
     """
     lengths = {} if choice.seqmap is None else _read_seqmap(choice.seqmap)
     are_single = truth.is_single and estimates.is_single and not lengths
@@ -191,24 +174,20 @@ def _pair(truth: Source, estimates: Source, choice: Choice) -> tuple[list[Pair],
     scored = [name for name in wanted if name in truth.names]
     without = [name for name in wanted if name not in truth.names]
     if not scored:
-        raise MetricError(
-            f"{truth.path}: no truth for any sequence of {'the seqmap' if lengths else estimates.path}", "GT001"
-        )
+        where = "the seqmap" if lengths else estimates.path
+        raise MetricError(f"{truth.path}: no truth for any sequence of {where}", "GT001")
     notes = [f"no truth for {_list_names(without)}: left out [GT001]"] if without else []
     absent = [name for name in scored if name not in estimates.names]
     if absent and choice.missing == "error":
-        raise MetricError(
-            f"{estimates.path}: no results for {_list_names(absent)}; add an empty file, or count them as "
-            "misses with --missing empty"
-        )
+        advice = "add an empty file, or count them as misses with --missing empty"
+        raise MetricError(f"{estimates.path}: no results for {_list_names(absent)}; {advice}")
     notes += [f"no results for {_list_names(absent)}: all of its truth is missed"] if absent else []
     return [Pair(name, None if name in absent else name, lengths.get(name)) for name in scored], notes
 
 
 def _list_names(names: list[str]) -> str:
-    shown = ", ".join(names[:_NAMED])
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {shown}{more}"
+    more = f" and {len(names) - _MAX_NAMED} more" if len(names) > _MAX_NAMED else ""
+    return f"{'sequence' if len(names) == 1 else f'{len(names)} sequences:'} {', '.join(names[:_MAX_NAMED])}{more}"
 
 
 @dataclass(frozen=True)
@@ -220,54 +199,39 @@ class FilePair:
     pairs: tuple[Pair, ...]
     notes: tuple[str, ...]  # What there is to say about sequences that aren't in pairs
     faults: FaultLog = field(default_factory=FaultLog)  # Counts boxes that aren't finite, as sequences are read
-    warnings: InputWarnings = field(default_factory=InputWarnings)
-    """Counts what is odd about the results, as sequences are read."""
+    warnings: InputWarnings = field(default_factory=InputWarnings)  # What is odd about results that were read
 
     def sequences(self, space: Space = "both") -> Iterator[Sequence]:
-        """Read sequences in the order of the truth; one is held at a time.
-
-        Args:
-            space: Where boxes are compared: those without size elsewhere are no fault.
-
-        Raises:
-            LogError: naming file, row and column of what can't be read.
-            MetricError: where truth and results don't fit together.
+        """Read sequences in the order of the truth; one is held at a time. Boxes without size elsewhere than in
+        `space`, where they are compared, are no fault. Raises LogError naming file, row and column of what can't be
+        read, MetricError where truth and results don't fit together.
         """
         for pair in self.pairs:
             truth = self.truth.read(pair.truth)
-            if pair.estimates is None:
-                estimates = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
-            else:
-                estimates = self.estimates.read(pair.estimates)
+            absent = Side(nothing(), has_stamps=truth.has_stamps, first_pixel=truth.first_pixel)
+            estimates = absent if pair.estimates is None else self.estimates.read(pair.estimates)
             self.warnings.add(*estimates.warnings, find_missing_entries(truth, estimates, pair.truth))
             where = Where(pair.truth, str(self.truth.path), str(self.estimates.path))
             yield join(truth, estimates, pair.num_frames, where, self.faults, space)
 
 
+_ALL = Choice()
+
+
 def open_files(
     truth: Path,
     estimates: Path,
-    choice: Choice | None = None,
+    choice: Choice = _ALL,
     truth_form: str | None = None,
     estimates_form: str | None = None,
 ) -> FilePair:
-    """Open truth and results.
-
-    Args:
-        truth: File or folder.
-        estimates: File or folder.
-        choice: What of them is scored.
-        truth_form: One of `FORMS`; `None`: names and content tell.
-        estimates_form: As `truth_form`.
-
-    Raises:
-        ConfigError: where there is no such file, form or sequence.
-        LogError: where a form can't be told.
-        MetricError: where no sequence has truth, or one has no results.
+    """Open truth and results, each a file or folder. Forms are of `FORMS`; `None`: names and content tell. Raises
+    ConfigError where there is no such file, form or sequence, LogError where a form can't be told, MetricError where no
+    sequence has truth, or one has no results.
     """
     true = open_source(truth, truth_form, is_truth=True)
     own = open_source(estimates, estimates_form, is_truth=False, like=true)
-    pairs, notes = _pair(true, own, choice or Choice())
+    pairs, notes = _pair(true, own, choice)
     pair = FilePair(true, own, tuple(pairs), tuple(notes), true.faults)
     submission = own.submission()
     if submission is not None and not submission.has_meta:

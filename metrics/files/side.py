@@ -36,8 +36,10 @@ class InputWarnings:
 
     def lines(self) -> list[str]:
         """Return a line a kind, with the first place."""
-        places = (f": {w.where}{' ...' if w.num > 1 else ''}" if w.where else "" for w in self.found.values())
-        return [f"{w.num} x {w.what}{place}" for w, place in zip(self.found.values(), places, strict=True)]
+        return [
+            f"{w.num} x {w.what}" + (f": {w.where}{' ...' if w.num > 1 else ''}" if w.where else "")
+            for w in self.found.values()
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,30 +47,20 @@ class Side:
     """N boxes with what says when and where they were."""
 
     objects: Objects  # Their `step` is the key: number of the frame from 0, or stamp [ns]
-    keys: Int64 | None = None
-    """Ascending keys of all frames that the source knows, also empty ones; `None`: from 0 to the highest."""
+    keys: Int64 | None = None  # Ascending, of all frames that are known, also empty ones; `None`: 0 to the highest
     has_stamps: bool = False  # Whether keys are stamps
     num_frames: int | None = None  # Where the source says it
-    camera: Text = field(default_factory=lambda: np.array([], np.str_))
-    """(N,) whose image each rectangle is in; empty (0,): nobody says."""
+    camera: Text = field(default_factory=lambda: np.array([], np.str_))  # (N,) of each rectangle; (0,): nobody says
     space: str = ""  # Coordinate frame of solids; empty: nobody says
     first_pixel: int = 0  # Position of the middle of the first pixel: MOTChallenge counts from 1
     ego_m: Float64 | None = None  # (keys, 3) where the body is, NaN where nobody says
     are_ordered: bool = True  # Whether keys follow time; tokens without a table of samples don't
-    lists_frames: bool = False
-    """Whether frames without boxes have an entry too, as in submissions and folders of images."""
+    lists_frames: bool = False  # Whether frames without boxes have an entry, as in submissions, folders of images
     warnings: tuple[InputWarning, ...] = ()  # What is odd about these boxes, as results
 
     def select(self, rows: Bool) -> "Side":
         """Return the marked boxes (N,)."""
         return replace(self, objects=self.objects[rows], camera=self.camera[rows] if len(self.camera) else self.camera)
-
-    def from_pixel_0(self) -> "Side":
-        """Return it with pixels counted from 0."""
-        xyxy = self.objects.xyxy_px
-        if not self.first_pixel or xyxy is None:
-            return self
-        return replace(self, objects=replace(self.objects, xyxy_px=xyxy - self.first_pixel))
 
 
 @dataclass(frozen=True)
@@ -82,9 +74,7 @@ class Where:
 
 def objects_of(columns: dict[str, Any]) -> tuple[Objects, Int64]:
     """Return objects in the order of their steps, those of one step as they came, and the order (N,) in which they are.
-
-    Args:
-        columns: Fields of `Objects` by name; unsorted; `None` and absent ones are unknown.
+    Columns are fields of `Objects`, unsorted; `None` and absent ones are unknown.
     """
     if not len(columns["step"]):
         return nothing(), np.zeros(0, np.int64)
@@ -101,12 +91,9 @@ def nothing() -> Objects:
 
 
 def find_unreal(objects: Objects, space: Space = "both") -> Bool:
-    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space.
-
-    Args:
-        objects: N boxes, with rectangles, solids or both.
-        space: Where boxes are compared: a rectangle without size is no matter in space (`3d`), nor a solid without size
-            in images (`2d`). Nothing may be infinite anywhere.
+    """Tell which boxes (N,) aren't finite, or have no size; also those that are neither in an image nor in space. A
+    rectangle without size is no matter where boxes are compared in space (`3d`), nor a solid without size in images
+    (`2d`). Nothing may be infinite anywhere.
     """
     bad, anywhere = ~np.isfinite(objects.score), np.zeros(len(objects), bool)
     if objects.xyxy_px is not None:
@@ -134,21 +121,17 @@ def _there(numbers: Array) -> Bool:
 def join(
     truth: Side, estimates: Side, num_frames: int | None, where: Where, faults: FaultLog, space: Space = "both"
 ) -> Sequence:
-    """Return one sequence of both sides.
-
-    Args:
-        truth: All of it; what isn't finite or has no size is left out, and counted as GT004.
-        estimates: All of them; what isn't finite stays, and is counted as PRD001.
-        num_frames: As told from outside; else as the sides say, else up to the last box of either.
-        where: For errors.
-        faults: Gets the counts.
-        space: Where boxes are compared, see `find_unreal`.
-
-    Raises:
-        ConfigError: where frames, or coordinates, are of different kinds.
-        MetricError: where a box is beyond the end, or one id twice in a frame for one class (GT003).
+    """Return one sequence of both sides, compared in `space`, see `find_unreal`. It has `num_frames`; else as many as
+    the sides say, else up to the last box of either. Truth that isn't finite or has no size is left out, and counted as
+    GT004; such estimates stay, and are counted as PRD001. Raises ConfigError where frames, or coordinates, are of
+    different kinds, MetricError where a box is beyond the end, or one id twice in a frame for one class (GT003).
     """
-    _require_alike(truth, estimates, where)
+    if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
+        one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
+        raise ConfigError(f"{where.truth} has {one}, {where.estimates} has {other}; give both the same")
+    if truth.space and estimates.space and truth.space != estimates.space:
+        spaces = f"{where.truth}: boxes in '{truth.space}', those of {where.estimates} in '{estimates.space}'"
+        raise ConfigError(f"{spaces}; give both the same coordinate frame")
     frames = _frames(truth, estimates, num_frames, where)
     own, num_strange = _place_on_frames(estimates, frames)
     true, _ = _place_on_frames(truth, frames)
@@ -162,7 +145,7 @@ def join(
         faults.add("PRD001", f"{where.estimates}, sequence {where.sequence}: {num}", num)
 
     if true.first_pixel != own.first_pixel:  # where both count alike, positions stay as the files have them
-        true, own = true.from_pixel_0(), own.from_pixel_0()
+        true, own = _count_from_pixel_0(true), _count_from_pixel_0(own)
     zeros = np.zeros(len(frames), np.int64)
     steps = Steps(np.arange(len(frames)), frames, zeros) if truth.has_stamps else Steps(frames, zeros, zeros)
     steps, in_truth, in_estimates = _split_by_camera(steps, true, own, where)
@@ -176,15 +159,10 @@ def join(
     )  # fmt: skip
 
 
-def _require_alike(truth: Side, estimates: Side, where: Where) -> None:
-    if len(estimates.objects) and truth.has_stamps != estimates.has_stamps:
-        one, other = ("stamps", "frames") if truth.has_stamps else ("frames", "stamps")
-        raise ConfigError(f"{where.truth} has {one}, {where.estimates} has {other}; give both the same")
-    if truth.space and estimates.space and truth.space != estimates.space:
-        raise ConfigError(
-            f"{where.truth}: boxes in '{truth.space}', those of {where.estimates} in '{estimates.space}'; "
-            "give both the same coordinate frame"
-        )
+def _count_from_pixel_0(side: Side) -> Side:
+    if not side.first_pixel or side.objects.xyxy_px is None:
+        return side
+    return replace(side, objects=replace(side.objects, xyxy_px=side.objects.xyxy_px - side.first_pixel))
 
 
 def _frames(truth: Side, estimates: Side, num_frames: int | None, where: Where) -> Int64:
@@ -233,9 +211,8 @@ def find_missing_entries(truth: Side, estimates: Side, sequence: str) -> InputWa
 
 
 def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -> tuple[Steps, Objects, Objects]:
-    """Steps and the objects of both sides, split by camera where there are several and boxes are in images.
-
-    Where both sides have solids, these are what is scored, and cameras don't matter: rectangles are left out.
+    """Steps and objects by camera where there are several and boxes are in images. Where both sides have solids, these
+    are what is scored, and cameras don't matter: rectangles are left out.
     """
     cameras: Text = np.unique(np.concatenate([truth.camera, estimates.camera]))
     cameras = cameras[cameras != ""]
@@ -243,24 +220,23 @@ def _split_by_camera(steps: Steps, truth: Side, estimates: Side, where: Where) -
         return steps, truth.objects, estimates.objects
     if has_solids(truth.objects) and has_solids(estimates.objects):
         return steps, replace(truth.objects, xyxy_px=None), replace(estimates.objects, xyxy_px=None)
-    num = len(cameras)
-    frame, stamp_ns = np.repeat(steps.frame, num), np.repeat(steps.stamp_ns, num)
-    split = Steps(frame, stamp_ns, np.tile(np.arange(num), len(steps)), tuple(cameras.tolist()) * len(steps))
-    return split, _split(truth, cameras, where.truth), _split(estimates, cameras, where.estimates)
-
-
-def _split(side: Side, cameras: Text, where: str) -> Objects:
-    if not len(side.objects):
-        return side.objects
+    num, num_steps, objects = len(cameras), len(steps), []
     there_are = f"there are the cameras {', '.join(cameras.tolist())}; tell that of every box in a column 'camera'"
-    if not len(side.camera) or side.objects.xyxy_px is None:
-        raise LogError(f"{where}: {there_are}")
-    flat = side.select(_there(side.objects.xyxy_px))
-    if (flat.camera == "").any():
-        raise LogError(f"{where}: a box without camera, though {there_are}")
-    step = flat.objects.step * len(cameras) + np.searchsorted(cameras, flat.camera)
-    order = np.argsort(step, kind="stable")
-    return replace(flat.objects[order], step=step[order])
+    for side, file in ((truth, where.truth), (estimates, where.estimates)):
+        if not len(side.objects):
+            objects.append(side.objects)
+            continue
+        if not len(side.camera) or side.objects.xyxy_px is None:
+            raise LogError(f"{file}: {there_are}")
+        flat = side.select(_there(side.objects.xyxy_px))
+        if (flat.camera == "").any():
+            raise LogError(f"{file}: a box without camera, though {there_are}")
+        step = flat.objects.step * num + np.searchsorted(cameras, flat.camera)
+        order = np.argsort(step, kind="stable")
+        objects.append(replace(flat.objects[order], step=step[order]))
+    frame, stamp_ns, stream = np.repeat(steps.frame, num), np.repeat(steps.stamp_ns, num), np.arange(num)
+    split = Steps(frame, stamp_ns, np.tile(stream, num_steps), tuple(cameras.tolist()) * num_steps)
+    return split, objects[0], objects[1]
 
 
 def _require_unique(steps: Steps, objects: Objects, where: str) -> None:

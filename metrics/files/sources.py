@@ -11,10 +11,8 @@ from fbench.metrics.files.side import Side, objects_of
 from fbench.metrics.files.table import Table, open_table
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.formats.ab3dmot import read_ab3dmot_columns
-from fbench.replay.formats.kitti import read_object_columns, read_tracking_columns
+from fbench.replay.formats.kitti import read_ab3dmot_columns, read_object_columns, read_tracking_columns
 from fbench.replay.formats.mot import read_mot_columns, sequence_length
-from fbench.replay.formats.objects import Columns
 from fbench.replay.formats.text import frame_number
 
 
@@ -26,33 +24,28 @@ class Source:
     form: str  # One of `sequences.FORMS`
     names: tuple[str, ...]  # Of its sequences, in their order
     is_single: bool  # Whether it can't have but one sequence, whose name then says nothing
-    read: Callable[[str], Side]
-    """Returns the boxes of one sequence; raises `LogError` naming file, row and column of what can't be read."""
+    read: Callable[[str], Side]  # Gives the boxes of one sequence, or LogError naming file, row and column
     submission: Callable[[], Submission | None] = lambda: None  # What knows the samples of nuScenes, where it has such
     faults: FaultLog = field(default_factory=FaultLog)  # Gets what is wrong with logs
 
 
 def open_texts(path: Path, form: str, files: Mapping[str, Path], is_truth: bool, is_single: bool) -> Source:
     """Open texts of KITTI tracking, AB3DMOT or MOTChallenge, one a sequence."""
-    readers: dict[str, Callable[[Path], Columns]] = {
-        "kitti-tracking": read_tracking_columns,
-        "ab3dmot": read_ab3dmot_columns,
-        "mot": lambda file: read_mot_columns(file, is_truth),
-    }
 
     def read(name: str) -> Side:
-        objects, _ = objects_of(readers[form](files[name]))
+        file = files[name]
         if form == "mot":
-            return Side(objects, num_frames=sequence_length(files[name]), first_pixel=1)
-        return Side(objects, space="camera")
+            return Side(
+                objects_of(read_mot_columns(file, is_truth))[0], num_frames=sequence_length(file), first_pixel=1
+            )
+        columns = read_tracking_columns(file) if form == "kitti-tracking" else read_ab3dmot_columns(file)
+        return Side(objects_of(columns)[0], space="camera")
 
     return Source(path, form, tuple(files), is_single, read)
 
 
 def open_images(path: Path, files: Mapping[str, Path]) -> Source:
-    """Open the files of KITTI's object benchmark: one sequence of images that have nothing to do with each other.
-    Raises LogError where one isn't named by a number.
-    """
+    """Open files of KITTI's object benchmark: one sequence of unrelated images. LogError if not named by a number."""
     numbers = {frame_number(name, str(file)): file for name, file in files.items()}
     keys = np.array(sorted(numbers), np.int64)
 
@@ -63,9 +56,7 @@ def open_images(path: Path, files: Mapping[str, Path]) -> Source:
 
 
 def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
-    """Open tables: a file a sequence, or a file whose column `sequence` tells them apart. Raises LogError where one
-    can't be read, or two have one sequence.
-    """
+    """Open tables: a file a sequence, or by a column `sequence`. Raises LogError where two have one sequence."""
     found: dict[str, tuple[Table, str]] = {}
     for stem, file in files.items():
         table = open_table(file)
@@ -82,13 +73,12 @@ def open_tables(path: Path, files: Mapping[str, Path]) -> Source:
     return Source(path, "table", tuple(found), is_single, read)
 
 
-def open_submission_source(path: Path, like: Source | None) -> Source:
-    """Open a submission, whose samples those of the truth, `like`, may tell. Its sequences are scenes; where no scene
-    is known there is one, called as the file.
-    """
+def open_submissions(path: Path, like: Source | None) -> Source:
+    """Open a submission; the truth, `like`, may tell its samples. Sequences are scenes; without any one as the file."""
     submission = open_submission(path, None if like is None else like.submission())
-    names = tuple(scene or path.stem for scene in submission.tokens)
-    is_single = list(submission.tokens) == [""]
-    return Source(
-        path, "nuscenes", names, is_single, lambda name: submission.read("" if is_single else name), lambda: submission
-    )
+    names, is_single = tuple(scene or path.stem for scene in submission.tokens), list(submission.tokens) == [""]
+
+    def read(name: str) -> Side:
+        return submission.read("" if is_single else name)
+
+    return Source(path, "nuscenes", names, is_single, read, lambda: submission)

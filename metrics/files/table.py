@@ -15,7 +15,7 @@ from fbench.replay.data.arrays import Array, Bool
 from fbench.replay.data.rig import Mount, Rig
 from fbench.replay.data.sequences import Objects
 from fbench.replay.formats.table import is_run_table, rows_of, spaces_of
-from fbench.replay.formats.table_files import Key, TableFile, Values, key_of, open_table_file
+from fbench.replay.formats.table_files import TableFile, Values, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames, TransformTree
 
 SEQUENCE = "sequence"
@@ -23,6 +23,13 @@ _DEFAULT_CAMERA = "image"
 _LEVELS = ("visibility", "occlusion", "truncation")
 _MAX_ROWS = 20_000_000  # Rows of one sequence that are taken into memory
 _MAX_KEPT = 500_000  # Rows of a table of several sequences up to which it is read once and kept
+_SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
+_FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
+_OPTIONAL = ("center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points")
+_IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
+    "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
+}  # fmt: skip
+"""Marks values that say nothing, by the kind of their array."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +37,14 @@ class Table:
     """One file, of which sequences are read one by one."""
 
     file: TableFile
-    key: Key
     sequences: tuple[str, ...]  # In the order in which they begin; empty: the file is one
     cameras: tuple[str, ...]
 
     def read(self, sequence: str = "") -> Side:
-        """Return the boxes of one sequence; those of all where the file has no column for it. Raises LogError naming
-        file, row and column of what can't be read.
-        """
+        """Return the boxes of one sequence, or of a whole file without a column for it. LogError names row, column."""
         parts = [self._part(values) for values in self._rows(sequence)]
         if not parts:
-            return Side(nothing(), has_stamps=not self.key.is_frame)
+            return Side(nothing(), has_stamps=not self.file.counts_frames)
         columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         has_solid = ~np.isnan(columns["center_m"]).all(axis=1)
         camera, frames = columns.pop("camera"), np.unique(columns.pop("frame_id")[has_solid])
@@ -52,17 +56,15 @@ class Table:
         return Side(
             _slim(objects),
             # With stamps, or with rows for empty frames, the table says which frames there are.
-            keys if not self.key.is_frame or not there.all() else None,
-            not self.key.is_frame,
+            keys if not self.file.counts_frames or not there.all() else None,
+            not self.file.counts_frames,
             camera=camera[there][order],
             space=str(frames[0]) if len(frames) else "",
         )
 
     @cached_property
     def _small(self) -> dict[str, pa.Table] | None:
-        """Rows by sequence, where the table is so small that it is read once; `None` where each sequence is looked for
-        in all of it.
-        """
+        """Rows by sequence of a table so small that it is read once; `None`: each sequence is read from all of it."""
         parts: dict[str, list[pa.Table]] = {}
         num = 0
         for batch in self.file.batches():
@@ -90,19 +92,16 @@ class Table:
                 yield values
 
     def _part(self, values: Values) -> dict[str, Array]:
-        rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates()), len(values)
+        rows, size = rows_of(values, spaces_of(self.file), _DEFAULT_CAMERA, self._coordinates), len(values)
         unknown, no_text = np.full(size, np.nan), np.full(size, "", "U1")
-        score = np.zeros(size)
-        if "score" in values:
-            numbers, is_there = values.numbers("score")
-            score = np.where(is_there, numbers, 0.0)  # one that isn't finite stays so
+        numbers, is_there = values.numbers("score") if "score" in values else (unknown, np.zeros(size, bool))
         labels = [text.lower() for text in values.texts("label").tolist()] if "label" in values else []
         has_camera = rows.has_flat.any() and bool(self.cameras)
         return {
-            "step": self.key.read(values),
+            "step": values.keys(self.file.key),
             "label": np.array(labels, np.str_) if "label" in values else no_text,
             "track_id": values.ids("track_id") if "track_id" in values else np.full(size, -1, np.int64),
-            "score": score,
+            "score": np.where(is_there, numbers, 0.0),  # one that isn't finite stays so
             "there": rows.has_solid | rows.has_flat,
             "camera": _spread(rows.flats.camera, rows.has_flat, "") if has_camera else no_text,
             "frame_id": _spread(rows.frames, rows.has_solid, ""),
@@ -114,23 +113,22 @@ class Table:
             **{name: _spread(getattr(rows.flats, name), rows.has_flat, np.nan, shape) for name, shape in _FLAT},
         }
 
+    @cached_property
     def _coordinates(self) -> CoordinateFrames:
         """Cameras are what the table calls so."""
-        upright = np.array([0.0, 0, 0, 1])
-        names = self.cameras or (_DEFAULT_CAMERA,)
-        rig = Rig({name: Mount("camera", np.zeros(3), upright) for name in (*names, _DEFAULT_CAMERA)}, {})
+        mount = Mount("camera", np.zeros(3), np.array([0.0, 0, 0, 1]))
+        rig = Rig(dict.fromkeys((*self.cameras, _DEFAULT_CAMERA), mount), {})
         return CoordinateFrames(rig, TransformTree(), "body")
 
 
 def open_table(path: Path) -> Table:
-    """Open a table and find its sequences and cameras. Raises ConfigError where it is a table of a run folder. Raises
-    LogError where it isn't a table of boxes.
-    """
+    """Open a table and find its sequences and cameras. ConfigError for one of a run folder, LogError if of no boxes."""
     file = open_table_file(path)
     if is_run_table(file):
         raise ConfigError(f"{path}: a table of a run folder; score the folder: fbench score {path.parent}")
     spaces_of(file)
-    return Table(file, key_of(file), _distinct(file, SEQUENCE), _distinct(file, "camera"))
+    _ = file.key  # refuses a table that doesn't say when its boxes were
+    return Table(file, _distinct(file, SEQUENCE), _distinct(file, "camera"))
 
 
 def _distinct(file: TableFile, column: str) -> tuple[str, ...]:
@@ -161,23 +159,13 @@ def _num_points(values: Values) -> Array:
     return np.where(np.max(points, axis=0) < 0, -1, np.maximum(points, 0).sum(axis=0))
 
 
-_SOLID = (("center_m", (3,)), ("size_lwh_m", (3,)), ("yaw_rad", ()), ("velocity_mps", (3,)))
-_FLAT = (("xyxy_px", (4,)), ("distance_m", ()), ("range_rate_mps", ()))
-_OPTIONAL = ("center_m", "velocity_mps", *(name for name, _ in _FLAT), *_LEVELS, "ignore", "attribute", "num_points")
-_IS_UNKNOWN: dict[str, Callable[[Array], Bool]] = {
-    "f": np.isnan, "b": np.logical_not, "U": lambda texts: texts == "", "i": lambda nums: nums < 0
-}  # fmt: skip
-"""Marks values that say nothing, by the kind of their array."""
-
-
 def _slim(objects: Objects) -> Objects:
     """Leave out columns in which nothing is known."""
     if not len(objects):
         return nothing()
     columns = {name: getattr(objects, name) for name in _OPTIONAL}
-    absent: dict[str, Any] = {
-        name: None for name, column in columns.items() if _IS_UNKNOWN[column.dtype.kind](column).all()
-    }
+    unknown = [name for name, column in columns.items() if _IS_UNKNOWN[column.dtype.kind](column).all()]
+    absent: dict[str, Any] = dict.fromkeys(unknown)
     if "center_m" in absent:
         absent |= {"size_lwh_m": None, "yaw_rad": None}
     return replace(objects, **absent)

@@ -70,24 +70,12 @@ class PlainText:
 
 
 def read_plain(path: Path, separator: str, words: int | None = None) -> PlainText | None:
-    """Read a text whose rows have one length; `None` where nothing is in it.
-
-    Args:
-        path: The file.
-        separator: Between columns, one each time.
-        words: Column that has no numbers.
-
-    Raises:
-        IrregularError: where rows differ in length, or it is no plain text.
-        LogError: where it can't be read.
-    """
+    """Read a text whose rows have one length; see `read_bytes` and `parse_plain`."""
     return parse_plain(read_bytes(path), separator, words)
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return the content of a file; that of one that is far too large isn't plain. Raises LogError where it can't be
-    read.
-    """
+    """Return the content of a file; that of one that is far too large isn't plain. LogError where it can't be read."""
     try:
         return path.read_bytes() if path.stat().st_size <= _MAX_BYTES else _NOT_PLAIN
     except OSError as error:
@@ -95,8 +83,8 @@ def read_bytes(path: Path) -> bytes:
 
 
 def parse_plain(content: bytes, separator: str, words: int | None = None) -> PlainText | None:
-    """Do what `read_plain` does with the content of files. Raises IrregularError where rows differ in length, or it is
-    no plain text.
+    """Parse a text whose rows have one length; `None` where nothing is in it. One separator is between two columns, and
+    column `words` has no numbers. Raises IrregularError where rows differ in length, or it is no plain text.
     """
     if not content.strip():
         return None

@@ -21,7 +21,6 @@ MODELS = {
 """What fbench calls a distortion model that others call otherwise."""
 _COEFFICIENTS = {"": (0,), "plumb_bob": (4, 5), "rational_polynomial": (8,), "fisheye": (4,)}
 _TOLERANCE = 1e-3  # By which a rotation matrix may differ from an orthonormal one: files round to few digits
-_MIN_NORM = 1e-6
 _MAX_PX = 1_000_000
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _MAX_DIGITS = 100
@@ -82,19 +81,10 @@ def rigid(where: str, dst_T_src: Float64) -> tuple[Float64, Float64]:
     return dst_T_src[:3, 3].copy(), quaternion(rotation)
 
 
-def unit_quaternion(where: str, xyzw: Sequence[float]) -> Float64:
-    """Return a quaternion (4,) as it was given. Raises ConfigError where it is zero."""
-    if math.hypot(*xyzw) < _MIN_NORM:
-        raise ConfigError(f"{where}: is zero, so no rotation", INVALID)
-    return np.array(xyzw, np.float64)
-
-
 def camera_model(
     where: str, K: Float64, size_wh: tuple[int, int], model: str, distortion: Sequence[float]
 ) -> CameraModel:
-    """Return intrinsics; what fbench calls otherwise gets its name. Raises ConfigError where K has another form, or the
-    model another number of coefficients.
-    """
+    """Return intrinsics with fbench's name of the model. ConfigError: K of another form, a wrong coefficient count."""
     if not K.any():
         raise ConfigError(f"{where}: the camera isn't calibrated (K is zero)", INVALID)
     if not (K[0, 0] > 0 and K[1, 1] > 0):
@@ -109,8 +99,8 @@ def camera_model(
     return CameraModel(K, size_wh, name, np.array(distortion, np.float64))
 
 
-def known_model(where: str, model: str) -> str:
-    """Return a distortion model that fbench has. Raises ConfigError naming the one that it hasn't."""
+def require_model(where: str, model: str) -> str:
+    """Return a distortion model. Raises ConfigError naming one that fbench hasn't."""
     if MODELS.get(model, model) not in _COEFFICIENTS:
         known = ", ".join(name for name in _COEFFICIENTS if name)
         raise ConfigError(f"{where}: '{model}' isn't supported; there are: {known}", INVALID)
@@ -127,16 +117,12 @@ def require_tree(place: str, edges: Mapping[str, Edge]) -> None:
             if frame in path:
                 names = list(path)
                 loop = " → ".join([*names[names.index(frame) :], frame])
-                raise ConfigError(f"{place}: transforms form a loop: {shorten(loop)}", INVALID)
+                loop = loop if len(loop) <= 200 else f"{loop[:200]}..."
+                raise ConfigError(f"{place}: transforms form a loop: {loop}", INVALID)
             path[frame] = None
         safe.update(path)
 
 
 def format_value(value: object) -> str:
     """A value as part of an error, shortened."""
-    return shorten(repr(value), 60)
-
-
-def shorten(text: str, limit: int = 200) -> str:
-    """A text as part of an error."""
-    return text if len(text) <= limit else f"{text[:limit]}..."
+    return text if len(text := repr(value)) <= 60 else f"{text[:60]}..."

@@ -16,17 +16,17 @@ from fbench.replay.contracts.errors import LimitError, LogError
 
 _MAX_BYTES = 256 * 2**20
 _HEAD = 2**20
+MAX_SIZE = 4 * 1024 * 1024  # Bytes of a YAML file
+_MAX_DEPTH = 32  # Of YAML
+_MAX_DOTS = 500  # In a line of TOML
 
 
 def read_json(path: Path) -> Any:
-    """Return the content of a JSON file. Raises LogError where it can't be read. Raises LimitError where it is too
-    large, or nested too deeply.
-    """
+    """Return the content of a JSON file. LogError: can't be read. LimitError: too large, or nested too deeply."""
     try:
         if (size := path.stat().st_size) > _MAX_BYTES:
-            raise LimitError(
-                f"{path}: {size >> 20} MiB of JSON, more than {_MAX_BYTES >> 20}; split it, or use Parquet"
-            )
+            limit = f"more than {_MAX_BYTES >> 20}; split it, or use Parquet"
+            raise LimitError(f"{path}: {size >> 20} MiB of JSON, {limit}")
         return json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_object)
     except RecursionError:
         raise LimitError(f"{path}: nested too deeply") from None
@@ -77,12 +77,9 @@ def items(value: object, where: str) -> Sequence[Any]:
 
 
 def vector(value: object, lengths: tuple[int, ...], where: str) -> list[float]:
-    """Return a list of numbers of one of these lengths; what isn't finite stays so. Raises LogError where it is
-    something else.
-    """
-    wanted = " or ".join(map(str, lengths))
+    """Return a list of numbers of one of these lengths, finite or not. Raises LogError where it is something else."""
     if not isinstance(value, list) or len(value) not in lengths:
-        raise LogError(f"{where}: expected {wanted} numbers, got {_kind(value)}")
+        raise LogError(f"{where}: expected {' or '.join(map(str, lengths))} numbers, got {_kind(value)}")
     return [scalar(item, where) for item in value]
 
 
@@ -111,17 +108,12 @@ def _kind(value: object) -> str:
     return {dict: "an object", str: "a text", bool: "true or false", type(None): "null"}.get(type(value), "a number")
 
 
-_MAX_DOTS = 500
-
-
 class TomlError(Exception):
     """What is wrong with a text, in one line without the name of its file."""
 
 
 def parse_toml(content: bytes) -> dict[str, Any]:
-    """Return the tables of a file of UTF-8, with or without a byte order mark. Raises TomlError where it isn't TOML, or
-    written to exhaust whoever parses it.
-    """
+    """Return the tables of a UTF-8 file. Raises TomlError where it isn't TOML, or exhausts whoever parses it."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -137,23 +129,16 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         raise TomlError(str(error).splitlines()[0]) from error
 
 
-MAX_SIZE = 4 * 1024 * 1024
-_MAX_DEPTH = 32
-
-
 class YamlFileError(Exception):
     """What is wrong with a file, in one line without its name."""
 
     def __init__(self, text: str, mendable: bool = True) -> None:
         super().__init__(text)
-        self.mendable = mendable
-        """Whether the content is damaged, so that writing the file anew would help."""
+        self.mendable = mendable  # Whether the content is damaged, so that writing the file anew would help
 
 
 def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
-    """Return the content of a file as dicts, lists and texts. Raises YamlFileError where it can't be read, is too large
-    or isn't what `parse_yaml` takes.
-    """
+    """Return the content of a file as `parse_yaml` does. YamlFileError also if it can't be read or is too large."""
     try:
         with path.open("rb") as file:
             content = file.read(max_size + 1)
@@ -165,32 +150,23 @@ def read_yaml(path: Path, max_size: int = MAX_SIZE) -> object:
 
 
 def parse_yaml(content: bytes) -> object:
-    """Parse without interpreting: every value is text, so that no tag, date or number can do harm. Raises YamlFileError
-    where it is damaged, nested too deeply, or has aliases or one key twice.
+    """Parse without interpreting: values are dicts, lists and texts, so that no tag, date or number can do harm. Raises
+    YamlFileError where it is damaged, nested too deeply, or has aliases or one key twice.
     """
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise YamlFileError(f"isn't UTF-8 text ({error.reason} at byte {error.start})") from error
     try:
-        _check_shape(text)
-        return _parser().load(text)
+        depth = 0
+        for event in YAML(typ="base", pure=True).parse(text):
+            line = event.start_mark.line + 1
+            if isinstance(event, NodeEvent) and event.anchor is not None:
+                raise YamlFileError(f"line {line}: YAML anchors and aliases aren't allowed here", mendable=False)
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            if depth > _MAX_DEPTH:
+                raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)
+        return YAML(typ="base", pure=True).load(text)
     except YAMLError as error:
         reason = " ".join(str(error).split())
         raise YamlFileError(f"can't be parsed ({reason[:200]})") from error
-
-
-def _parser() -> Any:
-    return YAML(typ="base", pure=True)
-
-
-def _check_shape(text: str) -> None:
-    depth = 0
-    for event in _parser().parse(text):
-        if isinstance(event, NodeEvent) and event.anchor is not None:
-            line = event.start_mark.line + 1
-            raise YamlFileError(f"line {line}: YAML anchors and aliases aren't allowed here", mendable=False)
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            line = event.start_mark.line + 1
-            raise YamlFileError(f"line {line}: nested more than {_MAX_DEPTH} deep", mendable=False)

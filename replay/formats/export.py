@@ -4,185 +4,86 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Self
+from typing import IO
 
-from fbench.replay.contracts.errors import ConfigError, LogError
+from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.files import file_name, swap
 from fbench.replay.data.rig import Kind
-from fbench.replay.formats.export_request import ExportRequest, LeftOut, require_class
+from fbench.replay.formats.export_request import TABLES, ExportRequest, LeftOut
 from fbench.replay.formats.export_sources import MANIFEST, log_sequence, run_sequence
 from fbench.replay.formats.kitti import kitti_rows
 from fbench.replay.formats.mot import mot_rows, seqinfo
-from fbench.replay.formats.nuscenes import meta, nuscenes_samples
+from fbench.replay.formats.nuscenes import nuscenes_samples
 from fbench.replay.formats.sequence import BoxSequence, choose_camera, coordinate_frame
 from fbench.replay.setup.source import LogRequest, log_source
 
 _SUFFIXES = (".txt", ".ini")  # Of all that is written into folders
-
-
-@dataclass(frozen=True)
-class Place:
-    """A folder, or for formats of one file that file. Raises ConfigError where it mustn't be written."""
-
-    path: Path
-    is_file: bool
-    overwrite: bool = False
-
-    def check(self, sources: Sequence[Path]) -> None:
-        """See that nothing else is lost. Raises ConfigError where something is in the way, or it lies in a source."""
-        out = self.path.resolve()
-        for source in sources:
-            old = source.resolve()
-            if old == out or old in out.parents or out in old.parents:
-                raise ConfigError(f"{self.path}: is what is exported, or lies in it or around it; choose another name")
-        if self.is_file and self.path.suffix != ".json":
-            raise ConfigError(f"{self.path}: this format is one file; expected a name that ends in .json")
-        if not out.parent.is_dir():
-            raise ConfigError(f"{self.path}: can't be written (no folder {out.parent})")
-        is_empty = not self.is_file and _is_folder(self.path) and not any(self.path.iterdir())
-        if not (self.path.exists() or self.path.is_symlink()) or is_empty:
-            return
-        if not self.overwrite:
-            raise ConfigError(f"{self.path}: exists already; choose another with --out, or --overwrite it")
-        if not self._is_export():
-            raise ConfigError(f"{self.path}: exists and holds more than an export, so --overwrite doesn't touch it")
-
-    def _is_export(self) -> bool:
-        if self.is_file or not _is_folder(self.path):
-            return self.is_file and self.path.is_file()
-        return all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.path.rglob("*"))
+_Add = Callable[[str, BoxSequence, ExportRequest, LeftOut], Iterator[int]]
+"""Writes a sequence under a name, and yields the number of rows of each frame."""
+Progress = Callable[[str, int, int], None]  # Gets the name of a sequence, how many frames are done, and there are
 
 
 def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
 
 
-@dataclass(frozen=True)
-class Draft:
-    """What is written until it gets its name; nothing is left of it where that doesn't happen."""
-
-    place: Place
-
-    @property
-    def _partial(self) -> Path:
-        out = self.place.path.absolute()
-        return out.with_name(f".{out.name}.partial-{os.getpid()}")
-
-    def __enter__(self) -> Self:
-        try:
-            if not self.place.is_file:
-                self._partial.mkdir()
-        except OSError as error:
-            raise ConfigError(f"{self.place.path}: can't be written ({error.strerror})") from error
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.place.is_file:
-            self._partial.unlink(missing_ok=True)
-        else:
-            shutil.rmtree(self._partial, ignore_errors=True)
-
-    def open(self, name: str = "") -> IO[str]:
-        """Begin a file of the folder, or the only one."""
-        path = self._partial / name if name else self._partial
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("w", encoding="utf-8", newline="\n")
-
-    def finish(self) -> None:
-        """Give everything its name."""
-        if self.place.is_file:
-            self._partial.replace(self.place.path.absolute())
-        else:
-            swap(self._partial, self.place.path.absolute())
+def _open(path: Path) -> IO[str]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.open("w", encoding="utf-8", newline="\n")
 
 
-def describe_view(sequence: BoxSequence, request: ExportRequest) -> str:
-    """Say which image and coordinates the exported boxes of a sequence are in."""
-    if request.is_nuscenes:
-        return "3D boxes in the world"
-    camera = choose_camera(sequence, request.camera)
-    has_solids = request.format != "mot" and any(frame.boxes3d is not None for frame in sequence.frames)
-    solids = f", 3D boxes in {coordinate_frame(sequence, request.frame, camera)}" if has_solids else ""
-    return f"2D boxes in {camera}{solids}"
-
-
-class TextFiles:
-    """Files of rows: of KITTI `NAME.txt`, or one for each frame; of MOTChallenge `NAME.txt`, or of truth
-    `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
-
-    Args:
-        draft: Where they are written.
-        is_only: Whether there is one sequence; its files, where there is one for each frame, need no folder.
+def _add_texts(
+    folder: Path, is_only: bool, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut
+) -> Iterator[int]:
+    """Write rows: of KITTI `NAME.txt`, or one a frame, in no folder of its own where it is the only sequence; of
+    MOTChallenge `NAME.txt`, or of truth `NAME/gt/gt.txt` and `NAME/seqinfo.ini`.
     """
-
-    def __init__(self, draft: Draft, is_only: bool) -> None:
-        self._draft, self._is_only = draft, is_only
-
-    def add(self, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
-        """Write a sequence, and yield the number of rows of each frame."""
-        if request.format == "kitti":
-            for number, rows in kitti_rows(sequence, request, left):
-                with self._draft.open(f"{'' if self._is_only else f'{name}/'}{number:06d}.txt") as file:
-                    file.writelines(f"{row}\n" for row in rows)
-                yield len(rows)
-            return
-        frames: Iterator[list[str]] = (rows for _, rows in kitti_rows(sequence, request, left))
-        path = f"{name}.txt"
-        if request.format == "mot":
-            frames = mot_rows(sequence, request, left)
-            if sequence.is_truth:
-                path = f"{name}/gt/gt.txt"
-                camera = sequence.rig.cameras.get(choose_camera(sequence, request.camera))
-                with self._draft.open(f"{name}/seqinfo.ini") as file:
-                    file.write(seqinfo(name, sequence, camera))
-        with self._draft.open(path) as file:
-            for rows in frames:
+    if request.format == "kitti":
+        for number, rows in kitti_rows(sequence, request, left):
+            with _open(folder / f"{'' if is_only else f'{name}/'}{number:06d}.txt") as file:
                 file.writelines(f"{row}\n" for row in rows)
-                yield len(rows)
+            yield len(rows)
+        return
+    frames: Iterator[list[str]] = (rows for _, rows in kitti_rows(sequence, request, left))
+    path = folder / f"{name}.txt"
+    if request.format == "mot":
+        frames = mot_rows(sequence, request, left)
+        if sequence.is_truth:
+            path = folder / name / "gt" / "gt.txt"
+            camera = sequence.rig.cameras.get(choose_camera(sequence, request.camera))
+            with _open(folder / name / "seqinfo.ini") as file:
+                file.write(seqinfo(name, sequence, camera))
+    with _open(path) as file:
+        for rows in frames:
+            file.writelines(f"{row}\n" for row in rows)
+            yield len(rows)
 
 
-class SubmissionFile:
+@contextmanager
+def _submission(path: Path) -> Iterator[_Add]:
     """The one file of nuScenes, written sample by sample."""
+    owners: dict[str, str] = {}
+    kinds: set[Kind] = set()
 
-    def __init__(self, draft: Draft) -> None:
-        self._file = draft.open()
-        self._owners: dict[str, str] = {}
-        self._kinds: set[Kind] = set()
-
-    def __enter__(self) -> Self:
-        self._file.write('{"results": {')
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self._file.write(f'\n}}, "meta": {json.dumps(meta(self._kinds))}}}\n')
-        self._file.close()
-
-    def add(self, name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
-        """Write the samples of a sequence, and yield the number of boxes of each. Raises LogError where a sample is
-        another sequence's too.
-        """
-        self._kinds.update(sequence.kinds)
+    def add(name: str, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[int]:
+        kinds.update(sequence.kinds)
         for token, results in nuscenes_samples(sequence, request, left):
-            if token in self._owners:
-                raise LogError(f"{sequence.where}: sample {token} is of {self._owners[token]} too")
-            separator = "," if self._owners else ""
-            self._owners[token] = sequence.where
-            self._file.write(f"{separator}\n{json.dumps(token)}: {json.dumps(results, allow_nan=False)}")
+            if token in owners:
+                raise LogError(f"{sequence.where}: sample {token} is of {owners[token]} too")
+            file.write(f"{',' if owners else ''}\n{json.dumps(token)}: {json.dumps(results, allow_nan=False)}")
+            owners[token] = sequence.where
             yield len(results)
 
-
-Progress = Callable[[str, int, int], None]
-"""Gets the name of a sequence, how many of its frames are done, and how many there are."""
+    with _open(path) as file:
+        file.write('{"results": {')
+        yield add
+        used = {f"use_{kind}": kind in kinds for kind in ("camera", "lidar", "radar")}
+        file.write(f'\n}}, "meta": {json.dumps({**used, "use_map": False, "use_external": False})}}}\n')
 
 
 @dataclass(frozen=True)
@@ -198,61 +99,120 @@ class Exported:
 
 @dataclass(frozen=True)
 class Export:
-    """What is exported, and where to.
-
-    Raises ConfigError where a class isn't known, or a name is for several sources.
-    """
+    """What is exported, and where to. ConfigError for an unknown class, or one name for several sources."""
 
     sources: Sequence[Path]  # Run folders and logs
     request: ExportRequest
-    place: Place
+    out: Path  # A folder; of nuScenes, whose format is one file, that file
+    overwrite: bool = False
     name: str = ""  # Of the only source, in place of its own
 
     def __post_init__(self) -> None:
-        require_class(self.request)
+        name, table = self.request.class_name, TABLES[self.request.format]
+        names = sorted({*table.own.values(), *table.labels.values()} - {""})
+        if name and name not in names:
+            raise ConfigError(f"--class {name}: no class of {self.request.format}{did_you_mean(name, names)}")
         if self.name and len(self.sources) != 1:
             raise ConfigError(f"--name {self.name}: is for one source, there are {len(self.sources)}")
 
+    def require_free_place(self) -> None:
+        """See that nothing else is lost. Raises ConfigError where something is in the way, or it lies in a source."""
+        out = self.out.resolve()
+        for source in self.sources:
+            old = source.resolve()
+            if old == out or old in out.parents or out in old.parents:
+                raise ConfigError(f"{self.out}: is what is exported, or lies in it or around it; choose another name")
+        if self.request.is_nuscenes and self.out.suffix != ".json":
+            raise ConfigError(f"{self.out}: this format is one file; expected a name that ends in .json")
+        if not out.parent.is_dir():
+            raise ConfigError(f"{self.out}: can't be written (no folder {out.parent})")
+        is_empty = not self.request.is_nuscenes and _is_folder(self.out) and not any(self.out.iterdir())
+        if not (self.out.exists() or self.out.is_symlink()) or is_empty:
+            return
+        if not self.overwrite:
+            raise ConfigError(f"{self.out}: exists already; choose another with --out, or --overwrite it")
+        if self.request.is_nuscenes or not _is_folder(self.out):
+            is_export = self.request.is_nuscenes and self.out.is_file()
+        else:
+            is_export = all(_is_folder(p) or (p.is_file() and p.suffix in _SUFFIXES) for p in self.out.rglob("*"))
+        if not is_export:
+            raise ConfigError(f"{self.out}: exists and holds more than an export, so --overwrite doesn't touch it")
+
+
+@contextmanager
+def _draft(job: Export) -> Iterator[Path]:
+    """What is written until it gets its name; nothing is left of it where that doesn't happen."""
+    out, is_file = job.out.absolute(), job.request.is_nuscenes
+    draft = out.with_name(f".{out.name}.partial-{os.getpid()}")
+    try:
+        if not is_file:
+            draft.mkdir()
+    except OSError as error:
+        raise ConfigError(f"{job.out}: can't be written ({error.strerror})") from error
+    try:
+        yield draft
+        if is_file:
+            draft.replace(out)
+        else:
+            swap(draft, out)
+    finally:
+        if is_file:
+            draft.unlink(missing_ok=True)
+        else:
+            shutil.rmtree(draft, ignore_errors=True)
+
 
 def export(job: Export, faults: FaultLog, progress: Progress = lambda name, done, total: None) -> Iterator[Exported]:
-    """Export sources one after the other; the files appear when all of them are done. Raises ConfigError where files
-    can't or mustn't be written, or a source isn't there. Raises LogError where the format can't hold what a source has.
-    Raises RunError where a run can't be read.
+    """Export sources one after the other; the files appear when all are done. Raises ConfigError where files can't or
+    mustn't be written, or a source isn't there, LogError where the format can't hold it, RunError where a run can't be
+    read.
     """
-    job.place.check(job.sources)
-    with Draft(job.place) as draft:
-        yield from _write(job, draft, faults, progress)
-        draft.finish()
-
-
-def _write(job: Export, draft: Draft, faults: FaultLog, progress: Progress) -> Iterator[Exported]:
+    job.require_free_place()
     names: dict[str, Path] = {}
-    is_only = len(job.sources) == 1
-    with SubmissionFile(draft) if job.request.is_nuscenes else nullcontext(TextFiles(draft, is_only)) as files:
-        for source in job.sources:
-            left = LeftOut()
-            sequence = _sequence(source, job.request, left, faults)
-            sequence.require_boxes(job.request.is_tracking)
-            name = file_name(job.name or sequence.name)
-            if name in names:
-                raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
-            names[name] = source
-            num_rows, num_frames = 0, 0
-            for num in files.add(name, sequence, job.request, left):
-                num_rows, num_frames = num_rows + num, num_frames + 1
-                progress(name, num_frames, len(sequence.frames))
-            counts = dict(sorted(left.counts.items()))
-            yield Exported(name, num_frames, num_rows, counts, describe_view(sequence, job.request))
+    with _draft(job) as draft:
+        texts = nullcontext(partial(_add_texts, draft, len(job.sources) == 1))
+        with _submission(draft) if job.request.is_nuscenes else texts as add:
+            for source in job.sources:
+                left = LeftOut()
+                sequence = _sequence(source, job.request, left, faults)
+                name = file_name(job.name or sequence.name)
+                if name in names:
+                    raise ConfigError(f"{source}: is called '{name}' like {names[name]}; export one of them on its own")
+                names[name] = source
+                num_rows, num_frames = 0, 0
+                for num in add(name, sequence, job.request, left):
+                    num_rows, num_frames = num_rows + num, num_frames + 1
+                    progress(name, num_frames, len(sequence.frames))
+                counts = {reason: num for reason, num in sorted(left.items()) if num}
+                yield Exported(name, num_frames, num_rows, counts, _describe_view(sequence, job.request))
 
 
 def _sequence(source: Path, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
+    """Read a run or log that has boxes, with ids where these are needed."""
     if not source.exists():
         raise ConfigError(f"{source}: no such run folder or log")
-    if (source / MANIFEST).is_file():
-        return run_sequence(source, request)
     try:
-        return log_sequence(log_source(LogRequest(source)), request, left, faults)
+        is_run = (source / MANIFEST).is_file()
+        log = None if is_run else log_source(LogRequest(source))
+        sequence = run_sequence(source, request) if log is None else log_sequence(log, request, left, faults)
     except LogError as error:
-        if error.code == "LOG001":
+        if error.code == "LOG001" and not is_run:
             raise LogError(f"{error}; and no run folder, which has a {MANIFEST}", error.code) from error
         raise
+    if all(frame.boxes3d is None and frame.boxes2d is None for frame in sequence.frames):
+        raise LogError(f"{sequence.where}: has no {'truth' if sequence.is_truth else 'boxes'} to export")
+    full = sequence.boxes
+    if request.is_tracking and full and all(boxes.track_id is None for boxes in full):
+        advice = "export tracks with --boxes tracks, or take --format kitti or nuscenes"
+        raise LogError(f"{sequence.where}: its boxes have no track ids, which this format needs; {advice}")
+    return sequence
+
+
+def _describe_view(sequence: BoxSequence, request: ExportRequest) -> str:
+    """Which image and coordinates the exported boxes of a sequence are in."""
+    if request.is_nuscenes:
+        return "3D boxes in the world"
+    camera = choose_camera(sequence, request.camera)
+    has_solids = request.format != "mot" and any(frame.boxes3d is not None for frame in sequence.frames)
+    solids = f", 3D boxes in {coordinate_frame(sequence, request.frame, camera)}" if has_solids else ""
+    return f"2D boxes in {camera}{solids}"

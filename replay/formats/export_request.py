@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
@@ -13,6 +13,8 @@ Which = Literal["tracks", "detections", "truth"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 _TRACKING: tuple[Format, ...] = ("kitti-tracking", "mot", "nuscenes-tracking")
 _WHICH: tuple[Which, ...] = get_args(Which)
+LeftOut = Counter[str]  # Boxes that the format has no place for, by the reason
+Namer = Callable[[Text, Text], list[str]]
 
 
 @dataclass(frozen=True)
@@ -20,14 +22,10 @@ class ExportRequest:
     """What is asked for."""
 
     format: Format
-    boxes: Which | None = None
-    """`None`: of a run its tracks or detections, as the format goes; of a log its truth."""
-    camera: str = ""
-    """Whose image 2D boxes are in; empty: that of KITTI's labels in a log of KITTI, else the only one."""
-    frame: str = ""
-    """`body` or a camera, in whose coordinates KITTI's 3D boxes are written; empty: as the log says, else `camera`."""
-    class_name: str = ""
-    """Class of boxes that have none, as the format calls it."""
+    boxes: Which | None = None  # `None`: of a run its tracks or detections, as the format goes; of a log its truth
+    camera: str = ""  # Whose image 2D boxes are in; empty: that of KITTI's labels in a log of KITTI, else the only one
+    frame: str = ""  # `body` or a camera that KITTI's 3D boxes are written in; empty: as the log says, else `camera`
+    class_name: str = ""  # Class of boxes that have none, as the format calls it
 
     @property
     def is_tracking(self) -> bool:
@@ -40,22 +38,8 @@ class ExportRequest:
         return self.format.startswith("nuscenes")
 
 
-@dataclass
-class LeftOut:
-    """Counts boxes that the format has no place for, by the reason."""
-
-    counts: Counter[str] = field(default_factory=Counter)
-
-    def add(self, reason: str, num: int) -> None:
-        """Count some."""
-        if num:
-            self.counts[reason] += num
-
-
 def make_export_request(form: str, boxes: str | None, camera: str, frame: str, class_name: str) -> ExportRequest:
-    """Read `--format`, `--boxes`, `--camera`, `--frame` and `--class`. Raises ConfigError where a format or a kind of
-    boxes isn't known.
-    """
+    """Read `--format`, `--boxes`, `--camera`, `--frame`, `--class`. ConfigError where one isn't known."""
     chosen = next((known for known in FORMATS if known == form), None)
     if chosen is None:
         raise ConfigError(f"--format {form}: isn't known{did_you_mean(form, FORMATS)}")
@@ -63,9 +47,6 @@ def make_export_request(form: str, boxes: str | None, camera: str, frame: str, c
     if which is None and boxes is not None:
         raise ConfigError(f"--boxes {boxes}: isn't known{did_you_mean(boxes, _WHICH)}")
     return ExportRequest(chosen, which, camera, frame, class_name)
-
-
-Namer = Callable[[Text, Text], list[str]]
 
 
 @dataclass(frozen=True)
@@ -77,11 +58,6 @@ class ClassTable:
     empty: has no place in it."""
     labels: Mapping[str, str]  # Names by the labels of fbench; without one: has no place
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All classes."""
-        return tuple(sorted({*self.own.values(), *self.labels.values()} - {""}))
-
     def name(self, source_label: str, label: str) -> str | None:
         """Name of a class; empty: has no place, `None`: the box has no class."""
         if source_label in self.own:
@@ -89,11 +65,9 @@ class ClassTable:
         return self.labels.get(label, "") if label else None
 
 
+_KITTI_NAMES = ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Person", "Cyclist", "Tram", "Misc")
 _KITTI = ClassTable(
-    {
-        name: name
-        for name in ("Car", "Van", "Truck", "Pedestrian", "Person_sitting", "Person", "Cyclist", "Tram", "Misc")
-    },
+    {name: name for name in _KITTI_NAMES},
     {
         "car": "Car", "van": "Van", "truck": "Truck", "pedestrian": "Pedestrian", "bicycle": "Cyclist", "bus": "Misc",
         "trailer": "Misc", "motorcycle": "Misc", "other": "Misc",
@@ -130,44 +104,30 @@ _NUSCENES_OWN = {
 }  # fmt: skip
 """`eval/detection/README.md` of the devkit, section Classes; other names follow from labels."""
 _UNTRACKED = ("barrier", "traffic_cone", "construction_vehicle")
+_TRACKED_OWN = {name: "" if known in _UNTRACKED else known for name, known in _NUSCENES_OWN.items()}
 TABLES: Mapping[Format, ClassTable] = {
     "kitti": _KITTI,
     "kitti-tracking": _KITTI,
     "mot": _MOT,
     "nuscenes": ClassTable(_NUSCENES_OWN, _NUSCENES_LABELS),
-    "nuscenes-tracking": ClassTable(
-        {name: "" if known in _UNTRACKED else known for name, known in _NUSCENES_OWN.items()}, _NUSCENES_LABELS
-    ),
+    "nuscenes-tracking": ClassTable(_TRACKED_OWN, _NUSCENES_LABELS),
 }
 
 
-def require_class(request: ExportRequest) -> None:
-    """Refuse a class that the format doesn't have. Raises ConfigError naming the nearest one."""
-    names = TABLES[request.format].names
-    near = did_you_mean(request.class_name, names)
-    if request.class_name and request.class_name not in names:
-        raise ConfigError(f"--class {request.class_name}: no class of {request.format}{near}")
-
-
 def namer(request: ExportRequest, where: str) -> Namer:
-    """Return what tells the class of each box as the format calls it, from `source_label` and `label`; empty: has no
-    place in it.
-    """
+    """Return what names classes of boxes in the format, from `source_label` and `label`; empty: has no place in it."""
     table = TABLES[request.format]
     known: dict[tuple[str, str], str] = {}
-
-    def name(source_label: str, label: str) -> str:
-        found = table.name(source_label, label)
-        if found is None and not request.class_name:
-            example = next(iter(table.labels.values()))
-            raise LogError(f"{where}: boxes without a class; say which they are of with --class, such as {example}")
-        return request.class_name if found is None else found
 
     def names(source_labels: Text, labels: Text) -> list[str]:
         pairs = list(zip(source_labels.tolist(), labels.tolist(), strict=True))
         for pair in dict.fromkeys(pairs):
             if pair not in known:
-                known[pair] = name(*pair)
+                name = table.name(*pair)
+                if name is None and not request.class_name:
+                    example = f"--class, such as {next(iter(table.labels.values()))}"
+                    raise LogError(f"{where}: boxes without a class; say which they are of with {example}")
+                known[pair] = request.class_name if name is None else name
         return [known[pair] for pair in pairs]
 
     return names

@@ -1,7 +1,6 @@
 """Boxes of logs and runs, read for an export."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,23 +29,10 @@ from fbench.replay.truth.labelling import Instant, Labelling, stray
 NO_POSE = "in the world, without a pose of the body"
 
 
-@dataclass(frozen=True, eq=False)
-class _FrameTruth:
-    """The boxes of one instant, and which frame they belong to."""
-
-    index: int
-    number: int | None
-    truth: Truth
-    rig: Rig
-
-
-@dataclass(frozen=True, eq=False)
-class _Matched:
-    """All of them, with where the body was."""
-
-    rows: Sequence[_FrameTruth]
-    poses: FramePoses
-    num_frames: int
+_FrameTruth = tuple[int, int | None, Truth, Rig]  # Index and number of a frame, and its boxes
+_Matched = tuple[Sequence[_FrameTruth], FramePoses, int]  # All of them, where the body was, and the number of frames
+MANIFEST = "manifest.json"
+_KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
 
 
 def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, faults: FaultLog) -> BoxSequence:
@@ -61,23 +47,19 @@ def log_sequence(source: LogSource, request: ExportRequest, left: LeftOut, fault
     reader = source.open(faults)
     is_truth = request.boxes != "detections"
     truths = list(reader.truths() if is_truth else reader.detections(""))
-    matched = (
-        _match_by_number(truths, reader) if _are_numbered(truths, request) else _match_by_time(truths, source, faults)
-    )
-    frames = [_frame(row, matched.poses, left) for row in matched.rows]
-    info = reader.info
-    return BoxSequence(str(source.path), info.name, info.metadata, is_truth, frames, matched.num_frames)
-
-
-def _are_numbered(truths: Sequence[Truth], request: ExportRequest) -> bool:
-    """Tell whether the truths say themselves which frames they belong to.
-
-    MOTChallenge counts frames, so there numbers must be counts too.
-    """
     numbers = [truth.frame_number for truth in truths if truth.frame_number is not None and truth.frame_index is None]
-    if not numbers or len(set(numbers)) != len(truths):
-        return False
-    return request.format != "mot" or sorted(numbers) == list(range(len(numbers)))
+    is_numbered = bool(numbers) and len(set(numbers)) == len(truths)
+    if request.format == "mot":  # which counts frames, so numbers must be counts too
+        is_numbered = is_numbered and sorted(numbers) == list(range(len(numbers)))
+    rows, poses, num = _match_by_number(truths, reader) if is_numbered else _match_by_time(truths, source, faults)
+    frames = []
+    for index, number, truth, rig in rows:
+        boxes, pose = truth.boxes3d, poses.world_T_body(index)
+        if boxes is not None and truth.in_world:
+            left[NO_POSE] += len(boxes) if pose is None else 0
+            boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
+        frames.append(BoxFrame(index, number, truth.stamp_ns, rig, boxes, truth.boxes2d, pose))
+    return BoxSequence(str(source.path), reader.info.name, reader.info.metadata, is_truth, frames, num)
 
 
 def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
@@ -89,8 +71,8 @@ def _match_by_number(truths: Iterable[Truth], reader: LogReader) -> _Matched:
         poses.add(pose)
     poses.finish()
     rig = reader.rig
-    rows = [_FrameTruth(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
-    return _Matched(rows, poses, len(ordered))
+    rows = [(i, truth.frame_number, truth, rig) for i, truth in enumerate(ordered)]
+    return rows, poses, len(ordered)
 
 
 def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog) -> _Matched:
@@ -107,28 +89,12 @@ def _match_by_time(truths: Iterable[Truth], source: LogSource, faults: FaultLog)
         else:
             instant, segment = frames[index]
             rig = stream.rigs[max(first for first in stream.rigs if first <= segment)]
-            rows.append(_FrameTruth(index, instant.frame_number, truth, rig))
-    return _Matched(sorted(rows, key=lambda row: row.index), stream.poses, len(frames))
-
-
-def _frame(row: _FrameTruth, poses: FramePoses, left: LeftOut) -> BoxFrame:
-    truth, pose = row.truth, poses.world_T_body(row.index)
-    boxes = truth.boxes3d
-    if boxes is not None and truth.in_world:
-        if pose is None:
-            left.add(NO_POSE, len(boxes))
-        boxes = Boxes3D.empty() if pose is None else move_boxes(boxes, inverse(pose))
-    return BoxFrame(row.index, row.number, truth.stamp_ns, row.rig, boxes, truth.boxes2d, pose)
-
-
-MANIFEST = "manifest.json"
-_KIND: dict[Source, Kind] = {Source.C: "camera", Source.S: "camera", Source.L: "lidar", Source.R: "radar"}
+            rows.append((index, instant.frame_number, truth, rig))
+    return sorted(rows, key=lambda row: row[0]), stream.poses, len(frames)
 
 
 def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
-    """Read the boxes of a run that are asked for: its tracks for formats that need ids, else its detections. Raises
-    RunError where it can't be read.
-    """
+    """Read the requested boxes of a run: by default tracks where ids are needed, else detections. Raises RunError."""
     run = Run(folder)
     manifest = run.manifest
     which: Which = request.boxes or ("tracks" if request.is_tracking else "detections")
@@ -145,20 +111,11 @@ def run_sequence(folder: Path, request: ExportRequest) -> BoxSequence:
             boxes3d, boxes2d = run.truth3d(record.index), run.truth2d(record.index)
         else:
             continue
-        frames.append(
-            BoxFrame(
-                record.index,
-                record.frame_number,
-                record.stamp_ns,
-                rigs[record.segment],
-                boxes3d,
-                boxes2d,
-                pose_of(pose),
-            )
-        )
+        rig, number = rigs[record.segment], record.frame_number
+        frames.append(BoxFrame(record.index, number, record.stamp_ns, rig, boxes3d, boxes2d, pose_of(pose)))
     num = max((record.index + 1 for record in run.frames), default=0)
-    log = run.manifest.log
     kinds = () if which == "truth" else _kinds(run, table)
+    log = manifest.log
     return BoxSequence(str(folder), log.name, log.metadata, which == "truth", frames, num, kinds)
 
 

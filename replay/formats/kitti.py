@@ -2,7 +2,9 @@
 
 A row is `class truncated occluded alpha left top right bottom height width length x y z rotation_y [score]`; in the
 tracking benchmark frame and id come first. Location is the middle of the bottom in the camera's coordinates (x right,
-y down, z forward); `rotation_y` turns about y, 0 where the object faces x.
+y down, z forward); `rotation_y` turns about y, 0 where the object faces x. AB3DMOT takes detections
+(https://github.com/xinshuoweng/AB3DMOT) with the same numbers in another order:
+`frame,class,left,top,right,bottom,score,height,width,length,x,y,z,rotation_y,alpha`.
 """
 
 import re
@@ -15,7 +17,6 @@ from fbench.replay.contracts.errors import ConfigError, LogError
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.arrays import Bool, Float64, Int64, Text
 from fbench.replay.data.messages import Truth
-from fbench.replay.data.rig import Rig
 from fbench.replay.formats.bulk_text import IrregularError, PlainText, parse_plain, read_bytes, read_plain
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
@@ -39,8 +40,7 @@ from fbench.replay.formats.sequence import (
     body_T_level,
     choose_camera,
     coordinate_frame,
-    image_rows,
-    require_view,
+    image_frames,
     small_ids,
 )
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
@@ -68,31 +68,25 @@ _IGNORED_TRACKING = " ".join(f"{value:.6f}" for value in (-1000, -1000, -1000, -
 """Numbers behind the 2D box of an ignored region; the tracking benchmark has them in another order than the object
 benchmark."""
 _IGNORED_OBJECT = "-1 -1 -1 -1000 -1000 -1000 -10"
+_AB3DMOT_NAMES = (
+    "left", "top", "right", "bottom", "score", "height", "width", "length", "x", "y", "z", "rotation_y", "alpha",
+)  # fmt: skip
+AB3DMOT_COLUMNS = 2 + len(_AB3DMOT_NAMES)  # Frame, number of the class, then these
+_AB3DMOT_CLASSES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 
 
 def parse_object_row(line: Line, fields: Sequence[str], camera: str, track_id: int | None) -> LabeledObject:
-    """Return the object of a row, its 3D box at the camera with x forward, y left, z up.
-
-    Args:
-        line: For errors.
-        fields: Class, then the 14 or 15 numbers.
-        camera: Whose image 2D boxes are in.
-        track_id: The object's.
-
-    Raises:
-        LogError: where a field isn't a number.
+    """Return the object of a row, whose 2D box is in the image of `camera`, its 3D box at the camera with x forward,
+    y left, z up. `fields` are its class, then 14 or 15 numbers. Raises LogError where one isn't a number.
     """
-    numbers = fields[1:]
-    if len(numbers) not in (14, 15):
-        raise LogError(f"{line.where}: {len(numbers)} numbers after the class, expected 14, or 15 with a score")
-    v = {name: parse_number(text, line.where, name) for name, text in zip(_NAMES, numbers, strict=False)}
+    if len(fields) not in (15, 16):
+        raise LogError(f"{line.where}: {len(fields) - 1} numbers after the class, expected 14, or 15 with a score")
+    v = {name: parse_number(text, line.where, name) for name, text in zip(_NAMES, fields[1:], strict=False)}
     return make_object(fields[0], v, camera, track_id)
 
 
 def parse_tracking_row(line: Line, camera: str) -> LabeledObject:
-    """Return the object of a row of the tracking benchmark, as `parse_object_row`; its id is -1 where it has none.
-    Raises LogError where a column is missing or isn't a number.
-    """
+    """Return the object of a row of the tracking benchmark, as `parse_object_row`; its id is -1 where it has none."""
     if len(line.fields) < _NUM_TRACKING:
         raise LogError(f"{line.where}: {len(line.fields)} columns, expected 17, or 18 with a score")
     # Some trackers write more behind the score, which the benchmark's own evaluation doesn't read.
@@ -127,15 +121,13 @@ def make_object(name: str, v: Mapping[str, float], camera: str, track_id: int | 
 def read_tracking_columns(path: Path) -> Columns:
     """Read the file of one sequence; steps are frames, solids as in `parse_object_row`, errors name row and column."""
     try:
-        plain = read_plain(path, " ", words=2)
-        if plain is None:
+        if (plain := read_plain(path, " ", words=2)) is None:
             return to_columns([], [])
         if plain.width < _NUM_TRACKING:
             raise IrregularError
         score = plain.number(17) if plain.width > _NUM_TRACKING else None
-        return make_columns(
-            frames_of(plain), np.maximum(plain.wholes(1), -1), *plain.texts(2), plain.numbers(range(3, 17)), score
-        )
+        ids = np.maximum(plain.wholes(1), -1)
+        return make_columns(frames_of(plain), ids, *plain.texts(2), plain.numbers(range(3, 17)), score)
     except IrregularError:
         return columns_by_row(path, None, parse_tracking_row)
 
@@ -146,8 +138,7 @@ def read_object_columns(files: Mapping[int, Path]) -> Columns:
     try:
         # All files as one text, because each by itself is small.
         contents = [read_bytes(files[number]).rstrip() for number in numbers]
-        plain = parse_plain(b"\n".join(contents), " ", words=0)
-        if plain is None:
+        if (plain := parse_plain(b"\n".join(contents), " ", words=0)) is None:
             return to_columns([], [])
         num_rows = [content.count(b"\n") + 1 if content else 0 for content in contents]
         frames = np.repeat(np.array(numbers, np.int64), num_rows)
@@ -200,11 +191,8 @@ def make_columns(
         "xyxy_px": np.where(has_flat[:, None], numbers[:, 3:7], np.nan) if has_flat.any() else None,
         "ignore": dont_care if dont_care.any() else None,
     }
-    for name, values, unknown in (
-        ("alpha_rad", alpha, _UNKNOWN_ALPHA),
-        ("truncation", truncated, -1),
-        ("occlusion", occluded, -1),
-    ):
+    unknown_at = (("alpha_rad", alpha, _UNKNOWN_ALPHA), ("truncation", truncated, -1), ("occlusion", occluded, -1))
+    for name, values, unknown in unknown_at:
         known = np.where(values == unknown, np.nan, values)
         columns[name] = None if np.isnan(known).all() else known
     if has_solid.any():
@@ -216,9 +204,7 @@ def make_columns(
 
 
 def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a folder of files named by frame, `label_2/000000.txt` ..., or one of them; a file without rows says that
-    its frame is empty. Raises ConfigError where the camera isn't known. Raises LogError where a row can't be read.
-    """
+    """Read files named by frame, `label_2/000000.txt` ...; one without rows says that its frame is empty."""
     camera = find_camera(source.camera or source.frame, coordinates, str(source.path))
     files = {frame_number(path.stem, str(path)): path for path in _text_files(source.path, "label_2")}
 
@@ -230,13 +216,11 @@ def open_kitti(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLo
 
 
 def open_kitti_tracking(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read the file of one sequence; up to the last frame with a row, those without are empty. Raises ConfigError where
-    the camera isn't known, or the folder has several sequences. Raises LogError where a row can't be read.
-    """
-    return open_sequence(source, coordinates, None, parse_tracking_row)
+    """Read the file of one sequence; up to the last frame with a row, those without are empty."""
+    return _open_sequence(source, coordinates, None, parse_tracking_row)
 
 
-def open_sequence(
+def _open_sequence(
     source: BoxSource, coordinates: CoordinateFrames, separator: str | None, parse: Callable[[Line, str], LabeledObject]
 ) -> Iterator[Truth]:
     """Read the boxes of a file, of the only one of a folder, by rows that begin with their frame."""
@@ -247,10 +231,8 @@ def open_sequence(
         raise ConfigError(f"{source.path}: {len(files)} sequences, {named}; name one file")
 
     def frames() -> Frames:
-        rows = lines(files[0], separator)
-        return fill_frames(
-            group_by_frame((frame_number(line.fields[0], line.where), parse(line, camera)) for line in rows)
-        )
+        rows = ((frame_number(line.fields[0], line.where), parse(line, camera)) for line in lines(files[0], separator))
+        return fill_frames(group_by_frame(rows))
 
     return _truths(frames, source, coordinates)
 
@@ -261,10 +243,9 @@ def _text_files(path: Path, inner: str) -> list[Path]:
         return [path]
     folder = path / inner if (path / inner).is_dir() else path
     numbered = (file for file in folder.glob("*.txt") if file.stem.isascii() and file.stem.isdigit())
-    found = sorted(file for file in numbered if file.is_file())
-    if not found:
-        raise LogError(f"{folder}: no file that is named by a number, such as 000000.txt")
-    return found
+    if files := sorted(file for file in numbered if file.is_file()):
+        return files
+    raise LogError(f"{folder}: no file that is named by a number, such as 000000.txt")
 
 
 def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: CoordinateFrames) -> Iterator[Truth]:
@@ -280,6 +261,38 @@ def _truths(frames: Callable[[], Frames], source: BoxSource, coordinates: Coordi
         yield Truth(0, 0, boxes, to_boxes2d(objects), number, number)
 
 
+def parse_ab3dmot_row(line: Line, camera: str) -> LabeledObject:
+    """Return the detection of a row, as `parse_object_row`; it has no id. LogError names a missing or wrong column."""
+    if len(line.fields) != AB3DMOT_COLUMNS:
+        names = ", ".join(("frame", "class", *_AB3DMOT_NAMES))
+        raise LogError(f"{line.where}: {len(line.fields)} columns, expected {AB3DMOT_COLUMNS}: {names}")
+    kind = whole(line.fields[1], line.where, "class")
+    v = {n: parse_number(text, line.where, n) for n, text in zip(_AB3DMOT_NAMES, line.fields[2:], strict=True)}
+    return make_object(_AB3DMOT_CLASSES.get(kind, str(kind)), v, camera, None)
+
+
+def read_ab3dmot_columns(path: Path) -> Columns:
+    """Read detections of one sequence; steps are frames. LogError names row and column of what can't be read."""
+    try:
+        plain = read_plain(path, ",")
+        if plain is None:
+            return to_columns([], [])
+        if plain.width != AB3DMOT_COLUMNS:
+            raise IrregularError
+        kinds, which = np.unique(plain.wholes(1), return_inverse=True)
+        words = np.array([_AB3DMOT_CLASSES.get(int(kind), str(kind)) for kind in kinds], np.str_)
+        unknown = np.full(len(which), -1.0)
+        numbers = np.column_stack([unknown, unknown, plain.number(14), plain.numbers((2, 3, 4, 5, *range(7, 14)))])
+        return make_columns(frames_of(plain), unknown.astype(np.int64), words, which, numbers, plain.number(6))
+    except IrregularError:
+        return columns_by_row(path, ",", parse_ab3dmot_row)
+
+
+def open_ab3dmot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
+    """Read detections of one sequence: commas part columns, a row a box, coordinates of KITTI."""
+    return _open_sequence(source, coordinates, ",", parse_ab3dmot_row)
+
+
 def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[tuple[int, list[str]]]:
     """Yield the number of each frame and its rows; those of the tracking benchmark begin with frame and id.
 
@@ -288,87 +301,70 @@ def kitti_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> 
     camera or coordinate frame isn't known. Raises LogError where boxes have no class, or can't be projected.
     """
     camera = choose_camera(sequence, request.camera)
-    require_view(sequence, camera)
-    writer = _Writer(sequence, request, camera, left)
-    for number, frame in zip(sequence.numbers(), sequence.frames, strict=True):
-        yield number, writer.rows(number, image_rows(frame, camera, left), frame.rig)
-
-
-class _Writer:
-    """Writes the rows of one sequence."""
-
-    def __init__(self, sequence: BoxSequence, request: ExportRequest, camera: str, left: LeftOut) -> None:
-        self._is_truth, self._is_tracking, self._left = sequence.is_truth, request.is_tracking, left
-        self._namer = namer(request, sequence.where)
-        self._small = small_ids(sequence.boxes)
-        self._owner = coordinate_frame(sequence, request.frame, camera)
-        is_own = sequence.is_truth and sequence.metadata.get("benchmark") == "object"
-        self._digits = 2 if is_own and not request.is_tracking else 6
-
-    def rows(self, number: int, rows: ImageRows, rig: Rig) -> list[str]:
-        """Return the rows of a frame."""
-        rows, names, ignored = self._select(rows)
-        if not len(rows):
-            return []
-        ids = np.where(ignored, -1, rows.column("track_id", -1)).tolist()
-        heads = [f"{number} {self._small(id_)} {name}" for id_, name in zip(ids, names, strict=True)]
-        solids = self._solids(rows, rig)
-        shapes = _format_rows(solids, self._digits)
-        skipped = _IGNORED_TRACKING if self._is_tracking else _IGNORED_OBJECT
+    frames = image_frames(sequence, camera, left)
+    owner, is_tracking = coordinate_frame(sequence, request.frame, camera), request.is_tracking
+    name_classes, small_id = namer(request, sequence.where), small_ids(sequence.boxes)
+    is_own = sequence.is_truth and sequence.metadata.get("benchmark") == "object"
+    digits = 2 if is_own and not is_tracking else 6
+    skipped = _IGNORED_TRACKING if is_tracking else _IGNORED_OBJECT
+    for number, (frame, found) in zip(sequence.numbers(), frames, strict=True):
+        ignored: Bool = found.column("ignore", False) if sequence.is_truth else np.zeros(len(found), bool)
+        classes = np.array([DONT_CARE if skip else "" for skip in ignored], dtype=object)
+        classes[~ignored] = found[~ignored].names(name_classes)
+        kept: Bool = classes != ""
+        left["of classes that KITTI doesn't have"] += int(np.count_nonzero(~kept))
+        if is_tracking:
+            known = ignored | (found.column("track_id", -1) >= 0)
+            left["without a track id"] += int(np.count_nonzero(kept & ~known))
+            kept &= known
+        rows, heads, ignored = found[kept], classes[kept].tolist(), ignored[kept]
+        if is_tracking:
+            ids = np.where(ignored, -1, rows.column("track_id", -1)).tolist()
+            heads = [f"{number} {small_id(id_)} {name}" for id_, name in zip(ids, heads, strict=True)]
+        solids = _solids(rows, body_T_level(owner, frame.rig))
+        shapes = zip(ignored, _format_rows(solids, digits), strict=True)
         columns = [
-            heads if self._is_tracking else names,
-            self._states(rows, ignored, solids),
-            _format_rows(rows.xyxy_px, self._digits),
-            [skipped if skip else text for skip, text in zip(ignored, shapes, strict=True)],
+            heads,
+            _states(rows, ignored, solids, digits, is_tracking=is_tracking, is_truth=sequence.is_truth),
+            _format_rows(rows.xyxy_px, digits),
+            [skipped if skip else shape for skip, shape in shapes],
         ]
-        if not self._is_truth:
+        if not sequence.is_truth:
             scores = rows.column("score", np.nan)
             columns.append(_format_rows(np.where(np.isnan(scores), _SURE, scores)[:, None], 6))
-        return [" ".join(parts) for parts in zip(*columns, strict=True)]
+        yield number, [" ".join(parts) for parts in zip(*columns, strict=True)]
 
-    def _select(self, rows: ImageRows) -> tuple[ImageRows, list[str], Bool]:
-        """Leave out what has no class of KITTI or no id; return the classes and which regions are ignored too."""
-        ignored: Bool = rows.column("ignore", False) if self._is_truth else np.zeros(len(rows), bool)
-        names = np.array([DONT_CARE if skip else "" for skip in ignored], dtype=object)
-        names[~ignored] = rows[~ignored].names(self._namer)
-        kept: Bool = names != ""
-        self._left.add("of classes that KITTI doesn't have", int(np.count_nonzero(~kept)))
-        if self._is_tracking:
-            known = ignored | (rows.column("track_id", -1) >= 0)
-            self._left.add("without a track id", int(np.count_nonzero(kept & ~known)))
-            kept &= known
-        return rows[kept], names[kept].tolist(), ignored[kept]
 
-    def _solids(self, rows: ImageRows, rig: Rig) -> Float64:
-        """Numbers (N, 7) of 3D boxes: height, width, length, x, y, z, rotation_y."""
-        numbers = np.tile(np.array(_UNKNOWN_BOX), (len(rows), 1))
-        has = rows.solid_rows >= 0
-        boxes = rows.solid[rows.solid_rows[has]]
-        body_T = body_T_level(self._owner, rig)
-        if body_T is not None and len(boxes):
-            boxes = move_boxes(boxes, inverse(body_T))
-        length, width, height = boxes.size_lwh_m.T
-        x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
-        numbers[has] = np.stack([height, width, length, x, y, z, _wrap(-boxes.yaw_rad - np.pi / 2)], axis=1)
-        return numbers
+def _solids(rows: ImageRows, body_T: Float64 | None) -> Float64:
+    """Numbers (N, 7) of 3D boxes: height, width, length, x, y, z, rotation_y."""
+    numbers = np.tile(np.array(_UNKNOWN_BOX), (len(rows), 1))
+    has = rows.solid_rows >= 0
+    boxes = rows.solid[rows.solid_rows[has]]
+    if body_T is not None and len(boxes):
+        boxes = move_boxes(boxes, inverse(body_T))
+    length, width, height = boxes.size_lwh_m.T
+    x, y, z = -boxes.center_m[:, 1], height / 2 - boxes.center_m[:, 2], boxes.center_m[:, 0]
+    numbers[has] = np.stack([height, width, length, x, y, z, _wrap(-boxes.yaw_rad - np.pi / 2)], axis=1)
+    return numbers
 
-    def _states(self, rows: ImageRows, ignored: Bool, solids: Float64) -> list[str]:
-        """Truncated, occluded and alpha: the heading as seen from the camera, rotation_y - atan2(x, z)."""
-        has_solid = solids[:, 6] != _UNKNOWN_BOX[6]
-        seen = np.where(has_solid, _wrap(solids[:, 6] - np.arctan2(solids[:, 3], solids[:, 5])), _UNKNOWN_BOX[6])
-        found = _format_rows(seen[:, None], self._digits)
-        if not self._is_truth:
-            return [f"-1 -1 {alpha}" for alpha in found]
-        given = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
-        alphas = [own if match is None else match[1] for own, match in zip(found, given, strict=True)]
-        form = "{:g}" if self._is_tracking else "{:.2f}"
-        truncated = [form.format(v) if np.isfinite(v) else "-1" for v in rows.column("truncation", np.nan).tolist()]
-        occluded = [round(value) if abs(value) < 1000 else -1 for value in rows.column("occlusion", np.nan).tolist()]
-        unknown = "-1 -1 -10.000000" if self._is_tracking else "-1 -1 -10"
-        return [
-            unknown if skip else f"{t} {o} {alpha}"
-            for skip, t, o, alpha in zip(ignored, truncated, occluded, alphas, strict=True)
-        ]
+
+def _states(
+    rows: ImageRows, ignored: Bool, solids: Float64, digits: int, *, is_tracking: bool, is_truth: bool
+) -> list[str]:
+    """Truncated, occluded and alpha: the heading as seen from the camera, rotation_y - atan2(x, z)."""
+    has_solid = solids[:, 6] != _UNKNOWN_BOX[6]
+    seen = np.where(has_solid, _wrap(solids[:, 6] - np.arctan2(solids[:, 3], solids[:, 5])), _UNKNOWN_BOX[6])
+    found = _format_rows(seen[:, None], digits)
+    if not is_truth:
+        return [f"-1 -1 {alpha}" for alpha in found]
+    given = [_ALPHA.fullmatch(text) for text in rows.column("attribute", "").tolist()]
+    alphas = [own if match is None else match[1] for own, match in zip(found, given, strict=True)]
+    form = "{:g}" if is_tracking else "{:.2f}"
+    truncated = [form.format(v) if np.isfinite(v) else "-1" for v in rows.column("truncation", np.nan).tolist()]
+    occluded = [round(value) if abs(value) < 1000 else -1 for value in rows.column("occlusion", np.nan).tolist()]
+    unknown = "-1 -1 -10.000000" if is_tracking else "-1 -1 -10"
+    columns = zip(ignored, truncated, occluded, alphas, strict=True)
+    return [unknown if skip else f"{t} {o} {alpha}" for skip, t, o, alpha in columns]
 
 
 def _wrap(angles: Float64) -> Float64:

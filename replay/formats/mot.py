@@ -5,6 +5,7 @@ A row is `frame,id,left,top,width,height[,confidence[,class,visibility]]`, or en
 
 import configparser
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,10 @@ import numpy as np
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Bool, Int64, Text
+from fbench.replay.data.arrays import Bool
 from fbench.replay.data.messages import Truth
 from fbench.replay.data.rig import CameraModel
-from fbench.replay.formats.bulk_text import IrregularError, read_plain
+from fbench.replay.formats.bulk_text import IrregularError, PlainText, read_plain
 from fbench.replay.formats.export_request import MOT_CLASSES, ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import (
     Columns,
@@ -27,7 +28,7 @@ from fbench.replay.formats.objects import (
     to_boxes2d,
     to_columns,
 )
-from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_rows, require_view, small_ids
+from fbench.replay.formats.sequence import BoxSequence, ImageRows, choose_camera, image_frames, small_ids
 from fbench.replay.formats.text import MAX_FRAMES, Line, frame_number, lines, parse_number, whole
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
@@ -60,12 +61,9 @@ def open_mot(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog)
 
 
 def sequence_length(file: Path) -> int | None:
-    """Return the number of frames that the `seqinfo.ini` near a file of boxes gives; `None` where there is none. Raises
-    LogError where it gives none.
-    """
-    near = [folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent)]
-    path = next((ini for ini in near if ini.is_file()), None)
-    if path is None:
+    """Return how many frames the `seqinfo.ini` near a file of boxes gives, if there is one. LogError: it gives none."""
+    near = (folder / "seqinfo.ini" for folder in (file.parent, file.parent.parent))
+    if (path := next(filter(Path.is_file, near), None)) is None:
         return None
     parser = configparser.ConfigParser(interpolation=None)
     try:
@@ -79,20 +77,13 @@ def sequence_length(file: Path) -> int | None:
 def parse_mot_row(
     line: Line, camera: str, is_truth: bool | None, shift_px: float = SHIFT_PX
 ) -> tuple[int, LabeledObject]:
-    """Return the frame of a row, counted from 1, and its object.
+    """Return the frame of a row, counted from 1, and its object in the image of `camera`.
 
     MOT16 and later have nine columns with class and visibility, MOT15 ten with -1, -1, -1 or a place behind the
     confidence. In ten columns of results the eighth is a class all the same where it is the number of one, as
-    TrackEval reads it.
-
-    Args:
-        line: The row.
-        camera: Whose image the box is in.
-        is_truth: Whether its confidence says that it counts, 1, or that it doesn't, 0; `None`: in rows with a class.
-        shift_px: Position of the first pixel, which is taken off.
-
-    Raises:
-        LogError: where a column is missing or isn't a number.
+    TrackEval reads it. In truth the confidence says that the row counts, 1, or that it doesn't, 0; where `is_truth` is
+    `None`, in rows with a class. `shift_px`, the position of the first pixel, is taken off. Raises LogError where a
+    column is missing or isn't a number.
     """
     fields = [field for field in line.fields if field] if line.fields[-1] == "" else line.fields
     where = line.where
@@ -134,11 +125,10 @@ def _class_among_ten(fields: list[str], is_truth: bool | None) -> int:
 
 
 def read_mot_columns(path: Path, is_truth: bool) -> Columns:
-    """Read the file of one sequence; steps are frames from 0, positions those of the file. Raises LogError naming file,
-    row and column of what can't be read.
-    """
+    """Read the file of one sequence; steps are frames from 0, positions the file's. LogError names row and column."""
     try:
-        return _columns_at_once(path, is_truth)
+        plain = read_plain(path, ",")
+        return to_columns([], []) if plain is None else _columns_at_once(plain, is_truth)
     except IrregularError:
         return _columns_by_row(path, is_truth)
 
@@ -148,10 +138,7 @@ def _columns_by_row(path: Path, is_truth: bool) -> Columns:
     return to_columns([frame - 1 for frame, _ in found], [row for _, row in found])
 
 
-def _columns_at_once(path: Path, is_truth: bool) -> Columns:
-    plain = read_plain(path, ",")
-    if plain is None:
-        return to_columns([], [])
+def _columns_at_once(plain: PlainText, is_truth: bool) -> Columns:
     if not 6 <= plain.width <= 10:
         raise IrregularError
     frames = plain.wholes(0)
@@ -165,22 +152,17 @@ def _columns_at_once(path: Path, is_truth: bool) -> Columns:
         kinds = np.where(np.isin(plain.number(7), list(MOT_CLASSES)), plain.number(7), 1).astype(np.int64)
     confidence = plain.number(6) if plain.width > 6 else None
     ignored = np.zeros(len(frames), bool) if confidence is None or not is_truth else np.abs(confidence) < 1
+    numbers, which = np.unique(kinds, return_inverse=True)
+    names = [MOT_CLASSES[int(kind)][0] if int(kind) in MOT_CLASSES else str(kind) for kind in numbers]
     return {
         "step": frames - 1,
-        "label": _class_names(kinds),
+        "label": np.array(names, np.str_)[which].reshape(len(kinds)),
         "track_id": np.maximum(plain.wholes(1), -1),
         "score": np.zeros(len(frames)) if confidence is None or is_truth else confidence,
         "xyxy_px": np.column_stack([left, top, left + width, top + height]),
         "visibility": plain.number(8) if plain.width == 9 else None,
         "ignore": ignored if ignored.any() else None,
     }
-
-
-def _class_names(numbers: Int64) -> Text:
-    kinds, which = np.unique(numbers, return_inverse=True)
-    names = [MOT_CLASSES[int(kind)][0] if int(kind) in MOT_CLASSES else str(kind) for kind in kinds]
-    found: Text = np.array(names, np.str_)[which].reshape(len(numbers))
-    return found
 
 
 def mot_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> Iterator[list[str]]:
@@ -190,66 +172,42 @@ def mot_rows(sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> It
     projected.
     """
     camera = choose_camera(sequence, request.camera)
-    require_view(sequence, camera)
-    writer = _Writer(sequence, request, left)
-    for frame in sequence.frames:
-        yield writer.rows(frame.index + 1, image_rows(frame, camera, left))
-
-
-class _Writer:
-    """Writes the rows of one sequence."""
-
-    def __init__(self, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> None:
-        self._is_truth, self._left = sequence.is_truth, left
-        self._namer = namer(request, sequence.where)
-        self._small = small_ids(sequence.boxes)
-        self._free = 1 + max(
-            (self._small(int(boxes.track_id.max())) for boxes in sequence.boxes if boxes.track_id is not None),
-            default=0,
-        )
-
-    def rows(self, number: int, rows: ImageRows) -> list[str]:
-        """Return the rows of a frame."""
-        ignored: Bool = rows.column("ignore", False) if self._is_truth else np.zeros(len(rows), bool)
-        known = ignored | (rows.column("track_id", -1) >= 0)
-        self._left.add("without a track id", int(np.count_nonzero(~known)))
-        rows, ignored = rows[known], ignored[known]
-        if self._is_truth:
+    frames = image_frames(sequence, camera, left)
+    name_classes, small_id = namer(request, sequence.where), small_ids(sequence.boxes)
+    highest = [small_id(int(boxes.track_id.max())) for boxes in sequence.boxes if boxes.track_id is not None]
+    free = count(1 + max(highest, default=0))
+    for frame, found in frames:
+        ignored: Bool = found.column("ignore", False) if sequence.is_truth else np.zeros(len(found), bool)
+        known = ignored | (found.column("track_id", -1) >= 0)
+        left["without a track id"] += int(np.count_nonzero(~known))
+        rows, ignored = found[known], ignored[known]
+        if sequence.is_truth:
             names = np.full(len(rows), _DISTRACTOR, dtype=object)
-            names[~ignored] = rows[~ignored].names(self._namer)
+            names[~ignored] = rows[~ignored].names(name_classes)
             has: Bool = names != ""
-            self._left.add("of classes that MOTChallenge doesn't have", int(np.count_nonzero(~has)))
-            rows, ends = rows[has], self._truth_ends(rows[has], names[has].tolist(), ignored[has])
+            left["of classes that MOTChallenge doesn't have"] += int(np.count_nonzero(~has))
+            rows, ends = rows[has], _truth_ends(rows[has], names[has].tolist(), ignored[has])
         else:
-            scores = rows.column("score", np.nan).tolist()
-            ends = [f"{_SURE if np.isnan(score) else score:.6f},-1,-1,-1" for score in scores]
-        ids = [self._id(id_) for id_ in rows.column("track_id", -1).tolist()]
+            confidences = rows.column("score", np.nan).tolist()
+            ends = [f"{_SURE if np.isnan(value) else value:.6f},-1,-1,-1" for value in confidences]
+        # Regions that are ignored have ids there too, and no two rows of a frame the same.
+        ids = [small_id(id_) if id_ >= 0 else next(free) for id_ in rows.column("track_id", -1).tolist()]
         corner, size = rows.xyxy_px[:, :2] + SHIFT_PX, rows.xyxy_px[:, 2:] - rows.xyxy_px[:, :2]
-        return [
-            f"{number},{id_},{left:.4f},{top:.4f},{width:.4f},{height:.4f},{end}"
-            for id_, (left, top), (width, height), end in zip(ids, corner.tolist(), size.tolist(), ends, strict=True)
+        yield [
+            f"{frame.index + 1},{id_},{left_:.4f},{top:.4f},{width:.4f},{height:.4f},{end}"
+            for id_, (left_, top), (width, height), end in zip(ids, corner.tolist(), size.tolist(), ends, strict=True)
         ]
 
-    def _id(self, id_: int) -> int:
-        """Regions that are ignored have ids there too, and no two rows of a frame the same."""
-        if id_ >= 0:
-            return self._small(id_)
-        self._free += 1
-        return self._free - 1
 
-    @staticmethod
-    def _truth_ends(rows: ImageRows, names: list[Any], ignored: Bool) -> list[str]:
-        visible = rows.column("visibility", np.nan).tolist()
-        return [
-            f"{0 if skip else 1},{_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}"
-            for skip, name, share in zip(ignored, names, visible, strict=True)
-        ]
+def _truth_ends(rows: ImageRows, names: list[Any], ignored: Bool) -> list[str]:
+    columns = zip(ignored, names, rows.column("visibility", np.nan).tolist(), strict=True)
+    return [
+        f"{0 if skip else 1},{_NUMBERS[name]},{share if 0 <= share <= 1 else 1.0:.4f}" for skip, name, share in columns
+    ]
 
 
 def seqinfo(name: str, sequence: BoxSequence, camera: CameraModel | None) -> str:
-    """Return the text of `seqinfo.ini`: the rate is that of the stamps' median distance, 0 where there is none; so is
-    the size of an image that isn't known.
-    """
+    """Return the text of `seqinfo.ini`: the rate is that of the stamps' median distance; what isn't known is 0."""
     stamps = np.array([frame.stamp_ns for frame in sequence.frames], np.int64)
     indices = np.array([frame.index for frame in sequence.frames], np.int64)
     periods_ns = np.diff(stamps) / np.maximum(np.diff(indices), 1)

@@ -1,10 +1,9 @@
-"""nuScenes submissions: read and write results by sample token, in the world.
-
-(https://github.com/nutonomy/nuscenes-devkit, `eval/detection/README.md` and `eval/tracking/README.md`).
+"""nuScenes submissions: read and write results by sample token, in the world; see `eval/detection/README.md` and
+`eval/tracking/README.md` of https://github.com/nutonomy/nuscenes-devkit.
 """
 
 import csv
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Float64, Int64, text_array
+from fbench.replay.data.arrays import Bool, Float64, Int64, text_array
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.data.rig import Kind
 from fbench.replay.formats.documents import items, mapping, member, read_json, scalar, text, vector
 from fbench.replay.formats.export_request import ExportRequest, LeftOut, namer
 from fbench.replay.formats.objects import Columns, LabeledObject, Solid, angles, place, to_boxes3d, to_columns
-from fbench.replay.formats.sequence import BoxFrame, BoxSequence, usable
+from fbench.replay.formats.sequence import BoxFrame, BoxSequence, drop_unusable
 from fbench.replay.formats.text import track_number
 from fbench.replay.geometry.transforms import transform
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
@@ -45,8 +43,7 @@ _BY_CLASS = {
 }
 """When moving and when not; what isn't here has no attribute."""
 MAX_BOXES = 500  # Of a sample; the devkit refuses more
-TOKENS = "nuscenes.sample_tokens"
-"""Metadata of a log: the tokens of its keyframes with blanks between, that of frame number 0 first."""
+TOKENS = "nuscenes.sample_tokens"  # Metadata of a log: tokens of its keyframes by frame number, blanks between
 _SURE = 1.0  # Score of boxes that have none
 _METER_DIGITS, _TURN_DIGITS = 6, 12
 
@@ -69,37 +66,33 @@ def read_samples(path: Path) -> dict[str, Sample]:
     """Read a `sample.json`, the table of nuScenes, or a `samples.csv` (columns `token`, `stamp_ns`, and where known
     `scene`, `ego_x`, `ego_y`, `ego_z`). Raises LogError where it can't be read.
     """
+    samples: dict[str, Sample] = {}
     if path.suffix == ".json":
-        return dict(_sample_of_json(row, f"{path}: row {i}") for i, row in enumerate(items(read_json(path), str(path))))
+        for i, value in enumerate(items(read_json(path), str(path))):
+            row = mapping(value, f"{path}: row {i}")
+            stamp_us = row.get("timestamp")
+            if isinstance(stamp_us, bool) or not isinstance(stamp_us, int) or not 0 <= stamp_us <= _MAX_NS // 1000:
+                raise LogError(f"{path}: row {i}: timestamp isn't a whole number of microseconds")
+            samples[str(row.get("token"))] = Sample(stamp_us * 1000, str(row.get("scene_token") or ""))
+        return samples
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            return {row["token"]: _sample_of_csv(row) for row in csv.DictReader(file)}
+            for row in csv.DictReader(file):
+                token, stamp_ns = row["token"], int(row["stamp_ns"])
+                if not 0 <= stamp_ns <= _MAX_NS:
+                    raise ValueError(f"'{row['stamp_ns'][:40]}' is no stamp")
+                x, y, z = (float(row.get(name) or "nan") for name in ("ego_x", "ego_y", "ego_z"))
+                samples[token] = Sample(stamp_ns, row.get("scene") or "", (x, y, z))
+        return samples
     except (KeyError, ValueError, TypeError, csv.Error) as error:
         raise LogError(f"{path}: expected the columns token and stamp_ns ({error})") from error
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
 
 
-def _sample_of_json(value: object, where: str) -> tuple[str, Sample]:
-    row = mapping(value, where)
-    stamp_us = row.get("timestamp")
-    if isinstance(stamp_us, bool) or not isinstance(stamp_us, int) or not 0 <= stamp_us <= _MAX_NS // 1000:
-        raise LogError(f"{where}: timestamp isn't a whole number of microseconds")
-    return str(row.get("token")), Sample(stamp_us * 1000, str(row.get("scene_token") or ""))
-
-
-def _sample_of_csv(row: Mapping[str, str]) -> Sample:
-    stamp_ns = int(row["stamp_ns"])
-    if not 0 <= stamp_ns <= _MAX_NS:
-        raise ValueError(f"'{row['stamp_ns'][:40]}' is no stamp")
-    x, y, z = (float(row.get(name) or "nan") for name in ("ego_x", "ego_y", "ego_z"))
-    return Sample(stamp_ns, row.get("scene") or "", (x, y, z))
-
-
 def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a submission. When a token was is what the table of samples beside it says (see `read_samples`); without
-    one, tokens are numbers of frames or stamps [ns] themselves. Raises LogError where the form isn't that of a
-    submission, or nobody knows a token.
+    """Read a submission. When a token was says the table of samples beside it (see `read_samples`); without one, tokens
+    are numbers of frames or stamps [ns]. Raises LogError where it isn't a submission, or nobody knows a token.
     """
     where = str(source.path)
     results = member(read_json(source.path), "results", where)
@@ -128,10 +121,7 @@ def open_nuscenes(source: BoxSource, coordinates: CoordinateFrames, faults: Faul
 
 
 def parse_box(value: object, where: str) -> LabeledObject:
-    """Return the object of a box of a submission, in the world.
-
-    Sizes are width, length, height there, quaternions w, x, y, z. Raises LogError: saying what is missing or wrong.
-    """
+    """Return the object of a box, in the world (size w, l, h; quaternion w, x, y, z). LogError says what is wrong."""
     box = mapping(value, where)
     name = text(box.get("tracking_name", box.get("detection_name")), f"{where}: detection_name")
     if not name:
@@ -157,15 +147,8 @@ def parse_box(value: object, where: str) -> LabeledObject:
 
 
 def to_box_columns(boxes: Sequence[tuple[str, Mapping[str, Any]]], steps: Sequence[int]) -> Columns:
-    """Return boxes as columns: all at once where every box is as it should be; else one by one, which says what is
-    wrong.
-
-    Args:
-        boxes: What to call each in errors, and the box.
-        steps: Key of the sample of each.
-
-    Raises:
-        LogError: as `parse_box`.
+    """Return boxes, each with its name in errors and the key of its sample, as columns: all at once where every box is
+    as it should be; else one by one, which says what is wrong. Raises LogError as `parse_box`.
     """
     try:
         return _columns_at_once([box for _, box in boxes], steps) if boxes else to_columns([], [])
@@ -183,6 +166,11 @@ def _columns_at_once(boxes: Sequence[Mapping[str, Any]], steps: Sequence[int]) -
     if any(isinstance(num, bool) or not isinstance(num, int) or num >= 2**31 for num in points):
         raise TypeError("num_pts")
     velocity = _vectors(boxes, "velocity", 2) if "velocity" in boxes[0] else None
+    w, x, y, z = _vectors(boxes, "rotation", 4).T
+    norm = w * w + x * x + y * y + z * z
+    if not (np.isfinite(norm) & (norm > 0)).all():  # left to `parse_box`
+        raise ValueError("rotation")
+    is_upright, headings = (x == 0) & (y == 0), np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return {
         "step": np.array(steps, np.int64),
         "label": text_array([name.lower() for name in names]),
@@ -190,7 +178,7 @@ def _columns_at_once(boxes: Sequence[Mapping[str, Any]], steps: Sequence[int]) -
         "score": np.array([float(score) for score in scores]),
         "center_m": _vectors(boxes, "translation", 3),
         "size_lwh_m": _vectors(boxes, "size", 3)[:, [1, 0, 2]],
-        "yaw_rad": _yaws(_vectors(boxes, "rotation", 4)),
+        "yaw_rad": np.where(is_upright, 2 * np.arctan2(z, w), headings),
         "velocity_mps": None if velocity is None else np.pad(velocity, ((0, 0), (0, 1))),
         "attribute": text_array([box.get("attribute_name") or "" for box in boxes]),
         "num_points": np.maximum(np.array(points, np.int64), -1) if max(points) >= 0 else None,
@@ -204,72 +192,49 @@ def _vectors(boxes: Sequence[Mapping[str, Any]], name: str, length: int) -> Floa
     return found.astype(np.float64)
 
 
-def _yaws(wxyz: Float64) -> Float64:
-    """Heading of the x axis; what isn't finite or isn't a rotation is left to `parse_box`."""
-    w, x, y, z = wxyz.T
-    norm = w * w + x * x + y * y + z * z
-    if not (np.isfinite(norm) & (norm > 0)).all():
-        raise ValueError("rotation")
-    yaw: Float64 = np.where(
-        (x == 0) & (y == 0), 2 * np.arctan2(z, w), np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
-    )
-    return yaw
-
-
 def attributes(boxes: Boxes3D, names: Sequence[str], velocity_mps: Float64) -> list[str]:
-    """Return the attribute (N,) of boxes: the one that they have, where it is one of nuScenes, else by their speed;
-    empty where that isn't known (the devkit takes this, and counts it as wrong).
-
-    Args:
-        boxes: N of them.
-        names: Their classes as nuScenes calls them.
-        velocity_mps: (N, 3) over ground, NaN where unknown.
+    """Return the attribute (N,) of boxes by their classes in nuScenes and velocities (N, 3) over ground, NaN where
+    unknown: the one that they have, where it is one of nuScenes, else by their speed; empty where that isn't known (the
+    devkit takes this, and counts it as wrong).
     """
-    own = [""] * len(boxes) if boxes.attribute is None else boxes.attribute.tolist()
+    found = [""] * len(boxes) if boxes.attribute is None else boxes.attribute.tolist()
     speeds = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]).tolist()
-    return [
-        given if given in ATTRIBUTES else _by_speed(name, speed)
-        for given, name, speed in zip(own, names, speeds, strict=True)
-    ]
-
-
-def _by_speed(name: str, speed_mps: float) -> str:
-    if np.isnan(speed_mps) or name not in _BY_CLASS:
-        return ""
-    moving, still = _BY_CLASS[name]
-    return moving if speed_mps > _MOVING_MPS else still
+    for i, (name, speed) in enumerate(zip(names, speeds, strict=True)):
+        if found[i] not in ATTRIBUTES:
+            moving, still = ("", "") if np.isnan(speed) else _BY_CLASS.get(name, ("", ""))
+            found[i] = moving if speed > _MOVING_MPS else still
+    return found
 
 
 def nuscenes_samples(
     sequence: BoxSequence, request: ExportRequest, left: LeftOut
 ) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """Yield each sample of a log by its token, also those without boxes; of more than `MAX_BOXES` those with the
-    highest scores stay. Raises LogError where the log doesn't tell its tokens or poses, or boxes have no class or are
-    in images.
+    highest scores stay. LogError: the log doesn't tell tokens or poses, or boxes have no class or are in images.
     """
-    tokens = _tokens(sequence)
-    frames = _frames(sequence, len(tokens))
-    writer = _Writer(sequence, request, left)
-    for number, token in enumerate(tokens):
-        yield token, writer.sample(token, frames[number]) if number in frames else []
-
-
-def meta(kinds: Collection[Kind]) -> dict[str, bool]:
-    """Say which sensors results come from."""
-    used = {f"use_{kind}": kind in kinds for kind in ("camera", "lidar", "radar")}
-    return {**used, "use_map": False, "use_external": False}
-
-
-def _tokens(sequence: BoxSequence) -> list[str]:
     tokens = sequence.metadata.get(TOKENS, "").split()
     if not tokens:
-        raise LogError(
-            f"{sequence.where}: its log has no nuScenes sample tokens (metadata '{TOKENS}'), without which there is "
-            "no submission; only logs that `fbench log import nuscenes` wrote have them, and runs without --redact"
-        )
+        what = f"its log has no nuScenes sample tokens (metadata '{TOKENS}'), without which there is no submission"
+        who = "only logs that `fbench log import nuscenes` wrote have them, and runs without --redact"
+        raise LogError(f"{sequence.where}: {what}; {who}")
     if len(set(tokens)) < len(tokens):
         raise LogError(f"{sequence.where}: a sample token is twice in the metadata '{TOKENS}'")
-    return tokens
+    frames = _frames(sequence, len(tokens))
+    name_classes = namer(request, sequence.where)
+    for number, token in enumerate(tokens):
+        boxes = drop_unusable(frames[number].boxes3d, left) if number in frames else None
+        if boxes is None or not len(boxes):
+            yield token, []
+            continue
+        pose, nothing = frames[number].world_T_body, np.full(len(boxes), "")
+        if pose is None or not (np.abs(pose) < MAX_MAGNITUDE).all():
+            left["at frames without a pose of the body"] += len(boxes)
+            yield token, []
+            continue
+        labels = (nothing if column is None else column for column in (boxes.source_label, boxes.label))
+        names = np.array(name_classes(*labels), dtype=object)
+        rows = _choose(boxes, names != "", request.is_tracking, left)
+        yield token, _results(token, boxes[rows], names[rows].tolist(), pose, request.is_tracking)
 
 
 def _frames(sequence: BoxSequence, num_tokens: int) -> dict[int, BoxFrame]:
@@ -285,47 +250,25 @@ def _frames(sequence: BoxSequence, num_tokens: int) -> dict[int, BoxFrame]:
             raise LogError(f"{sequence.where}: has boxes in images, but nuScenes scores boxes in 3D")
         frames[frame.number] = frame
     if frames and all(frame.world_T_body is None for frame in frames.values()):
-        raise LogError(
-            f"{sequence.where}: no pose of the body is known at its keyframes, so boxes can't go to the world"
-        )
+        why = "no pose of the body is known at its keyframes, so boxes can't go to the world"
+        raise LogError(f"{sequence.where}: {why}")
     return frames
 
 
-class _Writer:
-    """Writes the samples of one sequence."""
-
-    def __init__(self, sequence: BoxSequence, request: ExportRequest, left: LeftOut) -> None:
-        self._names, self._left, self._request = namer(request, sequence.where), left, request
-
-    def sample(self, token: str, frame: BoxFrame) -> list[dict[str, Any]]:
-        """Return the boxes of a keyframe."""
-        boxes = usable(frame.boxes3d, self._left)
-        if boxes is None or not len(boxes):
-            return []
-        if frame.world_T_body is None or not (np.abs(frame.world_T_body) < MAX_MAGNITUDE).all():
-            self._left.add("at frames without a pose of the body", len(boxes))
-            return []
-        nothing = np.full(len(boxes), "")
-        columns = (nothing if column is None else column for column in (boxes.source_label, boxes.label))
-        names = np.array(self._names(*columns), dtype=object)
-        rows = self._choose(boxes, names)
-        return _results(token, boxes[rows], names[rows].tolist(), frame.world_T_body, self._request.is_tracking)
-
-    def _choose(self, boxes: Boxes3D, names: "np.ndarray[Any, np.dtype[np.object_]]") -> Int64:
-        """Rows that have a class, an id where that is needed, and not too many."""
-        kept = names != ""
-        self._left.add("of classes that nuScenes doesn't score", int(np.count_nonzero(~kept)))
-        if boxes.ignore is not None:
-            self._left.add("to be ignored", int(np.count_nonzero(kept & boxes.ignore)))
-            kept = kept & ~boxes.ignore
-        if self._request.is_tracking:
-            known = np.zeros(len(boxes), bool) if boxes.track_id is None else boxes.track_id >= 0
-            self._left.add("without a track id", int(np.count_nonzero(kept & ~known)))
-            kept = kept & known
-        rows = np.flatnonzero(kept)
-        best = rows[np.argsort(-_scores(boxes)[rows], kind="stable")[:MAX_BOXES]]
-        self._left.add(f"beyond the {MAX_BOXES} of a sample with the highest scores", len(rows) - len(best))
-        return np.sort(best)
+def _choose(boxes: Boxes3D, kept: Bool, is_tracking: bool, left: LeftOut) -> Int64:
+    """Rows that have a class (`kept`), an id where that is needed, and not too many."""
+    left["of classes that nuScenes doesn't score"] += int(np.count_nonzero(~kept))
+    if boxes.ignore is not None:
+        left["to be ignored"] += int(np.count_nonzero(kept & boxes.ignore))
+        kept = kept & ~boxes.ignore
+    if is_tracking:
+        known = np.zeros(len(boxes), bool) if boxes.track_id is None else boxes.track_id >= 0
+        left["without a track id"] += int(np.count_nonzero(kept & ~known))
+        kept = kept & known
+    rows = np.flatnonzero(kept)
+    best = rows[np.argsort(-_scores(boxes)[rows], kind="stable")[:MAX_BOXES]]
+    left[f"beyond the {MAX_BOXES} of a sample with the highest scores"] += len(rows) - len(best)
+    return np.sort(best)
 
 
 def _scores(boxes: Boxes3D) -> Float64:
@@ -335,15 +278,24 @@ def _scores(boxes: Boxes3D) -> Float64:
 def _results(
     token: str, boxes: Boxes3D, names: Sequence[str], world_T_body: Float64, is_tracking: bool
 ) -> list[dict[str, Any]]:
-    velocity_mps = _velocities(boxes, world_T_body)
+    velocity_mps = np.full((len(boxes), 3), np.nan)  # Over ground, in the axes of the world
+    if boxes.velocity_mps is not None:
+        turn = world_T_body.copy()
+        turn[:3, 3] = 0
+        known = np.abs(boxes.velocity_mps).max(axis=1, keepdims=True) < MAX_MAGNITUDE  # also false for NaN
+        velocity_mps = transform(turn, np.where(known, boxes.velocity_mps, np.nan))
+    zeros = np.zeros(len(boxes))
+    pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
+    body_R_box = Rotation.from_euler("ZYX", np.stack([boxes.yaw_rad, pitch, roll], axis=1))
+    world_R_box = Rotation.from_matrix(world_T_body[:3, :3]) * body_R_box
+    turns = _round(np.asarray(world_R_box.as_quat(canonical=True)[:, [3, 0, 1, 2]], np.float64), _TURN_DIGITS)
     centers = _round(transform(world_T_body, boxes.center_m), _METER_DIGITS)
     sizes = _round(boxes.size_lwh_m[:, [1, 0, 2]], _METER_DIGITS)
-    turns = _round(_quaternions(boxes, world_T_body), _TURN_DIGITS)
     # The format has no way to say that a velocity isn't known.
     velocities = _round(np.nan_to_num(velocity_mps[:, :2]), _METER_DIGITS)
     scores = _round(_scores(boxes), _METER_DIGITS)
     ids = np.full(len(boxes), -1) if boxes.track_id is None else boxes.track_id
-    told = attributes(boxes, names, velocity_mps)
+    given = attributes(boxes, names, velocity_mps)
     return [
         {
             "sample_token": token, "translation": centers[i], "size": sizes[i], "rotation": turns[i],
@@ -351,29 +303,11 @@ def _results(
             **(
                 {"tracking_id": str(ids[i]), "tracking_name": name, "tracking_score": scores[i]}
                 if is_tracking
-                else {"detection_name": name, "detection_score": scores[i], "attribute_name": told[i]}
+                else {"detection_name": name, "detection_score": scores[i], "attribute_name": given[i]}
             ),
         }
         for i, name in enumerate(names)
     ]  # fmt: skip
-
-
-def _velocities(boxes: Boxes3D, world_T_body: Float64) -> Float64:
-    """Over ground, in the axes of the world (N, 3); NaN where unknown."""
-    if boxes.velocity_mps is None:
-        return np.full((len(boxes), 3), np.nan)
-    turn = world_T_body.copy()
-    turn[:3, 3] = 0
-    known = np.abs(boxes.velocity_mps).max(axis=1, keepdims=True) < MAX_MAGNITUDE  # also false for NaN
-    return transform(turn, np.where(known, boxes.velocity_mps, np.nan))
-
-
-def _quaternions(boxes: Boxes3D, world_T_body: Float64) -> Float64:
-    zeros = np.zeros(len(boxes))
-    pitch, roll = (zeros if angle is None else angle for angle in (boxes.pitch_rad, boxes.roll_rad))
-    body_R_box = Rotation.from_euler("ZYX", np.stack([boxes.yaw_rad, pitch, roll], axis=1))
-    world_R_box = Rotation.from_matrix(world_T_body[:3, :3]) * body_R_box
-    return np.asarray(world_R_box.as_quat(canonical=True)[:, [3, 0, 1, 2]], np.float64)
 
 
 def _round(values: Float64, digits: int) -> list[Any]:

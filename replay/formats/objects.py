@@ -9,32 +9,56 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError, DecodeError, LimitError, LogError, did_you_mean
-from fbench.replay.data.arrays import Float64, text_array
+from fbench.replay.data.arrays import Array, Float64, text_array
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.geometry.iou import move_boxes
 from fbench.replay.logs.coordinate_frames import WORLDS, CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 
+Triple = tuple[float, float, float]
+_NONE3 = (np.nan,) * 3
+_NONE4 = (np.nan,) * 4
+_MAX_EMPTY = 200_000  # Frames without rows, one after the other, that still belong to a sequence: nearly two hours
+_OPTIONAL: dict[str, tuple[Any, Any]] = {
+    "score": (np.float64, np.nan), "track_id": (np.int64, -1), "ignore": (np.bool_, False),
+    "visibility": (np.float64, np.nan), "occlusion": (np.float64, np.nan), "truncation": (np.float64, np.nan),
+    "alpha_rad": (np.float64, np.nan), "attribute": (np.str_, ""), "num_lidar_pts": (np.int64, -1),
+}  # fmt: skip
+"""Type of columns that aren't always there, and what stands for an unknown value."""
+Columns = dict[str, Any]  # Fields of many objects by name, each (N, ...); `None` where nothing is known
+
 
 def place(boxes: Boxes3D, frames: Sequence[str], coordinates: CoordinateFrames, where: str) -> tuple[Boxes3D, bool]:
     """Return boxes, each in its own one of `frames`, in body coordinates; or all in those of the world, and say so.
-    Raises ConfigError where a coordinate frame isn't known. Raises LogError where some boxes are in the world and some
-    aren't.
+    Raises ConfigError for an unknown coordinate frame, LogError where only some boxes are in the world.
     """
     names = list(dict.fromkeys(frames))
     worlds = [name for name in names if coordinates.is_world(name)]
     if worlds and len(worlds) < len(names):
         other = next(name for name in names if name not in worlds)
         raise LogError(f"{where}: boxes in '{worlds[0]}' and in '{other or 'body'}' at one instant; use one of them")
-    if worlds:
-        return boxes, True
+    if worlds or not names:
+        return boxes, bool(worlds)
     if len(names) == 1:
-        return _in_body(boxes, names[0], coordinates, where), False
+        return _move_to_body(boxes, names[0], coordinates, where), False
     owners = np.array(frames, np.str_)
-    parts = [(np.flatnonzero(owners == name), name) for name in names]
-    done = [(rows, _in_body(boxes[rows], name, coordinates, where)) for rows, name in parts]
-    return (_merge(boxes, done) if done else boxes), False
+    center, yaw, pitch, roll = boxes.center_m.copy(), boxes.yaw_rad.copy(), np.zeros(len(boxes)), np.zeros(len(boxes))
+    velocity = None if boxes.velocity_mps is None else boxes.velocity_mps.copy()
+    for name in names:
+        rows = np.flatnonzero(owners == name)
+        part = _move_to_body(boxes[rows], name, coordinates, where)
+        center[rows], yaw[rows] = part.center_m, part.yaw_rad
+        pitch[rows] = 0.0 if part.pitch_rad is None else part.pitch_rad
+        roll[rows] = 0.0 if part.roll_rad is None else part.roll_rad
+        if velocity is not None and part.velocity_mps is not None:
+            velocity[rows] = part.velocity_mps
+    moved = replace(boxes, center_m=center, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, velocity_mps=velocity)
+    return moved, False
+
+
+def _move_to_body(boxes: Boxes3D, name: str, coordinates: CoordinateFrames, where: str) -> Boxes3D:
+    return boxes if name in ("", "body", coordinates.body) else move_boxes(boxes, body_T(name, coordinates, where))
 
 
 def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
@@ -47,22 +71,14 @@ def body_T(name: str, coordinates: CoordinateFrames, where: str) -> Float64:
         advice = f"name a topic with poses in '{name}' as body.pose"
         raise ConfigError(f"{where}: boxes in '{name}', but the log's poses are in '{coordinates.world}'; {advice}")
     if matrix is None:
-        raise ConfigError(
-            f"{where}: coordinate frame '{name}' isn't in the log{did_you_mean(name, _known(coordinates))}"
-        )
+        known = {"body", "world", coordinates.world, coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges}
+        hint = did_you_mean(name, sorted(known - {""}))
+        raise ConfigError(f"{where}: coordinate frame '{name}' isn't in the log{hint}")
     return matrix
 
 
-def _known(coordinates: CoordinateFrames) -> list[str]:
-    """Names of the coordinate frames that boxes may be in."""
-    linked = {coordinates.body, *coordinates.rig.mounts, *coordinates.tree.edges}
-    return sorted({"body", "world", coordinates.world, *linked} - {""})
-
-
 def find_camera(name: str, coordinates: CoordinateFrames, where: str) -> str:
-    """Return the name of a camera by its name, coordinate frame or topic; of the only one without a name. Raises
-    ConfigError where there is no such camera, or several without a name.
-    """
+    """Return a camera by name, coordinate frame or topic; without a name the only one. ConfigError where none is it."""
     cameras = coordinates.rig.sensors("camera")
     found = coordinates.camera(name) if name else coordinates.only_camera()
     if found is None and name:
@@ -79,32 +95,6 @@ def default_camera(source: BoxSource, coordinates: CoordinateFrames) -> str:
     return "" if is_frame else source.camera
 
 
-def _in_body(boxes: Boxes3D, name: str, coordinates: CoordinateFrames, where: str) -> Boxes3D:
-    if name in ("", "body", coordinates.body):
-        return boxes
-    return move_boxes(boxes, body_T(name, coordinates, where))
-
-
-def _merge(boxes: Boxes3D, parts: Sequence[tuple[np.ndarray, Boxes3D]]) -> Boxes3D:
-    """Put moved parts back into the order of the rows."""
-    center, yaw = boxes.center_m.copy(), boxes.yaw_rad.copy()
-    pitch, roll = np.zeros(len(boxes)), np.zeros(len(boxes))
-    velocity = None if boxes.velocity_mps is None else boxes.velocity_mps.copy()
-    for rows, part in parts:
-        center[rows], yaw[rows] = part.center_m, part.yaw_rad
-        pitch[rows] = 0.0 if part.pitch_rad is None else part.pitch_rad
-        roll[rows] = 0.0 if part.roll_rad is None else part.roll_rad
-        if velocity is not None and part.velocity_mps is not None:
-            velocity[rows] = part.velocity_mps
-    return replace(boxes, center_m=center, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, velocity_mps=velocity)
-
-
-Triple = tuple[float, float, float]
-_NONE3 = (np.nan,) * 3
-_NONE4 = (np.nan,) * 4
-_MAX_EMPTY = 200_000  # Frames without rows, one after the other, that still belong to a sequence: nearly two hours
-
-
 @dataclass(frozen=True, slots=True)
 class Solid:
     """A 3D box."""
@@ -113,7 +103,6 @@ class Solid:
     size_lwh_m: Triple
     yaw_pitch_roll_rad: Triple  # R = Rz(yaw) Ry(pitch) Rx(roll)
     velocity_mps: Triple | None = None
-    frame: str = ""  # Its coordinate frame; empty: the body
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +132,14 @@ class LabeledObject:
     alpha_rad: float | None = None  # KITTI's angle of observation, which boxes have no place for
 
 
-_OPTIONAL: tuple[tuple[str, Any, Any], ...] = (
-    ("score", np.float64, np.nan), ("track_id", np.int64, -1), ("ignore", np.bool_, False),
-    ("visibility", np.float64, np.nan), ("occlusion", np.float64, np.nan), ("truncation", np.float64, np.nan),
-    ("attribute", np.str_, ""), ("num_lidar_pts", np.int64, -1),
-)  # fmt: skip
+def _column(rows: Sequence[LabeledObject], name: str) -> Array | None:
+    """One field of all rows; `None` where no row tells it."""
+    values = [getattr(row, name) for row in rows]
+    if all(value is None for value in values):
+        return None
+    dtype, absent = _OPTIONAL[name]
+    known = [absent if value is None else value for value in values]
+    return text_array(known) if dtype is np.str_ else np.array(known, dtype)
 
 
 def to_boxes3d(objects: Sequence[LabeledObject]) -> Boxes3D:
@@ -183,36 +175,25 @@ def to_boxes2d(objects: Sequence[LabeledObject]) -> Boxes2D:
 
 
 def _common(rows: Sequence[LabeledObject]) -> dict[str, Any]:
-    columns: dict[str, Any] = {
-        "label": np.array([label(row.source_label) if row.label is None else row.label for row in rows], np.str_),
+    labels = [label(row.source_label) if row.label is None else row.label for row in rows]
+    optional = {name: _column(rows, name) for name in _OPTIONAL if name != "alpha_rad"}  # boxes have no place for it
+    return {
+        "label": np.array(labels, np.str_),
         "source_label": text_array([row.source_label for row in rows]),
+        **{name: column for name, column in optional.items() if column is not None},
     }
-    for name, dtype, absent in _OPTIONAL:
-        values = [getattr(row, name) for row in rows]
-        if any(value is not None for value in values):
-            there = [absent if value is None else value for value in values]
-            columns[name] = text_array(there) if dtype is np.str_ else np.array(there, dtype)
-    return columns
-
-
-Columns = dict[str, Any]  # Fields of many objects by name, each (N, ...); `None` where nothing is known
 
 
 def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:
-    """Return N objects as columns, unsorted: `step`, `label` (the source's words in lower case), `track_id` (-1 where
-    there is none), `score` (0 where there is none), geometry as in `Solid` and `Flat`, and what else is known.
-
-    Args:
-        steps: Frame or stamp of each row.
-        rows: The objects.
+    """Return N objects, each with its frame or stamp in `steps`, as columns, unsorted: `step`, `label` (the source's
+    words in lower case), `track_id` (-1 where there is none), `score` (0 where there is none), geometry as in `Solid`
+    and `Flat`, and what else is known.
     """
     solids, flats = [row.solid for row in rows], [row.flat for row in rows]
     known = [solid for solid in solids if solid is not None]
-    has_solid, has_flat = bool(known), any(flat is not None for flat in flats)
+    has_solid, has_flat, has_velocity = bool(known), any(flats), any(solid.velocity_mps is not None for solid in known)
     yaws = [np.nan if solid is None else solid.yaw_pitch_roll_rad[0] for solid in solids]
-    has_velocity = any(solid.velocity_mps is not None for solid in known)
     velocities = [None if solid is None else solid.velocity_mps for solid in solids]
-    points = [row.num_lidar_pts for row in rows]
     return {
         "step": np.array(steps, np.int64),
         "label": text_array([row.source_label.lower() for row in rows]),
@@ -223,28 +204,15 @@ def to_columns(steps: Sequence[int], rows: Sequence[LabeledObject]) -> Columns:
         "size_lwh_m": np.array([_NONE3 if s is None else s.size_lwh_m for s in solids]) if has_solid else None,
         "yaw_rad": np.array(yaws) if has_solid else None,
         "velocity_mps": np.array([_NONE3 if v is None else v for v in velocities]) if has_velocity else None,
-        **{name: _numbers(rows, name) for name in ("alpha_rad", "occlusion", "truncation", "visibility")},
-        "attribute": text_array([row.attribute or "" for row in rows]) if any(r.attribute for r in rows) else None,
-        "num_points": (
-            None
-            if all(num is None for num in points)
-            else np.array([-1 if num is None else num for num in points], np.int64)
-        ),
-        "ignore": np.array([bool(row.ignore) for row in rows]) if any(row.ignore for row in rows) else None,
+        **{name: _column(rows, name) for name in ("alpha_rad", "occlusion", "truncation", "visibility")},
+        "attribute": _column(rows, "attribute") if any(row.attribute for row in rows) else None,
+        "num_points": _column(rows, "num_lidar_pts"),
+        "ignore": _column(rows, "ignore") if any(row.ignore for row in rows) else None,
     }
 
 
-def _numbers(rows: Sequence[LabeledObject], name: str) -> Float64 | None:
-    values = [getattr(row, name) for row in rows]
-    if all(value is None for value in values):
-        return None
-    return np.array([np.nan if value is None else value for value in values], np.float64)
-
-
 def angles(x: float, y: float, z: float, w: float, where: str) -> Triple:
-    """Return yaw, pitch, roll [rad] of a quaternion, R = Rz(yaw) Ry(pitch) Rx(roll); NaN where it isn't finite. Raises
-    LogError where it is zero.
-    """
+    """Return yaw, pitch, roll [rad] of a quaternion, R = Rz(yaw) Ry(pitch) Rx(roll); NaN: not finite, LogError: 0."""
     xyzw = np.array([x, y, z, w])
     if not np.isfinite(xyzw).all():
         return np.nan, np.nan, np.nan
@@ -268,9 +236,7 @@ def group_by_frame(rows: Iterable[tuple[int, LabeledObject]]) -> Frames:
 
 
 def fill_frames(frames: Frames, first: int = 0, num: int = 0) -> Iterator[tuple[int, list[LabeledObject]]]:
-    """Put frames without rows between the others, and behind them up to `num` frames. Raises LimitError where these are
-    more than any sequence has.
-    """
+    """Put frames without rows between the others, and behind them up to `num`; LimitError where far too many lack."""
     expected = first
     for number, objects in frames:
         if number - expected > _MAX_EMPTY:

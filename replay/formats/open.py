@@ -11,9 +11,8 @@ from fbench.replay.contracts.errors import ConfigError, DataError, LogError, did
 from fbench.replay.contracts.faults import FaultLog
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.messages import Truth
-from fbench.replay.formats.ab3dmot import AB3DMOT_COLUMNS, open_ab3dmot
 from fbench.replay.formats.documents import head_of
-from fbench.replay.formats.kitti import open_kitti, open_kitti_tracking
+from fbench.replay.formats.kitti import AB3DMOT_COLUMNS, open_ab3dmot, open_kitti, open_kitti_tracking
 from fbench.replay.formats.mot import open_mot
 from fbench.replay.formats.nuscenes import COMPANIONS, open_nuscenes
 from fbench.replay.formats.openlabel import open_openlabel
@@ -25,16 +24,23 @@ from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.manifest import TruthEntry
 
 _MAX_INSPECTED = 20
+FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
+    "table": open_table,
+    "kitti": open_kitti,
+    "kitti-tracking": open_kitti_tracking,
+    "ab3dmot": open_ab3dmot,
+    "mot": open_mot,
+    "nuscenes": open_nuscenes,
+    "openlabel": open_openlabel,
+}
 
 
 def recognize(path: Path) -> str:
     """Return the name of the form. Raises LogError where it can't be told."""
     form = _recognize_folder(path) if path.is_dir() else _recognize_file(path)
     if form is None:
-        raise LogError(
-            f"{path}: no form of boxes that fbench knows (a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge "
-            ".txt, nuScenes or OpenLABEL .json)"
-        )
+        forms = "a table as .csv or .parquet, KITTI, AB3DMOT or MOTChallenge .txt, nuScenes or OpenLABEL .json"
+        raise LogError(f"{path}: no form of boxes that fbench knows ({forms})")
     return form
 
 
@@ -86,17 +92,6 @@ def _is_number(text: str) -> bool:
     return True
 
 
-FORMATS: Mapping[str, Callable[[BoxSource, CoordinateFrames, FaultLog], Iterator[Truth]]] = {
-    "table": open_table,
-    "kitti": open_kitti,
-    "kitti-tracking": open_kitti_tracking,
-    "ab3dmot": open_ab3dmot,
-    "mot": open_mot,
-    "nuscenes": open_nuscenes,
-    "openlabel": open_openlabel,
-}
-
-
 @dataclass(frozen=True)
 class BoxFile:
     """Boxes of a file, or of the files of a folder."""
@@ -116,12 +111,10 @@ class BoxFile:
         try:
             for truth in FORMATS[self.format](self.source, self.coordinates, self.faults):
                 for boxes in (truth.boxes3d, truth.boxes2d):
-                    twice = None if boxes is None else _find_repeated_id(boxes)
-                    if twice is not None:
+                    if boxes is not None and (twice := _find_repeated_id(boxes)) is not None:
                         at = f"{truth.stamp_ns} ns" if truth.frame_index is None else f"frame {truth.frame_index}"
-                        raise LogError(
-                            f"{self.source.path}: id {twice} twice at {at}; an id names one object of a frame", "GT003"
-                        )
+                        where = f"{self.source.path}: id {twice} twice at {at}"
+                        raise LogError(f"{where}; an id names one object of a frame", "GT003")
                 yield truth
         except DataError as error:
             raise LogError(f"{self.source.path}: {error}") from error
@@ -137,16 +130,12 @@ class BoxFile:
 
 
 def open_boxes(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> BoxFile:
-    """Open a file or folder of boxes; reading begins with `truths`. Raises ConfigError where there is no such file or
-    format. Raises LogError where its form isn't known.
-    """
+    """Open a file or folder of boxes; reading begins with `truths`. Raises as `form_of`."""
     return BoxFile(source, form_of(source), coordinates, faults)
 
 
 def form_of(source: BoxSource) -> str:
-    """Return which of `FORMATS` a file or folder has. Raises ConfigError where there is no such file or format. Raises
-    LogError where its form isn't known.
-    """
+    """Return which of `FORMATS` a file has. ConfigError: no such file or format; LogError: its form isn't known."""
     if not source.path.exists():
         raise ConfigError(f"{source.path}: no such file or folder")
     if not (source.path.is_file() or source.path.is_dir()):  # a FIFO would block, a device could go on for ever
@@ -171,7 +160,5 @@ def _find_repeated_id(boxes: Boxes2D | Boxes3D) -> int | None:
 
 
 def truth_entry(source: BoxSource) -> TruthEntry:
-    """Say where truth comes from, for the manifest. Raises ConfigError where there is no such file or format. Raises
-    LogError where it can't be read, or its form isn't known.
-    """
+    """Say where truth comes from, for the manifest. Raises as `form_of`; LogError also where it can't be read."""
     return TruthEntry(name=source.path.name, format=form_of(source), digest=digest_of(source.path))

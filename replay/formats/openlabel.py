@@ -1,7 +1,6 @@
 """ASAM OpenLABEL 1.0: read cuboids and bounding boxes of objects by frame."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from fbench.replay.formats.objects import (
     Flat,
     LabeledObject,
     Solid,
-    Triple,
     angles,
     body_T,
     default_camera,
@@ -35,12 +33,13 @@ from fbench.replay.logs.setup import BoxSource
 WORLD = "world"
 
 
-@dataclass(frozen=True, eq=False)
-class _Edge:
-    """The pose (4, 4) of a coordinate system in another one."""
-
-    parent: str
-    parent_T_child: Float64
+_Edge = tuple[str, Float64]  # The parent of a coordinate system, and its pose (4, 4) there: parent_T_child
+_NUMBERS = {
+    "score": "score", "confidence": "score", "occlusion": "occlusion", "truncation": "truncation",
+    "visibility": "visibility", "num_points": "num_lidar_pts", "num_lidar_pts": "num_lidar_pts",
+}  # fmt: skip
+"""Fields of fbench by the names of numbers among an object's attributes."""
+_UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "image", "mesh", "area_reference")
 
 
 class CoordinateSystems:
@@ -62,22 +61,20 @@ class CoordinateSystems:
             self._types[name] = text(system.get("type"), f"{at}: type").lower()
             parent = text(system.get("parent"), f"{at}: parent")
             if parent and system.get("pose_wrt_parent") is not None:
-                self._edges[name] = _Edge(parent, _matrix(system["pose_wrt_parent"], at))
+                self._edges[name] = parent, _matrix(system["pose_wrt_parent"], at)
 
     def of_frame(self, properties: Mapping[str, Any], where: str) -> dict[str, _Edge]:
         """Read the transforms of one frame, by the coordinate system that they start from."""
         found: dict[str, _Edge] = {}
         for name, value in member(properties, "transforms", where).items():
             at = f"{where}: transform '{name[:60]}'"
-            told = mapping(value, at)
-            source, destination = text(told.get("src"), f"{at}: src"), text(told.get("dst"), f"{at}: dst")
-            found[source] = _Edge(destination, _matrix(told.get("transform_src_to_dst"), at))
+            given = mapping(value, at)
+            source, destination = text(given.get("src"), f"{at}: src"), text(given.get("dst"), f"{at}: dst")
+            found[source] = destination, _matrix(given.get("transform_src_to_dst"), at)
         return found
 
     def target(self, name: str, moving: Mapping[str, _Edge], where: str) -> tuple[str, Float64]:
-        """Return `body` or `world`, and the matrix (4, 4) that moves boxes there. Raises LogError where the coordinate
-        systems form a loop. Raises ConfigError where nothing leads from there to the log.
-        """
+        """Return `body` or `world`, and the matrix (4, 4) to it. LogError: a loop. ConfigError: nothing leads there."""
         matrix, met, at = np.eye(4), {name: None}, name
         while True:
             if self._is_world(at):
@@ -88,62 +85,55 @@ class CoordinateSystems:
                 return "body", matrix
             edge = moving.get(at, self._edges.get(at))
             if edge is None and self._default and at != self._default:
-                edge = _Edge(self._default, np.eye(4))
+                edge = self._default, np.eye(4)
             if edge is None:
                 return "body", body_T(at, self._coordinates, where) @ matrix
-            matrix, at = edge.parent_T_child @ matrix, edge.parent
+            at, matrix = edge[0], edge[1] @ matrix
             if at in met:
                 raise LogError(f"{where}: coordinate systems form a loop at '{at[:60]}'")
             met[at] = None
 
     def _is_known(self, name: str) -> bool:
-        if name in ("", "body", self._coordinates.body) or name in self._coordinates.rig.mounts:
-            return True
-        return name in self._coordinates.tree.edges
+        known = self._coordinates
+        return name in ("", "body", known.body) or name in known.rig.mounts or name in known.tree.edges
 
     def _is_world(self, name: str) -> bool:
         return self._coordinates.is_world(name) or self._types.get(name, "").startswith(("scene", "geo"))
 
     def _from_world(self, world: str, matrix: Float64, moving: Mapping[str, _Edge], where: str) -> tuple[str, Float64]:
         """The file's own pose of the body at this frame goes before the log's."""
-        for name, edge in moving.items():
-            if edge.parent == world and not self._is_world(name):
+        for name, (parent, parent_T_child) in moving.items():
+            if parent == world and not self._is_world(name):
                 if self._is_known(name):
-                    return "body", body_T(name, self._coordinates, where) @ inverse(edge.parent_T_child) @ matrix
+                    return "body", body_T(name, self._coordinates, where) @ inverse(parent_T_child) @ matrix
                 if self._types.get(name, "").startswith("local"):
-                    return "body", inverse(edge.parent_T_child) @ matrix
+                    return "body", inverse(parent_T_child) @ matrix
         return WORLD, matrix
 
 
 def _matrix(value: object, where: str) -> Float64:
-    """A transform as 16 numbers (rows), as quaternion x, y, z, w, or as angles about x, y, z with R = Rz Ry Rx, unless
-    `sequence` says otherwise.
-    """
-    told = mapping(value, where)
-    if "matrix4x4" in told:
-        matrix = np.array(vector(told["matrix4x4"], (16,), f"{where}: matrix4x4")).reshape(4, 4)
+    """A transform: 16 numbers (rows), or x, y, z, w, or angles about x, y, z, R = Rz Ry Rx if no `sequence` differs."""
+    given = mapping(value, where)
+    if "matrix4x4" in given:
+        matrix = np.array(vector(given["matrix4x4"], (16,), f"{where}: matrix4x4")).reshape(4, 4)
         _require_rigid(matrix, where)
         return matrix
-    translation = vector(told.get("translation"), (3,), f"{where}: translation")
+    translation = vector(given.get("translation"), (3,), f"{where}: translation")
     try:
-        if "quaternion" in told:
-            rotation = Rotation.from_quat(vector(told["quaternion"], (4,), f"{where}: quaternion"))
+        if "quaternion" in given:
+            rotation = Rotation.from_quat(vector(given["quaternion"], (4,), f"{where}: quaternion"))
         else:
-            sequence = text(told.get("sequence"), f"{where}: sequence") or "zyx"
-            rotation = _euler(vector(told.get("euler_angles"), (3,), f"{where}: euler_angles"), sequence)
+            sequence = text(given.get("sequence"), f"{where}: sequence") or "zyx"
+            xyz = vector(given.get("euler_angles"), (3,), f"{where}: euler_angles")
+            axes = sequence.upper()  # From left to right in the product of matrices
+            if sorted(axes) != ["X", "Y", "Z"]:
+                raise ValueError(f"sequence is '{sequence[:20]}', expected zyx or another order of x, y, z")
+            rotation = Rotation.from_euler(axes, [xyz["XYZ".index(axis)] for axis in axes])
         matrix = pose_matrix(translation, rotation.as_quat())
     except ValueError as error:
         raise LogError(f"{where}: no valid rotation ({error})") from error
     _require_rigid(matrix, where)
     return matrix
-
-
-def _euler(xyz: list[float], sequence: str) -> Rotation:
-    """Angles about x, y, z; the sequence names axes from left to right in the product of matrices."""
-    axes = sequence.upper()
-    if sorted(axes) != ["X", "Y", "Z"]:
-        raise ValueError(f"sequence is '{sequence[:20]}', expected zyx or another order of x, y, z")
-    return Rotation.from_euler(axes, [xyz["XYZ".index(axis)] for axis in axes])
 
 
 def _require_rigid(matrix: Float64, where: str) -> None:
@@ -153,23 +143,15 @@ def _require_rigid(matrix: Float64, where: str) -> None:
         raise LogError(f"{where}: is no rigid transform", "CAL001")
 
 
-_NUMBERS = {
-    "score": "score", "confidence": "score", "occlusion": "occlusion", "truncation": "truncation",
-    "visibility": "visibility", "num_points": "num_lidar_pts", "num_lidar_pts": "num_lidar_pts",
-}  # fmt: skip
-"""Fields of fbench by the names of numbers among an object's attributes."""
-
-
-def make_object(
-    name: str, uid: str, solid: Solid | None, flat: Flat | None, told: Sequence[Mapping[str, Any]], where: str
+def _make_object(
+    name: str, uid: str, solid: Solid | None, flat: Flat | None, given: Sequence[Mapping[str, Any]], where: str
 ) -> LabeledObject:
-    """Return an object with what the numbers among its data say. Raises LogError where one isn't a number."""
+    """Make an object with what the numbers among its data say."""
     values: dict[str, float] = {}
-    for source in told:
+    for source in given:
         for item in items(source.get("num", []), f"{where}: num"):
             entry = mapping(item, f"{where}: num")
-            key = _NUMBERS.get(str(entry.get("name", "")).lower())
-            if key is not None:
+            if (key := _NUMBERS.get(str(entry.get("name", "")).lower())) is not None:
                 values[key] = scalar(entry.get("val"), f"{where}: {key}")
     points = values.get("num_lidar_pts", np.nan)
     return LabeledObject(
@@ -179,30 +161,9 @@ def make_object(
     )  # fmt: skip
 
 
-def solid(box: Mapping[str, Any], where: str) -> Solid:
-    """Return the box of a `cuboid`: ten numbers with a quaternion x, y, z, w between position and size, or nine with
-    angles about x, y, z, R = Rz Ry Rx.
-    """
-    val = vector(box.get("val"), (9, 10), f"{where}: val")
-    if len(val) == 10:
-        turn: Triple = angles(val[3], val[4], val[5], val[6], where)
-    else:
-        turn = (val[5], val[4], val[3])
-    return Solid((val[0], val[1], val[2]), (val[-3], val[-2], val[-1]), turn)
-
-
-def flat(camera: str, box: Mapping[str, Any], where: str) -> Flat:
-    """Return the box of a `bbox`: the middle, width and height."""
-    x, y, width, height = vector(box.get("val"), (4,), f"{where}: val")
-    return Flat(camera, (x - width / 2, y - height / 2, x + width / 2, y + height / 2))
-
-
-_UNUSED = ("poly2d", "poly3d", "point2d", "point3d", "rbbox", "mat", "binary", "image", "mesh", "area_reference")
-
-
 def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
     """Read the frames of a file. A frame's `timestamp` says when it was; where none has one, keys count frames. Raises
-    ConfigError where a coordinate system or camera isn't known. Raises LogError where the form isn't that of OpenLABEL.
+    ConfigError where a coordinate system or camera isn't known, LogError where the form isn't that of OpenLABEL.
     """
     where = str(source.path)
     root = member(read_json(source.path), "openlabel", where)
@@ -210,10 +171,18 @@ def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: Fau
     if not frames:
         raise LogError(f"{where}: no frames; boxes that belong to no frame can't be scored")
     reader = _Reader(root, source, coordinates, faults)
-    instants = sorted(_instant(key, value, where) for key, value in frames.items())
+    instants: list[tuple[int, int, str]] = []  # Stamp (-1: none), number and key
+    for key, value in frames.items():
+        at = f"{where}: frame '{key[:40]}'"
+        given = member(value, "frame_properties", at).get("timestamp")
+        try:
+            stamp = given if isinstance(given, str) or given is None else repr(scalar(given, f"{at}: timestamp"))
+            instants.append((-1, frame_number(key, at), key) if stamp is None else (stamp_of_time(stamp), 0, key))
+        except ValueError as error:
+            raise LogError(f"{at}: timestamp {error}") from error
     if len({stamp_ns >= 0 for stamp_ns, _, _ in instants}) > 1:
         raise LogError(f"{where}: some frames have a timestamp and some don't")
-    for stamp_ns, number, key in instants:
+    for stamp_ns, number, key in sorted(instants):
         boxes3d, boxes2d, in_world = reader.boxes(key, frames[key])
         if stamp_ns >= 0:
             yield Truth(stamp_ns, stamp_ns, boxes3d, boxes2d, in_world=in_world)
@@ -221,31 +190,20 @@ def open_openlabel(source: BoxSource, coordinates: CoordinateFrames, faults: Fau
             yield Truth(0, 0, boxes3d, boxes2d, number, number, in_world)
 
 
-def _instant(key: str, value: object, where: str) -> tuple[int, int, str]:
-    """Stamp (-1: none), number and key of a frame."""
-    at = f"{where}: frame '{key[:40]}'"
-    told = member(value, "frame_properties", at).get("timestamp")
-    if told is None:
-        return -1, frame_number(key, at), key
-    try:
-        return stamp_of_time(told if isinstance(told, str) else repr(scalar(told, f"{at}: timestamp"))), 0, key
-    except ValueError as error:
-        raise LogError(f"{at}: timestamp {error}") from error
-
-
 class _Reader:
     """Reads single frames."""
 
-    def __init__(
-        self, root: Mapping[str, Any], source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog
-    ) -> None:
-        self._where, self._source, self._coordinates, self._faults = str(source.path), source, coordinates, faults
-        self._camera_option = default_camera(source, coordinates)
+    def __init__(self, root: Mapping[str, Any], source: BoxSource, known: CoordinateFrames, faults: FaultLog) -> None:
+        self._where, self._source, self._coordinates, self._faults = str(source.path), source, known, faults
+        self._camera_option = default_camera(source, known)
         self._objects = member(root, "objects", self._where)
         self._streams = member(root, "streams", self._where)
-        self._systems = CoordinateSystems(root, coordinates, source)
-        frames = mapping(root["frames"], self._where).items()
-        kinds = {kind for key, frame in frames for data in self._datas(key, frame) for kind in data}
+        self._systems = CoordinateSystems(root, known, source)
+        kinds: set[str] = set()
+        for key, frame in mapping(root["frames"], self._where).items():
+            at = f"{self._where}: frame '{key[:40]}'"
+            for uid, value in member(frame, "objects", at).items():
+                kinds.update(member(value, "object_data", f"{at} object '{uid[:60]}'"))
         self._is_solid, self._is_flat = "cuboid" in kinds, "bbox" in kinds
 
     def boxes(self, key: str, frame: object) -> tuple[Any, Any, bool]:
@@ -259,11 +217,6 @@ class _Reader:
         boxes3d, in_world = self._place(objects, systems, moving, at)
         return boxes3d if self._is_solid else None, to_boxes2d(objects) if self._is_flat else None, in_world
 
-    def _datas(self, key: str, frame: object) -> Iterator[Mapping[str, Any]]:
-        at = f"{self._where}: frame '{key[:40]}'"
-        for uid, value in member(frame, "objects", at).items():
-            yield member(value, "object_data", f"{at} object '{uid[:60]}'")
-
     def _add(self, objects: list[LabeledObject], systems: list[str], uid: str, value: object, where: str) -> None:
         known = member(self._objects, uid, where)
         own = mapping(value, where)
@@ -274,23 +227,31 @@ class _Reader:
             at = f"{where} cuboid {i}"
             box = mapping(item, at)
             systems.append(text(box.get("coordinate_system"), f"{at}: coordinate_system") or system)
-            objects.append(make_object(name, uid, solid(box, at), None, (data, member(box, "attributes", at)), at))
+            # Position, then x, y, z, w, or angles about x, y, z with R = Rz Ry Rx, then size.
+            x, y, z, *turn, length, width, height = vector(box.get("val"), (9, 10), f"{at}: val")
+            yaw_pitch_roll = (
+                angles(turn[0], turn[1], turn[2], turn[3], at) if len(turn) == 4 else (turn[2], turn[1], turn[0])
+            )
+            solid = Solid((x, y, z), (length, width, height), yaw_pitch_roll)
+            objects.append(_make_object(name, uid, solid, None, (data, member(box, "attributes", at)), at))
         for i, item in enumerate(items(data.get("bbox", []), f"{where}: bbox")):
             at = f"{where} bbox {i}"
             box = mapping(item, at)
             stream = text(box.get("coordinate_system", box.get("stream")), f"{at}: coordinate_system") or system
             if (camera := self._camera(stream, at)) is not None:
-                told = (data, member(box, "attributes", at))
-                objects.append(make_object(name, uid, None, flat(camera, box, at), told, at))
+                given = (data, member(box, "attributes", at))
+                x, y, width, height = vector(box.get("val"), (4,), f"{at}: val")  # The middle, width and height
+                flat = Flat(camera, (x - width / 2, y - height / 2, x + width / 2, y + height / 2))
+                objects.append(_make_object(name, uid, None, flat, given, at))
         for kind in _UNUSED:
             if kind in data:
-                self._unused(kind, f"{where}: {kind}")
+                self._faults.once("GT005", (self._where, kind), f"{where}: {kind}")
 
     def _camera(self, stream: str, where: str) -> str | None:
         """Name of the camera of a box in an image; `None` where its stream isn't one."""
         declared = member(self._streams, stream, where)
         if declared and text(declared.get("type"), f"{where}: type") not in ("", "camera"):
-            self._unused(f"stream {stream[:60]}", f"{where} of '{stream[:60]}'")
+            self._faults.once("GT005", (self._where, f"stream {stream[:60]}"), f"{where} of '{stream[:60]}'")
             return None
         if self._coordinates.camera(stream) is None:
             uri = text(declared.get("uri"), f"{where}: uri") if declared else ""
@@ -307,11 +268,7 @@ class _Reader:
         kinds = {kind for kind, _ in targets.values()}
         if len(kinds) > 1:
             raise LogError(f"{where}: boxes in the world and on the body at one instant; use one of them")
-        names = list(targets)
-        if len(names) == 1:
-            return move_boxes(boxes, targets[names[0]][1]), WORLD in kinds
+        if len(targets) == 1:
+            return move_boxes(boxes, targets[systems[0]][1]), WORLD in kinds
         parts = [move_boxes(boxes[i : i + 1], targets[name][1]) for i, name in enumerate(systems)]
         return concatenate(parts), WORLD in kinds
-
-    def _unused(self, kind: str, where: str) -> None:
-        self._faults.once("GT005", (self._where, kind), where)

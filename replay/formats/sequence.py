@@ -1,14 +1,14 @@
 """Boxes of one run or log as exporters see them."""
 
 from collections import defaultdict, deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
-from fbench.replay.contracts.errors import ConfigError, LogError, did_you_mean
+from fbench.replay.contracts.errors import ConfigError, did_you_mean
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.data.boxes import MAX_MAGNITUDE, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
@@ -17,6 +17,12 @@ from fbench.replay.formats.export_request import LeftOut, Namer
 from fbench.replay.geometry.camera import project_boxes, require_projection
 
 B = TypeVar("B", Boxes2D, Boxes3D)
+CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
+"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
+own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
+BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
+_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
+_LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,45 +73,23 @@ class BoxSequence:
         known = [number for number in own if number is not None]
         return known if len(set(known)) == len(own) else [frame.index for frame in self.frames]
 
-    def require_boxes(self, is_tracking: bool) -> None:
-        """Refuse what has no boxes at all, or no ids where these are needed.
 
-        Raises LogError: saying what there is not.
-        """
-        kinds = [boxes for frame in self.frames for boxes in (frame.boxes3d, frame.boxes2d) if boxes is not None]
-        if not kinds:
-            raise LogError(f"{self.where}: has no {'truth' if self.is_truth else 'boxes'} to export")
-        full = self.boxes
-        if is_tracking and full and all(boxes.track_id is None for boxes in full):
-            raise LogError(
-                f"{self.where}: its boxes have no track ids, which this format needs; export tracks with --boxes "
-                "tracks, or take --format kitti or nuscenes"
-            )
-
-
-def usable(boxes: B | None, left: LeftOut) -> B | None:
-    """Return boxes without those whose geometry or score isn't finite, or beyond all reason, which are counted."""
+def drop_unusable(boxes: B | None, left: LeftOut) -> B | None:
+    """Drop boxes whose geometry or score isn't finite, or is beyond all reason, and count them."""
     if boxes is None or not len(boxes):
         return boxes
     sane, scored = finite(boxes)
     good: Bool = sane & scored if boxes.score is None else sane & (np.abs(boxes.score) < MAX_MAGNITUDE)
-    left.add("not finite", int(np.count_nonzero(~good)))
+    left["not finite"] += int(np.count_nonzero(~good))
     return boxes if good.all() else boxes[good]
 
 
 def pair_boxes(
     flat: Boxes2D, solid: Boxes3D, flat_frame: Int64 | None = None, solid_frame: Int64 | None = None
 ) -> Int64:
-    """Return the 3D box (N,) of each 2D box, -1 where it has none.
-
-    Boxes of one track id belong together. Those without an id do in their order, within a class as the source names it;
-    ignore regions have no other half.
-
-    Args:
-        flat: N boxes.
-        solid: M boxes.
-        flat_frame: (N,) frame of each box, where they are of several; all of one by default.
-        solid_frame: (M,)
+    """Return the 3D box (N,) of each of N 2D boxes, -1 where it has none. Boxes of one track id belong together. Those
+    without an id do in their order, within a class as the source names it; ignore regions have no other half.
+    `flat_frame` (N,) and `solid_frame` (M,) are the frames of boxes, where they are of several.
     """
     ignored, ids, classes, keys = [], [], [], []
     for boxes, frame in ((flat, flat_frame), (solid, solid_frame)):
@@ -121,17 +105,9 @@ def pair_boxes(
     for j in np.flatnonzero((ids[1] < 0) & ~ignored[1]).tolist():
         waiting[classes[1][j]].append(j)
     for i in np.flatnonzero((ids[0] < 0) & ~ignored[0]).tolist():
-        rows = waiting[classes[0][i]]
-        if rows:
+        if rows := waiting[classes[0][i]]:
             mates[i] = rows.popleft()
     return mates
-
-
-CAMERA_T_LEVEL: Float64 = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]], np.float64)
-"""(4, 4) from a coordinate frame at the camera with x forward, y left, z up: there boxes stand upright. In the camera's
-own, with z forward, yaw, pitch and roll of a box that stands upright aren't unique."""
-BODY = "body"  # The body's axes, turned: where KITTI's rectified camera 0 is the body, as in its logs
-_KITTI_CAMERA = "image_02"  # Whose image KITTI's labels are in
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +126,8 @@ class ImageRows:
     def column(self, name: str, fill: Any) -> Array:
         """What boxes say of themselves in a field (N,): the 2D one, else the 3D one, else `fill`."""
         flat, solid = getattr(self.flat, name), getattr(self.solid, name)
-        kind = np.asarray(fill).dtype if flat is None and solid is None else np.result_type(
-            *(column.dtype for column in (flat, solid) if column is not None)
-        )  # fmt: skip
-        values = np.full(len(self), fill, kind)
+        kinds = [column.dtype for column in (flat, solid) if column is not None] or [np.asarray(fill).dtype]
+        values = np.full(len(self), fill, np.result_type(*kinds))
         for column, rows in ((solid, self.solid_rows), (flat, self.flat_rows)):
             if column is not None:
                 values[rows >= 0] = column[rows[rows >= 0]]
@@ -168,9 +142,7 @@ class ImageRows:
 
 
 def choose_camera(sequence: BoxSequence, requested: str) -> str:
-    """Return the camera whose image is meant. Raises ConfigError where there is no such camera, or several and none is
-    named.
-    """
+    """Return the camera whose image is meant. Raises ConfigError where it isn't there, or none of several is named."""
     owners = sequence.cameras_of_boxes
     known = sorted({*sequence.rig.sensors("camera"), *owners})
     if requested and requested not in known:
@@ -184,9 +156,7 @@ def choose_camera(sequence: BoxSequence, requested: str) -> str:
 
 
 def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
-    """Return `body` or the name of a camera: as asked for, as the log says, else that of the image. Raises ConfigError
-    where it is none of these.
-    """
+    """Return `body` or a camera: as asked for, as the log says, else that of the image. ConfigError otherwise."""
     known = [BODY, *sequence.rig.sensors("camera")]
     name = requested or sequence.metadata.get(CAMERA0, camera)
     if name not in known and any(frame.boxes3d is not None for frame in sequence.frames):
@@ -196,49 +166,41 @@ def coordinate_frame(sequence: BoxSequence, requested: str, camera: str) -> str:
 
 def body_T_level(name: str, rig: Rig) -> Float64 | None:
     """Matrix (4, 4) from coordinates at a camera, with x forward, y left, z up, to the body; `None`: they are the same.
-
     There boxes stand upright, and the camera's own coordinates are these with the axes turned.
     """
     return None if name == BODY or name not in rig.mounts else rig.body_T_sensor(name) @ CAMERA_T_LEVEL
 
 
-def image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
-    """Return the objects of a frame in the order of its 2D boxes, then 3D boxes without one, which are projected into
-    the image and clipped to it; those that aren't seen in it are counted. Raises LogError where boxes can't be
-    projected into the camera.
+def image_frames(sequence: BoxSequence, camera: str, left: LeftOut) -> Iterator[tuple[BoxFrame, ImageRows]]:
+    """Return frames and their objects: first the 2D boxes, then 3D boxes without one, which are projected into the
+    image and clipped to it; those that aren't seen in it are counted. Raises LogError where boxes can't be projected
+    into the camera.
     """
-    flat, solid = usable(frame.boxes2d, left), usable(frame.boxes3d, left)
+    for rig in {id(frame.rig): frame.rig for frame in sequence.frames if frame.boxes2d is None}.values():
+        require_projection(rig, camera)
+    return ((frame, _image_rows(frame, camera, left)) for frame in sequence.frames)
+
+
+def _image_rows(frame: BoxFrame, camera: str, left: LeftOut) -> ImageRows:
+    flat, solid = drop_unusable(frame.boxes2d, left), drop_unusable(frame.boxes3d, left)
     flat = Boxes2D.empty() if flat is None else flat
     solid = Boxes3D.empty() if solid is None else solid
     own = flat.camera == camera
-    left.add("of other cameras", int(np.count_nonzero(~own)))
+    left["of other cameras"] += int(np.count_nonzero(~own))
     flat = flat if own.all() else flat[own]
     mates = pair_boxes(flat, solid) if len(flat) and len(solid) else np.full(len(flat), -1, np.int64)
     alone = np.setdiff1d(np.arange(len(solid)), mates)
     xyxy = np.zeros((0, 4))
     if len(alone):
         xyxy, seen = project_boxes(frame.rig, camera, solid[alone])
-        left.add(f"not seen by {camera}", int(np.count_nonzero(~seen)))
+        left[f"not seen by {camera}"] += int(np.count_nonzero(~seen))
         alone, xyxy = alone[seen], xyxy[seen]
-    return ImageRows(
-        np.concatenate([flat.xyxy_px, xyxy]), flat, np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)]),
-        solid, np.concatenate([mates, alone]),
-    )  # fmt: skip
-
-
-def require_view(sequence: BoxSequence, camera: str) -> None:
-    """Refuse a camera that 3D boxes would have to be projected into, and can't. Raises LogError: saying why."""
-    for rig in {id(frame.rig): frame.rig for frame in sequence.frames if frame.boxes2d is None}.values():
-        require_projection(rig, camera)
-
-
-_LIMIT = 2**31  # Tools read ids as int32, or as float64 that don't tell larger ones apart
+    flat_rows = np.concatenate([np.arange(len(flat)), np.full(len(alone), -1)])
+    return ImageRows(np.concatenate([flat.xyxy_px, xyxy]), flat, flat_rows, solid, np.concatenate([mates, alone]))
 
 
 def small_ids(parts: Iterable[Boxes2D | Boxes3D]) -> Callable[[int], int]:
-    """Return what gives each id its number: its own where all of a sequence are small, else 0, 1 ... in the order in
-    which they come; -1 stays.
-    """
+    """Return what numbers ids: as they are where all of a sequence are small, else 0, 1 ... as they come; -1 stays."""
     ids = [id_ for boxes in parts if boxes.track_id is not None for id_ in boxes.track_id.tolist() if id_ >= 0]
     if max(ids, default=0) < _LIMIT:
         return lambda id_: id_

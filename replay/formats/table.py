@@ -15,7 +15,7 @@ from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import label
 from fbench.replay.data.messages import Truth
 from fbench.replay.formats.objects import angles, default_camera, find_camera, place
-from fbench.replay.formats.table_files import SUFFIXES, Key, TableFile, Values, instants, key_of, open_table_file
+from fbench.replay.formats.table_files import SUFFIXES, TableFile, Values, instants, open_table_file
 from fbench.replay.logs.coordinate_frames import CoordinateFrames
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.tables import column_array
@@ -33,14 +33,7 @@ COLUMNS = (
     "stamp_ns", "stamp_s", "frame", "frame_id", *SOLID, *_ANGLES, "yaw_deg", *_QUATERNION, *_VELOCITY, "camera", *FLAT,
     "label", *_FLOATS, "track_id", "ignore", "attribute", *_WHOLES, *_FLAT_FLOATS, "arrival_ns",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Spaces:
-    """Which kinds of boxes a table has columns for."""
-
-    solid: bool
-    flat: bool
+_KINDS: Mapping[bytes, type[Boxes2D] | type[Boxes3D]] = {b"Boxes3D": Boxes3D, b"Boxes2D": Boxes2D}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,65 +47,51 @@ class Rows:
     flats: Boxes2D
 
 
-def spaces_of(file: TableFile) -> Spaces:
-    """Tell what a table's columns can hold. Raises LogError naming the column that is missing, or that is probably
-    another one's name.
-    """
+def spaces_of(file: TableFile) -> tuple[bool, bool]:
+    """Tell whether a table's columns hold 3D boxes, and 2D ones. LogError names a missing or misspelt column."""
     names = file.names
-    found = Spaces(any(name in names for name in SOLID), any(name in names for name in FLAT))
-    if not (found.solid or found.flat):
+    has_solid, has_flat = (any(name in names for name in needed) for needed in (SOLID, FLAT))
+    if not (has_solid or has_flat):
         raise LogError(f"{file.path}: no columns of boxes; expected {' '.join(SOLID)} yaw, or {' '.join(FLAT)}")
-    for is_there, needed in ((found.solid, SOLID), (found.flat, FLAT)):
-        missing = next((name for name in needed if is_there and name not in names), None)
-        if missing is not None:
-            raise LogError(f"{file.path}: column '{missing}' is missing{_near(missing, names)}")
-    if found.solid and not ({"yaw", "yaw_deg"} & set(names) or set(_QUATERNION) <= set(names)):
+    for missing in (*(SOLID if has_solid else ()), *(FLAT if has_flat else ())):
+        if missing not in names:
+            hint = did_you_mean(missing, [name for name in names if name not in COLUMNS])
+            hint = hint if "did you mean" in hint else f"; there are: {', '.join(names)}"
+            raise LogError(f"{file.path}: column '{missing}' is missing{hint}")
+    if has_solid and not ({"yaw", "yaw_deg"} & set(names) or set(_QUATERNION) <= set(names)):
         raise LogError(f"{file.path}: column 'yaw' is missing (or yaw_deg, or qx qy qz qw)")
     for name in names:
         near = did_you_mean(name, COLUMNS) if name not in COLUMNS and len(name) > 4 else ""
         meant = near.partition("did you mean '")[2].rstrip("?").rstrip("'")
         if meant and meant not in names and _is_slip(name, meant):
             raise LogError(f"{file.path}: column '{name}' isn't known{near}")
-    return found
+    return has_solid, has_flat
 
 
-def rows_of(values: Values, spaces: Spaces, camera: str, coordinates: CoordinateFrames) -> Rows:
-    """Read boxes.
-
-    Args:
-        values: Rows of the table.
-        spaces: What its columns hold.
-        camera: Whose image 2D boxes are in, where the table doesn't say.
-        coordinates: What names mean.
-
-    Raises:
-        ConfigError: where a camera isn't known.
-        LogError: naming row and column of what can't be read.
+def rows_of(values: Values, spaces: tuple[bool, bool], camera: str, coordinates: CoordinateFrames) -> Rows:
+    """Read boxes of a table that has the kinds of `spaces_of`; 2D ones are in the image of `camera`, where it doesn't
+    say. Raises ConfigError where a camera isn't known, LogError naming row and column of what can't be read.
     """
-    nothing = np.zeros(len(values), bool)
-    has_solid = _there(values, SOLID) if spaces.solid else nothing
-    has_flat = _there(values, FLAT) if spaces.flat else nothing
+    has_solid, has_flat = (
+        _find_boxes(values, names) if is_there else np.zeros(len(values), bool)
+        for names, is_there in zip((SOLID, FLAT), spaces, strict=True)
+    )
     common = _common(values)
     frames = values.texts("frame_id") if "frame_id" in values else np.full(len(values), "")
-    return Rows(
-        has_solid,
-        _solids(values, has_solid, common) if has_solid.any() else Boxes3D.empty(),
-        frames[has_solid],
-        has_flat,
-        _flats(values, has_flat, common, camera, coordinates) if has_flat.any() else Boxes2D.empty(),
-    )
+    solids = _solids(values, has_solid, common) if has_solid.any() else Boxes3D.empty()
+    flats = _flats(values, has_flat, common, camera, coordinates) if has_flat.any() else Boxes2D.empty()
+    return Rows(has_solid, solids, frames[has_solid], has_flat, flats)
 
 
-def _there(values: Values, names: Sequence[str]) -> Bool:
+def _find_boxes(values: Values, names: Sequence[str]) -> Bool:
     """Tell which rows have a box; one that has only a part of it is refused, one of NaN alone has none."""
-    read = [values.numbers(name) for name in names]
-    numbers = np.stack([numbers for numbers, _ in read], axis=1)
-    told: Bool = np.stack([there for _, there in read], axis=1) & ~np.isnan(numbers).all(axis=1, keepdims=True)
-    there: Bool = np.all(told, axis=1)
-    partly: Bool = np.any(told, axis=1) & ~there
+    numbers, filled = (np.stack(columns, axis=1) for columns in zip(*map(values.numbers, names), strict=True))
+    filled &= ~np.isnan(numbers).all(axis=1, keepdims=True)
+    there: Bool = np.all(filled, axis=1)
+    partly: Bool = np.any(filled, axis=1) & ~there
     if partly.any():
         row = int(np.argmax(partly))
-        raise LogError(f"{values.where(row)}: {names[int(np.argmin(told[row]))]} is empty, though the row has a box")
+        raise LogError(f"{values.where(row)}: {names[int(np.argmin(filled[row]))]} is empty, though the row has a box")
     return there
 
 
@@ -123,7 +102,6 @@ def _stack(values: Values, names: Sequence[str], rows: Bool) -> Float64:
 def _solids(values: Values, rows: Bool, common: dict[str, Array]) -> Boxes3D:
     box = _stack(values, SOLID, rows)
     turn = _angles_of(values, rows)
-    upright = not np.any(turn[:, 1:])
     velocity = None
     if "vx" in values and "vy" in values:
         velocity = _stack(values, _VELOCITY if "vz" in values else _VELOCITY[:2], rows)
@@ -132,20 +110,16 @@ def _solids(values: Values, rows: Bool, common: dict[str, Array]) -> Boxes3D:
         velocity[:, 2] = np.where(np.isnan(velocity[:, 2]), 0.0, velocity[:, 2])
         velocity[unknown] = np.nan
     chosen: dict[str, Any] = {name: column[rows] for name, column in common.items()}
-    return Boxes3D(
-        box[:, :3], box[:, 3:], turn[:, 0], pitch_rad=None if upright else turn[:, 1],
-        roll_rad=None if upright else turn[:, 2], velocity_mps=velocity, **chosen,
-    )  # fmt: skip
+    if np.any(turn[:, 1:]):
+        chosen |= {"pitch_rad": turn[:, 1], "roll_rad": turn[:, 2]}
+    return Boxes3D(box[:, :3], box[:, 3:], turn[:, 0], velocity_mps=velocity, **chosen)
 
 
 def _angles_of(values: Values, rows: Bool) -> Float64:
     """Yaw, pitch, roll (N, 3)."""
     if all(name in values for name in _QUATERNION):
-        at = np.flatnonzero(rows)
-        quaternions = _stack(values, _QUATERNION, rows)
-        return np.array(
-            [angles(x, y, z, w, values.where(int(i))) for (x, y, z, w), i in zip(quaternions.tolist(), at, strict=True)]
-        )
+        quaternions = zip(_stack(values, _QUATERNION, rows).tolist(), np.flatnonzero(rows).tolist(), strict=True)
+        return np.array([angles(x, y, z, w, values.where(i)) for (x, y, z, w), i in quaternions])
     turn = np.zeros((int(rows.sum()), 3))
     for i, name in enumerate(_ANGLES):
         column = "yaw_deg" if name == "yaw" and "yaw" not in values else name
@@ -176,27 +150,14 @@ def _common(values: Values) -> dict[str, Array]:
         known = {name: label(str(name)) for name in np.unique(names)}
         columns["label"] = np.array([known[name] for name in names], np.str_)
         columns["source_label"] = names
-    if "track_id" in values:
-        columns["track_id"] = values.ids("track_id")
-    if "ignore" in values:
-        columns["ignore"] = values.flags("ignore")
-    if "attribute" in values:
-        columns["attribute"] = values.texts("attribute")
-    return columns
-
-
-def _near(missing: str, names: dict[str, str]) -> str:
-    hint = did_you_mean(missing, [name for name in names if name not in COLUMNS])
-    return hint if "did you mean" in hint else f"; there are: {', '.join(names)}"
+    readers = {"track_id": values.ids, "ignore": values.flags, "attribute": values.texts}
+    return columns | {name: read(name) for name, read in readers.items() if name in values}
 
 
 def _is_slip(name: str, meant: str) -> bool:
     """Whether the names differ in dashes, blanks or one letter at most."""
     plain = [text.replace("_", "").replace("-", "").replace(" ", "") for text in (name, meant)]
     return plain[0] == plain[1] or (abs(len(name) - len(meant)) <= 1 and sorted(name)[:-1] == sorted(meant)[:-1])
-
-
-_KINDS: Mapping[bytes, type[Boxes2D] | type[Boxes3D]] = {b"Boxes3D": Boxes3D, b"Boxes2D": Boxes2D}
 
 
 def is_run_table(file: TableFile) -> bool:
@@ -206,33 +167,42 @@ def is_run_table(file: TableFile) -> bool:
 
 
 def read_run_table(file: TableFile) -> Iterator[Truth]:
-    """Read boxes by the index of their frame; frames without boxes aren't in the table. Raises LogError where the file
-    is damaged.
-    """
+    """Read boxes by the index of their frame; frames without any aren't in the table. Raises LogError if damaged."""
     kind = _KINDS[file.metadata[b"boxes"]]
-    for keys, values in instants(file, Key("frame")):
+    for keys, values in instants(file):
         columns = {f.name: values.table.column(f.name.lower()) for f in fields(kind)}
         arrays: dict[str, Any] = {n: column_array(c) for n, c in columns.items() if c.null_count < len(values)}
         boxes = replace(Boxes3D.empty(), **arrays) if kind is Boxes3D else replace(Boxes2D.empty(), **arrays)
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(keys) > 0]))
-        for start, stop in zip(starts, [*starts[1:], len(keys)], strict=True):
+        for start, stop in _runs(keys):
             part = boxes[start:stop]
             solid, flat = (part, None) if isinstance(part, Boxes3D) else (None, part)
             yield Truth(0, 0, solid, flat, frame_index=int(keys[start]))
 
 
+def _runs(keys: Int64) -> Iterator[tuple[int, int]]:
+    """First row, and the one behind the last, of each different key; keys ascend."""
+    starts = np.unique(keys, return_index=True)[1].tolist()
+    return zip(starts, [*starts[1:], len(keys)], strict=True) if starts else iter(())
+
+
 def open_table(source: BoxSource, coordinates: CoordinateFrames, faults: FaultLog) -> Iterator[Truth]:
-    """Read a table, or all tables of a folder as one. Raises ConfigError where a camera or coordinate frame isn't
-    known, some tables count frames and some have stamps, or it is a run folder. Raises LogError naming file, row and
-    column of what can't be read.
+    """Read a table, or all tables of a folder as one. ConfigError where a camera or coordinate frame isn't known, or
+    tables differ in whether they count frames, or for a run folder; LogError names file, row and column.
     """
-    files = [open_table_file(path) for path in _paths(source.path)]
-    keys = [key_of(file) for file in files]
-    if len({key.is_frame for key in keys}) > 1:
+    paths = [source.path]
+    if not source.path.is_file():
+        if (source.path / "manifest.json").is_file():
+            example = source.path / "detections.parquet"
+            raise ConfigError(f"{source.path}: a run folder; give the table that is meant, such as {example}")
+        paths = sorted(path for path in source.path.iterdir() if path.is_file() and path.suffix.lower() in SUFFIXES)
+        if not paths:
+            raise LogError(f"{source.path}: no .csv and no .parquet in it")
+    files = [open_table_file(path) for path in paths]
+    if len({file.counts_frames for file in files}) > 1:
         raise ConfigError(f"{source.path}: some tables count frames and some have stamps; use one of them")
     readers = [
-        read_run_table(file) if is_run_table(file) else _Table(file, key, spaces_of(file), source, coordinates).truths()
-        for file, key in zip(files, keys, strict=True)
+        read_run_table(file) if is_run_table(file) else _Table(file, spaces_of(file), source, coordinates).truths()
+        for file in files
     ]
     together = heapq.merge(*readers, key=_instant)
     return _join(together, source.path) if len(readers) > 1 else together
@@ -243,46 +213,34 @@ class _Table:
     """How one table is read."""
 
     file: TableFile
-    key: Key
-    spaces: Spaces
+    spaces: tuple[bool, bool]
     source: BoxSource
     coordinates: CoordinateFrames
 
     def truths(self) -> Iterator[Truth]:
-        for keys, values in instants(self.file, self.key):
-            rows = rows_of(values, self.spaces, default_camera(self.source, self.coordinates), self.coordinates)
+        camera = default_camera(self.source, self.coordinates)
+        for keys, values in instants(self.file):
+            rows = rows_of(values, self.spaces, camera, self.coordinates)
             arrivals = values.wholes("arrival_ns") if "arrival_ns" in values else np.full(len(values), -1)
-            yield from self._split(keys, values, rows, arrivals)
-
-    def _split(self, keys: Int64, values: Values, rows: Rows, arrivals: Int64) -> Iterator[Truth]:
-        before3d, before2d = (np.concatenate([[0], np.cumsum(has)]) for has in (rows.has_solid, rows.has_flat))
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(keys) > 0])) if len(keys) else np.zeros(0, int)
-        for start, stop in zip(starts, [*starts[1:], len(keys)], strict=True):
-            has_empty = not (rows.has_solid | rows.has_flat)[start:stop].all()
-            part3d, part2d = slice(before3d[start], before3d[stop]), slice(before2d[start], before2d[stop])
-            boxes3d, in_world = (Boxes3D.empty() if self.spaces.solid and has_empty else None), False
-            if part3d.stop > part3d.start:
-                names = [str(name) or self.source.frame for name in rows.frames[part3d]]
-                boxes3d, in_world = place(rows.solids[part3d], names, self.coordinates, values.where(int(start)))
-            boxes2d = rows.flats[part2d] if part2d.stop > part2d.start else None
-            if boxes2d is None and self.spaces.flat and has_empty:
-                boxes2d = Boxes2D.empty()
-            key, arrival_ns = int(keys[start]), int(arrivals[start:stop].max())
-            if self.key.is_frame:
-                yield Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
-            else:
-                yield Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
-
-
-def _paths(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    if (path / "manifest.json").is_file():
-        raise ConfigError(f"{path}: a run folder; give the table that is meant, such as {path / 'detections.parquet'}")
-    found = sorted(file for file in path.iterdir() if file.is_file() and file.suffix.lower() in SUFFIXES)
-    if not found:
-        raise LogError(f"{path}: no .csv and no .parquet in it")
-    return found
+            before3d, before2d = (np.concatenate([[0], np.cumsum(has)]) for has in (rows.has_solid, rows.has_flat))
+            for start, stop in _runs(keys):
+                solids = rows.solids[before3d[start] : before3d[stop]]
+                flats = rows.flats[before2d[start] : before2d[stop]]
+                # A row without a box says that nothing is there.
+                has_empty = not (rows.has_solid | rows.has_flat)[start:stop].all()
+                boxes3d, in_world = None, False
+                if len(solids):
+                    frames = rows.frames[before3d[start] : before3d[stop]]
+                    names = [str(name) or self.source.frame for name in frames]
+                    boxes3d, in_world = place(solids, names, self.coordinates, values.where(start))
+                elif self.spaces[0] and has_empty:
+                    boxes3d = Boxes3D.empty()
+                boxes2d = flats if len(flats) else Boxes2D.empty() if self.spaces[1] and has_empty else None
+                key, arrival_ns = int(keys[start]), int(arrivals[start:stop].max())
+                if self.file.counts_frames:
+                    yield Truth(0, max(arrival_ns, 0), boxes3d, boxes2d, key, key, in_world)
+                else:
+                    yield Truth(key, arrival_ns if arrival_ns >= 0 else key, boxes3d, boxes2d, in_world=in_world)
 
 
 def _instant(truth: Truth) -> int:

@@ -3,8 +3,9 @@
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,14 +20,20 @@ from fbench.replay.logs.containers.parquet.footer import DamageError, read_tail,
 from fbench.replay.logs.containers.parquet.groups import read_page
 
 SUFFIXES = (".csv", ".tsv", ".parquet")
+KEYS = ("stamp_ns", "stamp_s", "frame")
 ROW = "row"  # Column that is added: the number of each row, 1 for the first behind the header
 _ROWS_AT_ONCE = 16384
 _MAX_PAGES = 256 * 2**20
 _PAGE_HEADER = 64 * 1024
-_GROWING = (6, 7)
-"""DELTA_LENGTH_BYTE_ARRAY and DELTA_BYTE_ARRAY of parquet-format: a few bytes may stand for any amount of text."""
+_GROWING = (6, 7)  # DELTA_LENGTH_BYTE_ARRAY, DELTA_BYTE_ARRAY of parquet-format: few bytes stand for any text
 _SEPARATORS = ",;\t"
 _READ = pacsv.ReadOptions(use_threads=False, block_size=2**20)
+_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+_PLAIN = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
+          pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
+_TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
+_MAX_UNORDERED = 5_000_000
+_MAX_AT_ONCE = 200_000
 
 
 @dataclass(frozen=True)
@@ -38,6 +45,19 @@ class TableFile:
     types: dict[str, pa.DataType]
     separator: str | None  # Of a CSV; `None`: Parquet
     metadata: dict[bytes, bytes]
+
+    @property
+    def key(self) -> str:
+        """Column that says when the boxes of a row were. Raises LogError where there is none."""
+        for name in KEYS:
+            if name in self.names:
+                return name
+        raise LogError(f"{self.path}: no column says when boxes were; expected {', '.join(KEYS[:-1])} or {KEYS[-1]}")
+
+    @property
+    def counts_frames(self) -> bool:
+        """Whether the key is the frame, and not a stamp."""
+        return self.key == "frame"
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield rows with their numbers, all columns or some. Raises LogError where the file is damaged."""
@@ -55,13 +75,16 @@ class TableFile:
 
     def _read(self, names: list[str]) -> Iterator[pa.RecordBatch]:
         if self.separator is not None:
-            yield from _csv(self.path, self.separator, names)
+            # All columns as text: numbers are parsed later, so that stamps lose nothing and errors name their row.
+            convert = pacsv.ConvertOptions(
+                column_types=dict.fromkeys(names, pa.string()), include_columns=names, null_values=[""],
+                strings_can_be_null=True, quoted_strings_can_be_null=True,
+            )  # fmt: skip
+            with pacsv.open_csv(self.path, _READ, pacsv.ParseOptions(delimiter=self.separator), convert) as reader:
+                yield from reader
             return
-        texts = [
-            self.names[name]
-            for name, kind in self.types.items()
-            if bool(pa.types.is_string(kind) or pa.types.is_large_string(kind)) and self.names[name] in names
-        ]
+        kinds = ((self.names[name], kind) for name, kind in self.types.items())
+        texts = [n for n, kind in kinds if n in names and (pa.types.is_string(kind) or pa.types.is_large_string(kind))]
         with pq.ParquetFile(
             self.path, page_checksum_verification=True, pre_buffer=False,
             read_dictionary=texts,  # a text that is repeated takes room once
@@ -73,8 +96,7 @@ def open_table_file(path: Path) -> TableFile:
     """Read the names of a table's columns. Raises LogError where it isn't a table, or names a column twice."""
     try:
         if path.suffix.lower() == ".parquet":
-            schema = _schema(path)
-            separator = None
+            schema, separator = _schema(path), None
         else:
             separator = _separator(path)
             with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator)) as reader:
@@ -90,33 +112,28 @@ def open_table_file(path: Path) -> TableFile:
 
 
 def _schema(path: Path) -> pa.Schema:
-    """Refuse files that would take more memory than a table of boxes needs."""
+    """Refuse files that would take more memory than a table of boxes needs: bound what the pages of a row group take at
+    one time, which is one page and the dictionary of each column.
+    """
     with path.open("rb", buffering=0) as opened:
-        tail = read_tail(path, opened, os.fstat(opened.fileno()).st_size)
-        require_parsable(path, tail)
+        require_parsable(path, read_tail(path, opened, os.fstat(opened.fileno()).st_size))
         with pq.ParquetFile(opened) as file:
-            groups = [file.metadata.row_group(i) for i in range(file.metadata.num_row_groups)]
-            for group in groups:
-                _require_small(path, opened, group)
+            for i in range(file.metadata.num_row_groups):
+                group, size = file.metadata.row_group(i), 0
+                for chunk in map(group.column, range(group.num_columns)):
+                    try:
+                        size += _largest(path, opened, chunk)
+                    except DamageError as error:
+                        raise LogError(f"{path}: column '{chunk.path_in_schema}' is damaged ({error})") from error
+                if size > _MAX_PAGES:
+                    limit = f"over {_MAX_PAGES >> 20}; write smaller ones"
+                    raise LimitError(f"{path}: pages take {size >> 20} MiB, {limit}", "LIM004")
             return file.schema_arrow
 
 
-def _require_small(path: Path, file: BinaryIO, group: Any) -> None:
-    """Bound what the pages of a row group take at one time: one page and the dictionary of each column."""
-    size = 0
-    for i in range(group.num_columns):
-        try:
-            size += _largest(path, file, group.column(i))
-        except DamageError as error:
-            raise LogError(f"{path}: column '{group.column(i).path_in_schema}' is damaged ({error})") from error
-    if size > _MAX_PAGES:
-        raise LimitError(f"{path}: pages take {size >> 20} MiB, over {_MAX_PAGES >> 20}; write smaller ones", "LIM004")
-
-
-def _largest(path: Path, file: BinaryIO, chunk: Any) -> int:
+def _largest(path: Path, file: FileIO, chunk: Any) -> int:
     """Bytes that the dictionary and the largest page of a column say that they take."""
-    starts = [at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at]
-    at = min(starts, default=0)
+    at = min((at for at in (chunk.dictionary_page_offset, chunk.data_page_offset) if at), default=0)
     end = at + chunk.total_compressed_size
     dictionary = largest = 0
     while at < end:
@@ -140,19 +157,6 @@ def _separator(path: Path) -> str:
     return max(_SEPARATORS, key=lambda separator: head.count(separator.encode()))
 
 
-def _csv(path: Path, separator: str, names: list[str]) -> Iterator[pa.RecordBatch]:
-    """All columns as text: numbers are parsed later, so that stamps lose nothing and errors name their row."""
-    convert = pacsv.ConvertOptions(
-        column_types=dict.fromkeys(names, pa.string()), include_columns=names, null_values=[""],
-        strings_can_be_null=True, quoted_strings_can_be_null=True,
-    )  # fmt: skip
-    with pacsv.open_csv(path, _READ, pacsv.ParseOptions(delimiter=separator), convert) as reader:
-        yield from reader
-
-
-_TRUE, _FALSE = ("true", "1", "yes", "1.0"), ("false", "0", "no", "0.0", "")
-
-
 @dataclass(frozen=True)
 class Values:
     """Some rows of a table."""
@@ -172,11 +176,7 @@ class Values:
 
     def numbers(self, name: str) -> tuple[Float64, Bool]:
         """Return float64 (N,), NaN where there is none, and where there is one (also one that isn't finite)."""
-        column = self._column(name)
-        if pa.types.is_string(column.type):
-            column = pc.utf8_trim_whitespace(column)
-            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
-        cast = self._cast(column, pa.float64(), name, "a number")
+        cast = self._cast(_drop_blank(self._column(name)), pa.float64(), name, "a number")
         there = np.asarray(cast.is_valid().to_numpy(zero_copy_only=False), bool)
         return np.asarray(cast.fill_null(np.nan).to_numpy(zero_copy_only=False), np.float64), there
 
@@ -185,10 +185,7 @@ class Values:
         column = self._column(name)
         if pa.types.is_timestamp(column.type):
             column = self._cast(column, pa.timestamp("ns"), name, "a stamp that fits nanoseconds").cast(pa.int64())
-        if pa.types.is_string(column.type):
-            column = pc.utf8_trim_whitespace(column)
-            column = pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
-        cast = self._cast(column, pa.int64(), name, "a whole number")
+        cast = self._cast(_drop_blank(column), pa.int64(), name, "a whole number")
         return np.asarray(cast.fill_null(absent).to_numpy(zero_copy_only=False), np.int64)
 
     def texts(self, name: str) -> Text:
@@ -214,9 +211,18 @@ class Values:
             return np.maximum(self.wholes(name), -1)
         return np.array(self._each(name, track_number, "an id"), np.int64)
 
-    def seconds(self, name: str) -> Int64:
-        """Return stamps [ns] (N,) from seconds, -1 where there are none."""
-        return np.array(self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds"), np.int64)
+    def keys(self, name: str) -> Int64:
+        """Return stamps [ns] or frames (N,), by the key of the table. Raises LogError naming a row without any."""
+        if name == "stamp_ns" and pa.types.is_floating(self.table.column(name).type):
+            raise LogError(f"{self.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
+        if name == "stamp_s":
+            stamps = self._each(name, lambda text: stamp_of_seconds(text) if text else -1, "seconds")
+            found = np.array(stamps, np.int64)
+        else:
+            found = self.wholes(name)
+        if len(found) and found.min() < 0:
+            raise LogError(f"{self.where(int(np.argmax(found < 0)))}: {name} is missing or negative")
+        return found
 
     def _each(self, name: str, read: Callable[[str], Any], expected: str) -> list[Any]:
         """Read each different text once."""
@@ -243,8 +249,8 @@ class Values:
                 try:
                     value.cast(kind)
                 except pa.ArrowException:
-                    told = value.value if pa.types.is_timestamp(column.type) else value.as_py()
-                    raise self._wrong(name, index, str(told), expected) from None
+                    given = value.value if pa.types.is_timestamp(column.type) else value.as_py()
+                    raise self._wrong(name, index, str(given), expected) from None
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected {expected}") from None
 
     def _wrong(self, name: str, index: int, text: str, expected: str) -> LogError:
@@ -260,104 +266,54 @@ class Values:
         self._require_short(name, column)
         if pa.types.is_large_string(column.type) or pa.types.is_string_view(column.type):
             column = column.cast(pa.string())
-        if not _is_plain(column.type):
+        if not any(check(column.type) for check in _PLAIN):
             raise LogError(f"{self.path}: column '{name}' is {column.type}, expected single values")
         return column
 
     def _require_short(self, name: str, column: pa.Array) -> None:
-        if not _is_text(column.type) or not len(column):
+        if not any(check(column.type) for check in _TEXTS) or not len(column):
             return
         longest = pc.max(pc.binary_length(column)).as_py() or 0
         if longest > 4 * MAX_TEXT:  # bytes of UTF-8
             raise LimitError(f"{self.path}: column '{name}' has a text of {longest} bytes, more than {4 * MAX_TEXT}")
 
 
-def _is_text(kind: pa.DataType) -> bool:
-    checks = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-    return any(check(kind) for check in checks)
+def _drop_blank(column: pa.Array) -> pa.Array:
+    """Trim texts, and take empty ones for unknown."""
+    if not pa.types.is_string(column.type):
+        return column
+    column = pc.utf8_trim_whitespace(column)
+    return pc.if_else(pc.equal(column, ""), pa.scalar(None, pa.string()), column)
 
 
-def _is_plain(kind: pa.DataType) -> bool:
-    checks = (pa.types.is_string, pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_null,
-              pa.types.is_decimal, pa.types.is_timestamp)  # fmt: skip
-    return any(check(kind) for check in checks)
-
-
-KEYS = ("stamp_ns", "stamp_s", "frame")
-_MAX_UNORDERED = 5_000_000
-_MAX_AT_ONCE = 200_000
-
-
-@dataclass(frozen=True)
-class Key:
-    """What says when the boxes of a row were."""
-
-    name: str
-
-    @property
-    def is_frame(self) -> bool:
-        """Whether frames are counted."""
-        return self.name == "frame"
-
-    def read(self, values: Values) -> Int64:
-        """Return stamps [ns] or frames (N,). Raises LogError naming the row where there is none."""
-        if self.name == "stamp_ns" and pa.types.is_floating(values.table.column("stamp_ns").type):
-            raise LogError(f"{values.path}: stamp_ns is a float, which loses nanoseconds; store it as int64")
-        found = values.seconds(self.name) if self.name == "stamp_s" else values.wholes(self.name)
-        if len(found) and found.min() < 0:
-            index = int(np.argmax(found < 0))
-            raise LogError(f"{values.where(index)}: {self.name} is missing or negative")
-        return found
-
-
-def key_of(file: TableFile) -> Key:
-    """Return the column that says when boxes were. Raises LogError where there is none."""
-    name = next((name for name in KEYS if name in file.names), None)
-    if name is None:
-        raise LogError(f"{file.path}: no column says when boxes were; expected {', '.join(KEYS[:-1])} or {KEYS[-1]}")
-    return Key(name)
-
-
-def instants(file: TableFile, key: Key) -> Iterator[tuple[Int64, Values]]:
-    """Yield rows with their keys, ascending, never parting those of one instant. Raises LimitError where more rows than
-    memory allows aren't in order, or belong to one instant.
-    """
-    num_rows, is_ordered = _survey(file, key)
-    if is_ordered:
-        batches: Iterator[pa.Table] = file.batches()
-    elif num_rows > _MAX_UNORDERED:
-        raise LimitError(f"{file.path}: {num_rows} rows that aren't in the order of '{key.name}'; sort them")
-    else:
-        batches = _ordered(file, key)
+def instants(file: TableFile) -> Iterator[tuple[Int64, Values]]:
+    """Yield rows with their keys, ascending, never parting those of one instant. LimitError: too many at once."""
+    num_rows, last, is_ordered = 0, -1, True
+    for batch in file.batches([file.key]):
+        keys = Values(file.path, batch).keys(file.key)
+        if len(keys):
+            is_ordered = is_ordered and int(keys[0]) >= last and bool((np.diff(keys) >= 0).all())
+            last, num_rows = int(keys[-1]), num_rows + len(keys)
+    if not is_ordered and num_rows > _MAX_UNORDERED:
+        raise LimitError(f"{file.path}: {num_rows} rows that aren't in the order of '{file.key}'; sort them")
     kept: pa.Table | None = None
-    for batch in batches:
+    for batch in file.batches() if is_ordered else _sort_rows(file):
         table = batch if kept is None else pa.concat_tables([kept, batch])
         values = Values(file.path, table)
-        keys = key.read(values)
+        keys = values.keys(file.key)
         last = int(np.searchsorted(keys, keys[-1])) if len(keys) else 0
         if len(keys) - last > _MAX_AT_ONCE:
-            raise LimitError(f"{file.path}: over {_MAX_AT_ONCE} rows at '{key.name}' {keys[-1]}")
+            raise LimitError(f"{file.path}: over {_MAX_AT_ONCE} rows at '{file.key}' {keys[-1]}")
         if last:
             yield keys[:last], Values(file.path, table.slice(0, last))
         kept = table.slice(last)
     if kept is not None and kept.num_rows:
         values = Values(file.path, kept)
-        yield key.read(values), values
+        yield values.keys(file.key), values
 
 
-def _survey(file: TableFile, key: Key) -> tuple[int, bool]:
-    """Count the rows, and tell whether they are in order."""
-    num_rows, last, is_ordered = 0, -1, True
-    for batch in file.batches([key.name]):
-        keys = key.read(Values(file.path, batch))
-        if len(keys):
-            is_ordered = is_ordered and int(keys[0]) >= last and bool((np.diff(keys) >= 0).all())
-            last, num_rows = int(keys[-1]), num_rows + len(keys)
-    return num_rows, is_ordered
-
-
-def _ordered(file: TableFile, key: Key) -> Iterator[pa.Table]:
+def _sort_rows(file: TableFile) -> Iterator[pa.Table]:
     table = pa.concat_tables(list(file.batches()))
-    order = np.argsort(key.read(Values(file.path, table)), kind="stable")
+    order = np.argsort(Values(file.path, table).keys(file.key), kind="stable")
     for start in range(0, len(order), _ROWS_AT_ONCE):
         yield table.take(pa.array(order[start : start + _ROWS_AT_ONCE]))

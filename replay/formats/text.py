@@ -35,8 +35,8 @@ class Line:
 
 
 def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
-    """Yield the lines of a text, split at blanks or at a separator; a byte order mark and blank lines are no matter.
-    Raises LogError where the file can't be read, or is no text. Raises LimitError where a line has no end.
+    """Yield the lines of a text that aren't blank, split at blanks or at a separator, without a byte order mark. Raises
+    LogError where the file can't be read, or is no text, LimitError where a line has no end.
     """
     try:
         with path.open(encoding="utf-8-sig") as file:
@@ -55,10 +55,7 @@ def lines(path: Path, separator: str | None = None) -> Iterator[Line]:
 
 
 def frame_number(text: str, where: str) -> int:
-    """Return the number of a frame. Raises LogError where it is none.
-
-    Raises LimitError where it is beyond all reason.
-    """
+    """Return the number of a frame. Raises LogError where it is none, LimitError where it is beyond all reason."""
     try:
         number = int(text[:40])
     except ValueError:
@@ -69,32 +66,24 @@ def frame_number(text: str, where: str) -> int:
 
 
 def digest_of(path: Path) -> str:
-    """Return the blake2b-128 of a file; of a folder, over names and digests of all its files in the order of names.
-    Raises LogError where a file can't be read.
-    """
-    if path.is_file():
-        return _digest(path)
-    whole = blake2b(digest_size=16)
-    for file in sorted(file for file in path.rglob("*") if file.is_file()):
-        whole.update(f"{file.relative_to(path).as_posix()}\n{_digest(file)}\n".encode("utf-8", "surrogateescape"))
-    return whole.hexdigest()
-
-
-def _digest(path: Path) -> str:
-    found = blake2b(digest_size=16)
+    """Return the blake2b-128 of a file; of a folder over names and digests of all files, in that order; or LogError."""
+    digest = blake2b(digest_size=16)
+    if not path.is_file():
+        for file in sorted(file for file in path.rglob("*") if file.is_file()):
+            entry = f"{file.relative_to(path).as_posix()}\n{digest_of(file)}\n"
+            digest.update(entry.encode("utf-8", "surrogateescape"))
+        return digest.hexdigest()
     try:
-        with path.open("rb") as file:
-            while piece := file.read(2**20):
-                found.update(piece)
+        with path.open("rb") as opened:
+            while piece := opened.read(2**20):
+                digest.update(piece)
     except OSError as error:
         raise LogError(f"{path}: can't be read ({error.strerror})") from error
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def stamp_of_seconds(text: str) -> int:
-    """Return a stamp [ns] from seconds as a decimal text, without the loss of a float. Raises ValueError where it isn't
-    a number, or doesn't fit an int64.
-    """
+    """Return a stamp [ns] from seconds as a decimal text, exactly. ValueError: isn't a number, or doesn't fit int64."""
     try:
         seconds = Decimal(text)
     except InvalidOperation:
@@ -106,13 +95,16 @@ def stamp_of_seconds(text: str) -> int:
 
 
 def stamp_of_time(text: str) -> int:
-    """Return a stamp [ns] from seconds (or, where they are too many, ms, us or ns) since 1970, or a time in ISO 8601.
-    Raises ValueError where it is none of these.
-    """
+    """Return a stamp [ns] from seconds (if many: ms, us or ns) since 1970, or a time in ISO 8601; or ValueError."""
     if "-" in text[1:] and ":" in text:
-        if (found := _date_ns(text.strip().replace(" ", "T"))) < 0:
+        # A date and time in UTC, unless it ends in an offset such as +01:00.
+        date, ahead_ns = text.strip().replace(" ", "T").removesuffix("Z"), 0
+        if (zone := _ZONE.search(text.strip())) is not None:
+            date = date[: zone.start()]
+            ahead_ns = (60 * int(zone[2]) + int(zone[3])) * 60_000_000_000 * (-1 if zone[1] == "-" else 1)
+        if (stamp_ns := int(np.datetime64(date, "ns").astype(np.int64)) - ahead_ns) < 0:
             raise ValueError(f"'{text[:40]}' is no stamp")
-        return found
+        return stamp_ns
     try:
         value = Decimal(text)
     except InvalidOperation:
@@ -121,15 +113,6 @@ def stamp_of_time(text: str) -> int:
         raise ValueError(f"'{text[:40]}' is no time")
     digits = next(shift for limit, shift in ((11, 9), (14, 6), (17, 3), (19, 0)) if value < Decimal(10) ** limit)
     return min(int(value.scaleb(digits).to_integral_value()), _MAX_NS)
-
-
-def _date_ns(text: str) -> int:
-    """Of a date and time in UTC, unless it ends in an offset such as +01:00."""
-    zone = _ZONE.search(text)
-    if zone is None:
-        return int(np.datetime64(text.removesuffix("Z"), "ns").astype(np.int64))
-    ahead_ns = (60 * int(zone[2]) + int(zone[3])) * 60_000_000_000 * (-1 if zone[1] == "-" else 1)
-    return int(np.datetime64(text[: zone.start()], "ns").astype(np.int64)) - ahead_ns
 
 
 def track_number(text: str) -> int:

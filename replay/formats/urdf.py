@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.data.arrays import Float64
 from fbench.replay.formats.calibration_values import INVALID, MALFORMED, format_value, numbers, require_tree
 from fbench.replay.logs.coordinate_frames import Edge
 from fbench.replay.logs.rig_patch import RigPatch
@@ -26,19 +25,26 @@ _XACRO = "holds xacro macros; run `xacro FILE > rig.urdf` first, and name that f
 
 
 def read_urdf(path: Path, content: bytes) -> RigPatch:
-    """Return the pose of each link that a fixed joint holds; joints that move are told as such, and have no pose.
-    Raises ConfigError naming the joint that is wrong.
-    """
+    """Return the pose of each link held by a fixed joint, and which joints move. ConfigError names a wrong joint."""
     robot = _Robot(path)
     robot.parse(content)
     edges: dict[str, Edge] = {}
     moving: dict[str, str] = {}
     for joint in robot.joints:
         where = f"{path}: joint '{joint.name}'"
-        parent, child = (_link(where, robot, joint, end) for end in ("parent", "child"))
-        if child in edges or child in moving:
+        parent, child = (joint.parts.get(end, {}).get("link", "") for end in ("parent", "child"))
+        for end, link in (("parent", parent), ("child", child)):
+            if not link:
+                raise ConfigError(f"{where}: no <{end} link=...>", MALFORMED)
+            if link not in robot.links:
+                raise ConfigError(f"{where}: its {end} '{link}' isn't a link of the file", MALFORMED)
+        if child in edges:
             raise ConfigError(f"{where}: link '{child}' has a second parent", INVALID)
-        edges[child] = Edge(parent, *_origin(where, joint))
+        origin = joint.parts.get("origin", {})
+        texts = [(name, origin.get(name, "0 0 0").split()) for name in ("xyz", "rpy")]
+        xyz, (roll, pitch, yaw) = (numbers(f"{where}: origin {name}", text, 3) for name, text in texts)
+        rotation = np.asarray(Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(), np.float64)
+        edges[child] = Edge(parent, np.array(xyz), rotation)
         if joint.kind in _MOVING:
             moving[child] = f"joint '{joint.name}' ({joint.kind})"
         elif joint.kind != "fixed":
@@ -48,29 +54,11 @@ def read_urdf(path: Path, content: bytes) -> RigPatch:
     return RigPatch({child: edge for child, edge in edges.items() if child not in moving}, moving=moving)
 
 
-def _link(where: str, robot: "_Robot", joint: "_Joint", end: str) -> str:
-    link = joint.parts.get(end, {}).get("link", "")
-    if not link:
-        raise ConfigError(f"{where}: no <{end} link=...>", MALFORMED)
-    if link not in robot.links:
-        raise ConfigError(f"{where}: its {end} '{link}' isn't a link of the file", MALFORMED)
-    return link
-
-
-def _origin(where: str, joint: "_Joint") -> tuple[Float64, Float64]:
-    origin = joint.parts.get("origin", {})
-    xyz, (roll, pitch, yaw) = (
-        numbers(f"{where}: origin {name}", origin.get(name, "0 0 0").split(), 3) for name in ("xyz", "rpy")
-    )
-    return np.array(xyz), np.asarray(Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(), np.float64)
-
-
 @dataclass
 class _Joint:
     name: str
     kind: str
-    parts: dict[str, Mapping[str, str]] = field(default_factory=dict)
-    """Attributes of the elements within, by their names."""
+    parts: dict[str, Mapping[str, str]] = field(default_factory=dict)  # Attributes of the elements within, by name
 
 
 class _Robot:
@@ -105,7 +93,11 @@ class _Robot:
             raise ConfigError(f"{self._path}: {_XACRO}", MALFORMED)
         within = self._stack[1:-1]
         if not within and tag == "link":
-            self._add_link(attributes)
+            name = self._plain(attributes.get("name", ""))
+            if not name or name in self.links:
+                why = f"link '{name}' is there twice" if name else "a link has no name"
+                raise ConfigError(f"{self._path}: {why}", MALFORMED)
+            self.links.add(name)
         elif not within and tag == "joint":
             if len(self.joints) == _MAX_JOINTS:
                 raise ConfigError(f"{self._path}: has more than {_MAX_JOINTS} joints", MALFORMED)
@@ -115,13 +107,6 @@ class _Robot:
 
     def _end(self, _: str) -> None:
         self._stack.pop()
-
-    def _add_link(self, attributes: Mapping[str, str]) -> None:
-        name = self._plain(attributes.get("name", ""))
-        if not name or name in self.links:
-            why = f"link '{name}' is there twice" if name else "a link has no name"
-            raise ConfigError(f"{self._path}: {why}", MALFORMED)
-        self.links.add(name)
 
     def _add_part(self, tag: str, attributes: dict[str, str]) -> None:
         joint = self.joints[-1]

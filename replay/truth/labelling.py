@@ -1,5 +1,6 @@
 """Assignment of truth to frames, fit to be scored."""
 
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -9,7 +10,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import LogError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.data.arrays import Bool, Float64, Int64
+from fbench.replay.data.arrays import Bool, Float64
 from fbench.replay.data.boxes import Boxes2D, Boxes3D, concatenate, finite
 from fbench.replay.data.messages import Truth
 from fbench.replay.geometry.iou import move_boxes
@@ -32,60 +33,50 @@ class Instant:
 
 
 class Labelling:
-    """Finds the frame of each truth: by frame number where both have one, else by nearest stamp.
+    """Finds the frame of each truth, among all frames or some: by frame number where both have one, else by nearest
+    stamp.
 
     Numbers may start again in another segment: of several frames of one number the one with the nearest stamp is meant.
     Truth of a file that counts frames has no stamp to tell: its numbers are those of the log where each is there once,
     else indices. It gets its frame's stamp.
-
-    Args:
-        instants: Of all frames, or of some.
     """
 
     def __init__(self, instants: Sequence[Instant]) -> None:
-        self._indices = [i.index for i in instants]
-        self._segments = [i.segment for i in instants]
-        self._rows = {index: row for row, index in enumerate(self._indices)}
-        self._stamps = np.array([i.stamp_ns for i in instants], np.int64)
-        self._order = np.argsort(self._stamps, kind="stable")
-        self._sorted = self._stamps[self._order]
-        self._by_number: dict[int, list[int]] = {}
-        for row, instant in enumerate(instants):
+        self.instants = {instant.index: instant for instant in instants}
+        self._by_stamp = sorted(instants, key=lambda instant: instant.stamp_ns)
+        self._stamps = [instant.stamp_ns for instant in self._by_stamp]
+        self._by_number: dict[int, list[Instant]] = {}
+        for instant in instants:
             if instant.frame_number is not None:
-                self._by_number.setdefault(instant.frame_number, []).append(row)
-        self._is_numbered = bool(self._by_number) and all(len(rows) == 1 for rows in self._by_number.values())
+                self._by_number.setdefault(instant.frame_number, []).append(instant)
+        self._is_numbered = bool(self._by_number) and all(len(same) == 1 for same in self._by_number.values())
 
     def frame_of(self, truth: Truth) -> int | None:
         """Index of the frame, or `None` where there is none."""
-        if truth.frame_index is not None:
-            return self._counted(truth.frame_number, truth.frame_index)
-        if truth.frame_number is not None and self._by_number:
-            return self._nearest(np.array(self._by_number.get(truth.frame_number, []), np.int64), truth.stamp_ns)
-        at = int(np.searchsorted(self._sorted, truth.stamp_ns))
-        best = self._nearest(self._order[max(0, at - 1) : at + 1], truth.stamp_ns)
-        return best if best is not None and self.distance_ns(best, truth) <= TOLERANCE_NS else None
+        index, number = truth.frame_index, truth.frame_number
+        if index is not None and (number is None or not self._is_numbered):
+            return index if index in self.instants else None
+        if number is not None and self._by_number:
+            candidates = self._by_number.get(number, [])
+        else:
+            candidates = [self.instants[near] for near in self.around(truth.stamp_ns)]
+            candidates = [near for near in candidates if abs(near.stamp_ns - truth.stamp_ns) <= TOLERANCE_NS]
+        distances = [(abs(instant.stamp_ns - truth.stamp_ns), instant.index) for instant in candidates]
+        return min(distances)[1] if distances else None
 
     def distance_ns(self, index: int, truth: Truth) -> int:
         """How far the stamps of a frame and a truth are apart."""
-        return abs(self.stamp_of(index) - truth.stamp_ns)
-
-    def stamp_of(self, index: int) -> int:
-        """Stamp of a frame."""
-        return int(self._stamps[self._rows[index]])
-
-    def segment_of(self, index: int) -> int:
-        """Segment of a frame."""
-        return self._segments[self._rows[index]]
+        return abs(self.instants[index].stamp_ns - truth.stamp_ns)
 
     def between(self, first_ns: int, last_ns: int) -> list[int]:
         """Indices of the frames from one stamp to another, both included, in the order of their stamps."""
-        start, stop = np.searchsorted(self._sorted, first_ns), np.searchsorted(self._sorted, last_ns, side="right")
-        return [self._indices[row] for row in self._order[start:stop].tolist()]
+        start, stop = bisect_left(self._stamps, first_ns), bisect_right(self._stamps, last_ns)
+        return [instant.index for instant in self._by_stamp[start:stop]]
 
     def around(self, stamp_ns: int) -> list[int]:
         """Indices of the last frame before a stamp and the first one from there on, as far as there are any."""
-        at = int(np.searchsorted(self._sorted, stamp_ns))
-        return [self._indices[row] for row in self._order[max(0, at - 1) : at + 1].tolist()]
+        at = bisect_left(self._stamps, stamp_ns)
+        return [instant.index for instant in self._by_stamp[max(0, at - 1) : at + 1]]
 
     def match(self, truths: Iterator[Truth]) -> Iterator[tuple[int | None, Truth]]:
         """Yield every truth with its frame. Several truths of one frame are joined where they complement each other (3D
@@ -95,7 +86,7 @@ class Labelling:
         """
         kept: tuple[int, Truth] | None = None
         done: dict[int, None] = {}
-        for index, truth in map(self.found, truths):
+        for index, truth in map(self.locate, truths):
             if index is None or index in done:
                 yield None, truth
             elif kept is not None and kept[0] == index:
@@ -112,23 +103,12 @@ class Labelling:
         if kept is not None:
             yield kept
 
-    def found(self, truth: Truth) -> tuple[int | None, Truth]:
+    def locate(self, truth: Truth) -> tuple[int | None, Truth]:
         """Return the frame of a truth, and the truth; what counts frames gets the frame's stamp."""
         index = self.frame_of(truth)
         if index is None or truth.frame_index is None:
             return index, truth
-        return index, replace(truth, stamp_ns=self.stamp_of(index))
-
-    def _counted(self, number: int | None, index: int) -> int | None:
-        if number is not None and self._is_numbered:
-            row = next(iter(self._by_number.get(number, ())), None)
-            return None if row is None else self._indices[row]
-        return index if index in self._rows else None
-
-    def _nearest(self, candidates: Int64, stamp_ns: int) -> int | None:
-        rows = [int(i) for i in candidates]
-        best = min(rows, key=lambda i: (abs(int(self._stamps[i]) - stamp_ns), i), default=None)
-        return None if best is None else self._indices[best]
+        return index, replace(truth, stamp_ns=self.instants[index].stamp_ns)
 
 
 def stray(truth: Truth) -> str:
@@ -143,57 +123,38 @@ def join_truths(nearer: Truth, farther: Truth) -> Truth | None:
     if len(boxes3d) > 1 or (len(boxes2d) > 1 and np.isin(boxes2d[0].camera, boxes2d[1].camera).any()):
         return None
     return replace(
-        nearer, boxes3d=boxes3d[0] if boxes3d else None, boxes2d=concatenate(alike(boxes2d)) if boxes2d else None
+        nearer,
+        boxes3d=boxes3d[0] if boxes3d else None,
+        boxes2d=concatenate(drop_unshared(boxes2d)) if boxes2d else None,
     )
 
 
-def alike(parts: list[LabeledBoxes]) -> list[LabeledBoxes]:
+def drop_unshared(parts: list[LabeledBoxes]) -> list[LabeledBoxes]:
     """Drop what only some of the parts tell: ids, say."""
     full = [part for part in parts if len(part)]
-    unshared: dict[str, Any] = {
-        f.name: None for part in full for f in fields(part) if any(getattr(other, f.name) is None for other in full)
-    }
+    names = (f.name for part in full for f in fields(part))
+    unshared: dict[str, Any] = {name: None for name in names if any(getattr(part, name) is None for part in full)}
     return [replace(part, **unshared) if len(part) else part for part in parts]
-
-
-FittedBoxes = TypeVar("FittedBoxes", Boxes2D, Boxes3D)
 
 
 def drop_invalid(
     truth: Truth, index: int, world_T_body: Float64 | None, has_poses: bool, faults: FaultLog
 ) -> Truth | None:
-    """Return the truth of a frame without boxes that aren't finite or have no size, which are counted as GT004; those
-    in the world are moved to the body. `None` where that can't be done at this frame alone, counted as GT006.
-
-    Args:
-        truth: Of frame `index`.
-        index: The frame's.
-        world_T_body: Pose (4, 4) at the frame's instant, where known.
-        has_poses: Whether any frame has one.
-        faults: Where boxes are counted.
-
-    Raises:
-        LogError: where boxes are in the world and no pose is known.
+    """Return the truth of frame `index` without boxes that aren't finite or have no size, which are counted as GT004;
+    those in the world are moved to the body by its pose (4, 4). `None` where that isn't known at this frame alone,
+    counted as GT006. Raises LogError where boxes are in the world and no frame has a pose.
     """
-    boxes3d, boxes2d = truth.boxes3d, truth.boxes2d
-    if boxes3d is not None:
-        boxes3d = _real(boxes3d, index, faults)
+    boxes3d = None if truth.boxes3d is None else _drop_unreal(truth.boxes3d, index, faults)
     if boxes3d is not None and truth.in_world and len(boxes3d):
         if not has_poses:
-            raise LogError(
-                "truth is in world coordinates, but the log has no poses of the body at its frames; give boxes in body "
-                "coordinates, or a log with poses"
-            )
+            what = "truth is in world coordinates, but the log has no poses of the body at its frames"
+            raise LogError(f"{what}; give boxes in body coordinates, or a log with poses")
         if world_T_body is None:
             faults.add("GT006", f"truth of frame {index} in the world, where the log has no pose")
             return None
         boxes3d = move_boxes(boxes3d, inverse(world_T_body))
-    return replace(
-        truth,
-        boxes3d=boxes3d,
-        boxes2d=None if boxes2d is None else _real(boxes2d, index, faults),
-        in_world=False,
-    )
+    boxes2d = None if truth.boxes2d is None else _drop_unreal(truth.boxes2d, index, faults)
+    return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d, in_world=False)
 
 
 def is_real(boxes: Boxes2D | Boxes3D) -> Bool:
@@ -204,7 +165,7 @@ def is_real(boxes: Boxes2D | Boxes3D) -> Bool:
     return real
 
 
-def _real(boxes: FittedBoxes, index: int, faults: FaultLog) -> FittedBoxes:
+def _drop_unreal(boxes: LabeledBoxes, index: int, faults: FaultLog) -> LabeledBoxes:
     real = is_real(boxes)
     if real.all():
         return boxes

@@ -3,14 +3,14 @@
 import json
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.faults import FAULTS, FaultBudget, FaultLog
-from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D
+from fbench.replay.data.boxes import Boxes2D, Boxes3D
 from fbench.replay.data.classes import ClassMap
 from fbench.replay.data.files import replace_text
 from fbench.replay.data.messages import Truth
@@ -20,7 +20,7 @@ from fbench.replay.formats.open import BoxFile, open_boxes, truth_entry
 from fbench.replay.logs.coordinate_frames import BODY, CoordinateFrames, tree_of
 from fbench.replay.logs.setup import BoxSource
 from fbench.replay.runs.folder import FRAMES, Run, with_truth, write_frames
-from fbench.replay.runs.manifest import InterpolationEntry, Manifest, save_manifest
+from fbench.replay.runs.manifest import InterpolationEntry, save_manifest
 from fbench.replay.runs.redaction import redact_rows
 from fbench.replay.runs.tables import BoxWriter
 from fbench.replay.truth.labelling import Instant, drop_invalid, stray
@@ -42,27 +42,25 @@ class Relabelled:
 def relabel(
     run: Run, source: BoxSource, classes: Mapping[str, str] | None = None, max_between_ns: int = 0
 ) -> Relabelled:
-    """Replace the truth of a run by that of a file. Scores stay as they were until the run is scored again.
+    """Replace the truth of a finished run by that of a file. Scores stay as they were until the run is scored again.
+    `classes` are labels by the names that the file gives to classes. Frames between truths that aren't farther apart
+    than `max_between_ns` get truth by interpolation; 0: none does.
 
-    Args:
-        run: A finished run, made with or without truth.
-        source: The file.
-        classes: Labels by the names that the file gives to classes.
-        max_between_ns: Frames between truths that aren't farther apart get truth by interpolation; 0: none does.
-
-    Raises:
-        ConfigError: where the file isn't there, or names a camera or coordinate frame that the run doesn't know.
-        LogError: where the file can't be read, or is in the world and the run has no poses.
-        MetricError: where none of its instants belongs to a frame of the run.
+    Raises ConfigError where the file isn't there, or names a camera or coordinate frame that the run doesn't know,
+    LogError where it can't be read, or is in the world and the run has no poses, MetricError where none of its instants
+    belongs to a frame of the run.
     """
     rig, faults, span = run.manifest.rig, FaultLog(), _Span()
     is_camera0 = run.manifest.log.metadata.get(CAMERA0) == BODY
     coordinates = CoordinateFrames(rig, tree_of(rig), BODY, camera0_is_body=is_camera0)
     file = open_boxes(source, coordinates, faults)
     map_ = ClassMap(classes or {})
-    truths = (_classify(span.taken(truth), map_, source.path.name, faults) for truth in file.truths())
-    with _Tables(run) as tables:
-        times = TruthTimes(_instants(run), run.poses, max_between_ns)
+    truths = (_classify(span.note(truth), map_, source.path.name, faults) for truth in file.truths())
+    # Truth refers to stamps as recorded, before an offset was added.
+    offset_ns = run.manifest.frames.offsets_ns.get(run.manifest.frames.reference, 0)
+    instants = [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
+    with closing(_Tables(run)) as tables:
+        times = TruthTimes(instants, run.poses, max_between_ns)
         _match(run, times.match(truths), tables, faults)
         if not tables.truths:
             raise MetricError(_unmatched(run, source.path, span))
@@ -80,8 +78,7 @@ class _Span:
     last: int = 0
     counts_frames: bool = False
 
-    def taken(self, truth: Truth) -> Truth:
-        """Note when it is."""
+    def note(self, truth: Truth) -> Truth:
         at = truth.stamp_ns if truth.frame_index is None else truth.frame_index
         self.first, self.last = (min(self.first, at), max(self.last, at)) if self.num else (at, at)
         self.num, self.counts_frames = self.num + 1, truth.frame_index is not None
@@ -94,15 +91,9 @@ class _Tables:
     def __init__(self, run: Run) -> None:
         self._run = run
         self._writers: dict[str, BoxWriter] = {}
-        self.truths: dict[int, Truth] = {}
-        """Truth without its boxes, by frame."""
+        self.truths: dict[int, Truth] = {}  # Without their boxes, by frame
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         for writer in self._writers.values():
             writer.close()
         for name in (*_TABLES, FRAMES):
@@ -112,12 +103,12 @@ class _Tables:
         """Label a frame."""
         for name, boxes in zip(_TABLES, (truth.boxes3d, truth.boxes2d), strict=True):
             if boxes is not None:
-                self._writer(name, boxes).add(index, boxes)
-        self.truths[index] = replace(
-            truth,
-            boxes3d=None if truth.boxes3d is None else Boxes3D.empty(),
-            boxes2d=None if truth.boxes2d is None else Boxes2D.empty(),
-        )
+                if name not in self._writers:
+                    self._writers[name] = BoxWriter(self._partial(name), type(boxes))
+                self._writers[name].add(index, boxes)
+        boxes3d = None if truth.boxes3d is None else Boxes3D.empty()
+        boxes2d = None if truth.boxes2d is None else Boxes2D.empty()
+        self.truths[index] = replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
     def finish(self, faults: FaultLog, file: BoxFile, between: InterpolationEntry) -> None:
         """Put the tables in place; the manifest comes last."""
@@ -134,48 +125,39 @@ class _Tables:
         self._writers = {}
         self._partial(FRAMES).replace(self._run.folder / FRAMES)
         replace_text(self._run.folder / "faults.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+        counts = FaultLog()
+        counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
+        # A run that was complete lacks something if boxes of truth were lost.
+        is_complete = not counts.counts["GT004"] and (manifest.complete or not FaultBudget().find_exceeded(counts))
+        changes = {"truth": truth_entry(file.source), "interpolation": between, "complete": is_complete}
         partial = self._partial("manifest.json")
-        save_manifest(partial, _with_truth_entry(manifest, file, between, content))
+        save_manifest(partial, manifest.model_copy(update=changes))
         partial.replace(self._run.folder / "manifest.json")
-
-    def _writer(self, name: str, boxes: Boxes) -> BoxWriter:
-        if name not in self._writers:
-            self._writers[name] = BoxWriter(self._partial(name), type(boxes))
-        return self._writers[name]
 
     def _partial(self, name: str) -> Path:
         return self._run.folder / f".{name}.partial-{os.getpid()}"
 
 
 def _match(run: Run, matched: Iterable[tuple[int | None, Truth]], tables: _Tables, faults: FaultLog) -> None:
-    poses = dict(zip((frame.index for frame in run.frames), run.poses, strict=True))
-    has_poses = any(pose_of(pose) is not None for pose in poses.values())
+    poses = dict(zip((frame.index for frame in run.frames), map(pose_of, run.poses), strict=True))
+    has_poses = any(pose is not None for pose in poses.values())
     is_whole = run.manifest.frames.excerpt == "all"
     stamps = [frame.stamp_ns for frame in run.frames]
     for index, truth in matched:
         if index is None:
             if is_whole or (truth.frame_index is None and min(stamps) <= truth.stamp_ns <= max(stamps)):
                 faults.add("GT006", stray(truth))
-        elif (kept := drop_invalid(truth, index, pose_of(poses[index]), has_poses, faults)) is not None:
+        elif (kept := drop_invalid(truth, index, poses[index], has_poses, faults)) is not None:
             tables.add(index, kept)
-
-
-def _instants(run: Run) -> list[Instant]:
-    """Truth refers to stamps as recorded, before an offset was added."""
-    frames = run.manifest.frames
-    offset_ns = frames.offsets_ns.get(frames.reference, 0)
-    return [Instant(f.index, f.stamp_ns - offset_ns, f.frame_number, True, f.segment) for f in run.frames]
 
 
 def _classify(truth: Truth, classes: ClassMap, where: str, faults: FaultLog) -> Truth:
     def unknown(name: str) -> None:
         faults.once("GT007", (where, name), f"{where}: '{name}'")
 
-    return replace(
-        truth,
-        boxes3d=None if truth.boxes3d is None else classes.apply(truth.boxes3d, unknown),
-        boxes2d=None if truth.boxes2d is None else classes.apply(truth.boxes2d, unknown),
-    )
+    boxes3d = None if truth.boxes3d is None else classes.apply(truth.boxes3d, unknown)
+    boxes2d = None if truth.boxes2d is None else classes.apply(truth.boxes2d, unknown)
+    return replace(truth, boxes3d=boxes3d, boxes2d=boxes2d)
 
 
 def _unmatched(run: Run, path: Path, span: _Span) -> str:
@@ -196,21 +178,9 @@ def _unmatched(run: Run, path: Path, span: _Span) -> str:
 def _with_faults(run: Run, faults: FaultLog) -> dict[str, Any]:
     """What `faults.json` says, with other faults of truth."""
     content: dict[str, Any] = run.json("faults.json")
-    told = redact_rows(faults.rows()) if run.manifest.redacted else faults.rows()
-    new: dict[str, dict[str, Any]] = {str(row["code"]): row for row in told if row["code"] in _ABOUT_TRUTH}
+    reported = redact_rows(faults.rows()) if run.manifest.redacted else faults.rows()
+    new: dict[str, dict[str, Any]] = {str(row["code"]): row for row in reported if row["code"] in _ABOUT_TRUTH}
     old = {row["code"]: row for row in content["rows"]}
     rows = [new.get(code, old.get(code, row)) for row in FaultLog().rows() for code in [str(row["code"])]]
     lost = sum(row["count"] for row in rows if FAULTS[row["code"]].behaviour == "count")
     return {**content, "lost": lost, "rows": rows}
-
-
-def _with_truth_entry(
-    manifest: Manifest, file: BoxFile, between: InterpolationEntry, content: dict[str, Any]
-) -> Manifest:
-    """A run that was complete lacks something if boxes of truth were lost."""
-    counts = FaultLog()
-    counts.counts.update({row["code"]: row["count"] for row in content["rows"]})
-    unreal = bool(counts.counts["GT004"])
-    complete = not unreal and (manifest.complete or not FaultBudget().find_exceeded(counts))
-    told = {"truth": truth_entry(file.source), "interpolation": between, "complete": complete}
-    return manifest.model_copy(update=told)

@@ -36,9 +36,7 @@ class Numbers:
     texts: Mapping[str, str]
 
     def array(self, name: str, *shape: int) -> Float64:
-        """Return the numbers of a line. Raises LogError where it is missing, or hasn't as many finite numbers as
-        `shape` needs.
-        """
+        """Return the numbers of a line. Raises LogError where it is missing, or lacks the finite numbers of `shape`."""
         if name not in self.texts:
             raise LogError(f"{self.path}: no line '{name}:'")
         where, texts = f"{self.path}: {name}", self.texts[name].split()
@@ -95,33 +93,30 @@ class DriveCalibration:
 
 
 def read_calibration(drive: Drive) -> DriveCalibration:
-    """Read the calibration of the sensors that a drive has. Raises LogError naming the file that is missing or wrong;
-    `calib_imu_to_velo.txt` may be missing.
-    """
-    folder = drive.calibration_folder
+    """Read a drive's calibration. LogError names a file that is missing or wrong; `calib_imu_to_velo.txt` may lack."""
+    folder, has_lidar = drive.calibration_folder, LIDAR in drive.series
     cameras = _read(folder / CAMERAS)
     camera0_T_recorded = np.eye(4)
     camera0_T_recorded[:3, :3] = cameras.rotation("R_rect_00")
-    calibration = Calibration(
-        {i: cameras.pinhole(f"P_rect_{i:02d}", 3, 4) for i in drive.cameras.values()} if drive.is_rectified else {},
-        _lidar(drive, camera0_T_recorded),
-        _rigid(folder / IMU_TO_LIDAR),
-    )
+    numbers = drive.cameras.values()
+    projections = {i: cameras.pinhole(f"P_rect_{i:02d}", 3, 4) for i in numbers} if drive.is_rectified else {}
+    recorded_T_velo = _rigid(folder / LIDAR_TO_CAMERA)
+    if recorded_T_velo is None and has_lidar:
+        raise LogError(f"{folder / LIDAR_TO_CAMERA}: no such file")
+    camera0_T_velo = None if recorded_T_velo is None else camera0_T_recorded @ recorded_T_velo
+    calibration = Calibration(projections, camera0_T_velo, _rigid(folder / IMU_TO_LIDAR))
     if drive.is_rectified:
-        sizes = {i: cameras.size(f"S_rect_{i:02d}") for i in drive.cameras.values()}
-        rig = rig_of(calibration, sizes, LIDAR in drive.series)
+        rig = rig_of(calibration, {i: cameras.size(f"S_rect_{i:02d}") for i in numbers}, has_lidar)
     else:
-        rig = _recorded_rig(drive, cameras, camera0_T_recorded, calibration)
+        # The cameras as they are; [R | T] moves points from recorded camera 0 to camera X.
+        mounts, models = dict(rig_of(calibration, {}, has_lidar).mounts), {}
+        for i in numbers:
+            recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
+            mounts[camera_name(i)] = mount_of("camera", BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera)
+            K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
+            models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
+        rig = Rig(mounts, models)
     return DriveCalibration(rig, calibration, cameras.texts.get("calib_time", "").strip())
-
-
-def _lidar(drive: Drive, camera0_T_recorded: Float64) -> Float64 | None:
-    """Return the pose (4, 4) of the LiDAR in rectified camera 0; the file gives that in camera 0 as recorded."""
-    path = drive.calibration_folder / LIDAR_TO_CAMERA
-    recorded_T_velo = _rigid(path)
-    if recorded_T_velo is None and LIDAR in drive.series:
-        raise LogError(f"{path}: no such file")
-    return None if recorded_T_velo is None else camera0_T_recorded @ recorded_T_velo
 
 
 def _rigid(path: Path) -> Float64 | None:
@@ -131,16 +126,3 @@ def _rigid(path: Path) -> Float64 | None:
 def _read(path: Path) -> Numbers:
     pairs = (line.split(":", 1) for line in read_text(path, 2**20).splitlines() if ":" in line)
     return Numbers(path, {name.strip(): text for name, text in pairs})
-
-
-def _recorded_rig(drive: Drive, cameras: Numbers, camera0_T_recorded: Float64, calibration: Calibration) -> Rig:
-    """Return the sensors with the cameras as they are; [R | T] moves points from recorded camera 0 to camera X."""
-    lidar = rig_of(calibration, {}, LIDAR in drive.series)
-    mounts, models = dict(lidar.mounts), {}
-    for i in drive.cameras.values():
-        recorded_T_camera = inverse(cameras.transform(f"R_{i:02d}", f"T_{i:02d}"))
-        body_T_camera = BODY_T_CAMERA0 @ camera0_T_recorded @ recorded_T_camera
-        mounts[camera_name(i)] = mount_of("camera", body_T_camera)
-        K, size_wh = cameras.pinhole(f"K_{i:02d}", 3, 3), cameras.size(f"S_{i:02d}")
-        models[camera_name(i)] = CameraModel(K, size_wh, "plumb_bob", cameras.array(f"D_{i:02d}", 5))
-    return Rig(mounts, models)

@@ -22,6 +22,8 @@ _YEARS = range(1970, 2262)
 CAMERAS = {camera_name(number): number for number in range(4)}
 _IMAGES = ("png", "jpg", "jpeg")
 _FOLDERS = {LIDAR: "velodyne_points"}  # Of sensors whose folders have other names
+Met = Callable[[LogError], None]
+_END_NS = 2**63  # Behind all stamps, which aren't negative
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,7 @@ class Drive:
 
 
 def find_drives(source: Path) -> dict[str, Path]:
-    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive. Raises
-    LogError where a folder can't be read.
-    """
+    """Return the folders of drives by name, sorted, in `source`, which holds dates, is one, or is a drive."""
     here = source.resolve()
     if not here.is_dir():
         return {}
@@ -86,10 +86,17 @@ def find_drives(source: Path) -> dict[str, Path]:
 def open_drive(name: str, folder: Path) -> Drive:
     """List the files of a drive. Raises LogError where a folder can't be read, or there is no measurement."""
     endings = {LIDAR: ("bin",) if name.endswith("_sync") else ("txt", "bin"), OXTS: ("txt",)}
-    found = [
-        _series(sensor, folder / _FOLDERS.get(sensor, sensor), endings.get(sensor, _IMAGES))
-        for sensor in (*CAMERAS, LIDAR, OXTS)
-    ]
+    found = []
+    for sensor in (*CAMERAS, LIDAR, OXTS):
+        inner, others = folder / _FOLDERS.get(sensor, sensor), []
+        paths: dict[int, Path] = {}
+        for path in entries(inner / "data"):
+            match = _NUMBERED.fullmatch(path.name)
+            if match is None or match[2] not in endings.get(sensor, _IMAGES) or int(match[1]) >= MAX_FRAMES:
+                others.append(path.name)
+            elif (twin := paths.setdefault(int(match[1]), path)) is not path:
+                raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
+        found.append(Series(sensor, inner, dict(sorted(paths.items())), tuple(others)))
     drive = Drive(name, folder, {series.sensor: series for series in found if series.paths})
     if not set(drive.series) - {OXTS}:
         places = ", ".join(f"{series.folder.name}/data" for series in found if series.sensor != OXTS)
@@ -97,53 +104,20 @@ def open_drive(name: str, folder: Path) -> Drive:
     return drive
 
 
-def _series(sensor: str, folder: Path, endings: tuple[str, ...]) -> Series:
-    paths: dict[int, Path] = {}
-    others = []
-    for path in entries(folder / "data"):
-        match = _NUMBERED.fullmatch(path.name)
-        if match is None or match[2] not in endings or int(match[1]) >= MAX_FRAMES:
-            others.append(path.name)
-            continue
-        if (twin := paths.setdefault(int(match[1]), path)) is not path:
-            raise LogError(f"{path}: has the number of {twin.name}; remove one of them")
-    return Series(sensor, folder, dict(sorted(paths.items())), tuple(others))
-
-
-@dataclass(frozen=True)
-class Stamps:
-    """The stamps of one sensor, by number of the file."""
-
-    path: Path
-    texts: tuple[str, ...]  # Empty where a measurement was lost
-
-    def stamp_ns(self, number: int) -> int:
-        """Return the stamp of a file; KITTI writes no time zone, it is taken as UTC. Raises LogError where there is
-        none, or it is malformed.
-        """
-        if number >= len(self.texts):
-            raise LogError(f"{self.path}: {len(self.texts)} lines, no stamp for file {number}")
-        text = self.texts[number]
-        match = _STAMP.fullmatch(text)
-        try:
-            if match is None or int(match[1]) not in _YEARS:
-                raise ValueError(text)
-            return stamp_of_time(text)
-        except ValueError as error:
-            what = f"'{text[:40]}' is no stamp, expected one as 2011-09-26 13:02:25.964389445"
-            raise LogError(
-                f"{self.path}: line {number + 1}: {what if text else f'no stamp for file {number}'}"
-            ) from error
-
-
-def read_stamps(path: Path) -> Stamps:
-    """Return the stamps of a file; empty lines at its end are no matter. Raises LogError where it can't be read."""
-    text = read_text(path, _MAX_STAMPS_BYTES).rstrip()
-    return Stamps(path, tuple(line.strip() for line in text.split("\n")) if text else ())
-
-
-Met = Callable[[LogError], None]
-_END_NS = 2**63  # Behind all stamps, which aren't negative
+def _parse_stamp(path: Path, lines: Sequence[str], number: int) -> int:
+    """Stamp of a file; KITTI writes no time zone, it is taken as UTC. Lines are empty where a measurement was lost."""
+    if number >= len(lines):
+        raise LogError(f"{path}: {len(lines)} lines, no stamp for file {number}")
+    text = lines[number].strip()
+    match = _STAMP.fullmatch(text)
+    try:
+        if match is None or int(match[1]) not in _YEARS:
+            raise ValueError(text)
+        return stamp_of_time(text)
+    except ValueError as error:
+        what = f"'{text[:40]}' is no stamp, expected one as 2011-09-26 13:02:25.964389445"
+        what = what if text else f"no stamp for file {number}"
+        raise LogError(f"{path}: line {number + 1}: {what}") from error
 
 
 class Entry(NamedTuple):
@@ -159,23 +133,20 @@ def order_files(drive: Drive, sensors: Collection[str], frames: FrameRange, met:
 
     Numbers of files are those of frames in rectified drives. In others each sensor counts for itself: the range is one
     of the reference sensor's files, and takes what was recorded from its first stamp on until the first one after it.
-
-    Args:
-        drive: Where the files are.
-        sensors: Which ones to read.
-        frames: Which numbers.
-        met: Gets of files without a stamp, and of sensors without stamps.
-
-    Raises:
-        LogError: where `met` raises, or the range is empty.
+    `met` gets files without a stamp, and sensors without stamps. Raises LogError where `met` does, or the range is
+    empty.
     """
     series = [series for name, series in sorted(drive.series.items()) if name in sensors]
     if drive.is_rectified:
         chosen = [entry for one in series for entry in _entries(one, frames, met)]
     else:
         everything = [entry for one in series for entry in _entries(one, FrameRange(), met)]
-        window_ns = _window([entry for entry in everything if entry.sensor == drive.reference], frames)
-        chosen = [entry for entry in everything if entry.stamp_ns in window_ns]
+        reference = [entry for entry in everything if entry.sensor == drive.reference]
+        inside = [entry.stamp_ns for entry in reference if entry.number in frames]
+        behind = [entry.stamp_ns for entry in reference if frames.stop is not None and entry.number >= frames.stop]
+        first_ns = min(inside) if inside and frames.first else 0
+        end_ns = min(behind, default=_END_NS) if inside else 0
+        chosen = [entry for entry in everything if first_ns <= entry.stamp_ns < end_ns]
     if not chosen:
         numbers = list(drive.series[drive.reference].paths)
         raise LogError(f"{drive.folder}: no measurement in frames {frames}; there are {numbers[0]} to {numbers[-1]}")
@@ -183,23 +154,16 @@ def order_files(drive: Drive, sensors: Collection[str], frames: FrameRange, met:
 
 
 def _entries(series: Series, frames: FrameRange, met: Met) -> Iterator[Entry]:
-    wanted = [number for number in series.paths if number in frames]
     try:
-        stamps = read_stamps(series.stamps_path)
+        # Empty lines at the end are no matter.
+        text = read_text(series.stamps_path, _MAX_STAMPS_BYTES).rstrip()
     except LogError as error:
         met(error)
         return
-    for number in wanted:
-        try:
-            yield Entry(stamps.stamp_ns(number), series.sensor, number)
-        except LogError as error:
-            met(error)
-
-
-def _window(reference: Sequence[Entry], frames: FrameRange) -> range:
-    """Return the stamps [ns] that belong to a range of the reference sensor's files."""
-    inside = [entry.stamp_ns for entry in reference if entry.number in frames]
-    behind = [entry.stamp_ns for entry in reference if frames.stop is not None and entry.number >= frames.stop]
-    if not inside:
-        return range(0)
-    return range(min(inside) if frames.first else 0, min(behind, default=_END_NS))
+    lines = text.split("\n") if text else []
+    for number in series.paths:
+        if number in frames:
+            try:
+                yield Entry(_parse_stamp(series.stamps_path, lines, number), series.sensor, number)
+            except LogError as error:
+                met(error)

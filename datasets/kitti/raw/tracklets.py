@@ -4,7 +4,7 @@ XML is untrusted. The files begin with `<!DOCTYPE boost_serialization>`; a DTD t
 declare entities, is refused, as is deep nesting.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
@@ -30,6 +30,13 @@ _MAX_CHARS = 1000
 _MAX_TEXTS = 100
 _MAX_POSES = 1_000_000
 _MAX_MAGNITUDE = 1e9
+FILE = "tracklet_labels.xml"
+STATES = {0: "", 1: "interpolated", 2: "labelled"}
+"""`attribute` of boxes by <state>: whether a person placed the box, or it lies between two which one placed."""
+_CLASSES = {"Person (sitting)": "Person_sitting"}  # Names that other benchmarks of KITTI write differently
+_NUMBERS = ("tx", "ty", "tz", "rx", "ry", "rz", "state", "occlusion", "truncation")  # Of a pose
+_UNKNOWN = -1
+_MAX_BYTES = 2**26
 
 
 @dataclass(slots=True)
@@ -40,6 +47,8 @@ class Element:
     line: int
     tag: str
     texts: dict[str, str] = field(default_factory=dict)  # Texts of the elements within that hold no others
+    poses: "list[Element]" = field(default_factory=list)  # Of a tracklet
+    num_poses: "Element | None" = None  # Holds `count`
 
     @property
     def where(self) -> str:
@@ -67,14 +76,6 @@ class Element:
         return value
 
 
-@dataclass(slots=True)
-class TrackletElement(Element):
-    """One tracklet, as it is written."""
-
-    poses: list[Element] = field(default_factory=list)
-    num_poses: Element | None = None  # Holds `count`
-
-
 class TrackletsXml:
     """Reads one file, tracklet by tracklet."""
 
@@ -83,26 +84,23 @@ class TrackletsXml:
         self._tags: list[str] = []
         self._open: list[Element] = []
         self._text = ""
-        self._tracklets: list[TrackletElement] = []
+        self._tracklets: list[Element] = []
         self._num_poses = 0
         self._total: Element | None = None
         self._parser = expat.ParserCreate("utf-8")
+        self._parser.StartElementHandler, self._parser.EndElementHandler = self._start, self._end
+        self._parser.CharacterDataHandler, self._parser.buffer_text = self._add_text, True
+        self._parser.StartDoctypeDeclHandler = self._check_dtd
 
-    def tracklets(self, content: bytes) -> Iterator[TrackletElement]:
+    def tracklets(self, content: bytes) -> Sequence[Element]:
         """Read the document; there are as many tracklets as it says. Raises LogError where it isn't such a document."""
-        parser = self._parser
-        parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
-        parser.CharacterDataHandler, parser.buffer_text = self._add_text, True
-        parser.StartDoctypeDeclHandler = self._check_dtd
         try:
-            parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
+            self._parser.Parse(content.removeprefix(b"\xef\xbb\xbf").lstrip(), True)
         except expat.ExpatError as error:
             what = expat.ErrorString(error.code)
             raise LogError(f"{self._path}: isn't XML ({what} in line {error.lineno})") from error
-        total = self._total or Element(self._path, 1, "tracklets")
-        if (count := total.count("count")) != len(self._tracklets):
-            raise LogError(f"{total.where}: <count> is {count}, but there are {len(self._tracklets)}")
-        yield from self._tracklets
+        _require_count(self._total or Element(self._path, 1, "tracklets"), len(self._tracklets))
+        return self._tracklets
 
     def _check_dtd(self, name: str, system: str | None, public: str | None, has_subset: bool) -> None:
         if system is not None or public is not None or has_subset:
@@ -127,9 +125,8 @@ class TrackletsXml:
             return element
         place = tuple(self._tags)
         if place == _TRACKLET:
-            self._tracklets.append(TrackletElement(self._path, element.line, tag))
-            return self._tracklets[-1]
-        if place == _POSE:
+            self._tracklets.append(element)
+        elif place == _POSE:
             self._num_poses += 1
             if self._num_poses > _MAX_POSES:
                 self._refuse(f"more than {_MAX_POSES} boxes")
@@ -156,12 +153,9 @@ class TrackletsXml:
         self._text = ""
 
 
-FILE = "tracklet_labels.xml"
-STATES = {0: "", 1: "interpolated", 2: "labelled"}
-"""`attribute` of boxes by <state>: whether a person placed the box, or it lies between two which one placed."""
-_CLASSES = {"Person (sitting)": "Person_sitting"}  # Names that other benchmarks of KITTI write differently
-_UNKNOWN = -1
-_MAX_BYTES = 2**26
+def _require_count(element: Element, num: int) -> None:
+    if (count := element.count("count")) != num:
+        raise LogError(f"{element.where}: <count> is {count}, but there are {num}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,19 +183,12 @@ class _Track:
 
 
 def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], None]) -> Tracklets:
-    """Read a drive's boxes; `track_id` is the place of the tracklet in the file, from 0 on.
+    """Read a drive's boxes, whose LiDAR is at `body_T_velo` (4, 4); `track_id` is the tracklet's place in the file,
+    from 0 on. What is wrong with single tracklets, which are left out, goes to `met`.
 
     Position and rotation R = Rz(rz) Ry(ry) Rx(rx) are in the LiDAR's coordinates. Occlusion (0 visible, 1 partly,
     2 fully) and truncation (0 in the image, 1 truncated, 2 outside of it, 99 behind it) keep KITTI's levels, -1
-    becomes NaN; see `tracklets.h` of the raw devkit.
-
-    Args:
-        path: `tracklet_labels.xml`.
-        body_T_velo: (4, 4).
-        met: Gets what is wrong with single tracklets, which are left out.
-
-    Raises:
-        LogError: where the file can't be used at all.
+    becomes NaN; see `tracklets.h` of the raw devkit. Raises LogError where the file can't be used at all.
     """
     tracks: dict[int, _Track] = {}
     for index, element in enumerate(TrackletsXml(path).tracklets(read_bytes(path, _MAX_BYTES))):
@@ -214,22 +201,18 @@ def read_tracklets(path: Path, body_T_velo: Float64, met: Callable[[LogError], N
     return Tracklets(move_boxes(boxes[order], body_T_velo), frame[order], len(tracks))
 
 
-def _track(element: TrackletElement) -> _Track:
+def _track(element: Element) -> _Track:
     lwh = (element.real("l"), element.real("w"), element.real("h"))
     if min(lwh) <= 0:
         raise LogError(f"{element.where}: the box has no size (h {lwh[2]:g}, w {lwh[1]:g}, l {lwh[0]:g})")
-    poses = np.array([_pose(pose) for pose in element.poses]).reshape(-1, 9)
-    told = element.num_poses or Element(element.path, element.line, "poses")
-    if (count := told.count("count")) != len(poses):
-        raise LogError(f"{told.where}: <count> is {count}, but there are {len(poses)}")
-    return _Track(element.text("objectType"), element.count("first_frame"), lwh, poses)
-
-
-def _pose(element: Element) -> tuple[float, ...]:
-    if (state := element.real("state")) not in STATES:
-        raise LogError(f"{element.where}: <state> is {state:g}, expected one of {', '.join(map(str, STATES))}")
-    names = ("tx", "ty", "tz", "rx", "ry", "rz", "state", "occlusion", "truncation")
-    return tuple(element.real(name) for name in names)
+    poses = []
+    for pose in element.poses:
+        if (state := pose.real("state")) not in STATES:
+            raise LogError(f"{pose.where}: <state> is {state:g}, expected one of {', '.join(map(str, STATES))}")
+        poses.append([pose.real(name) for name in _NUMBERS])
+    _require_count(element.num_poses or Element(element.path, element.line, "poses"), len(poses))
+    numbers = np.array(poses, np.float64).reshape(-1, len(_NUMBERS))
+    return _Track(element.text("objectType"), element.count("first_frame"), lwh, numbers)
 
 
 def _join_tracks(tracks: Mapping[int, _Track]) -> tuple[Boxes3D, Int64]:
@@ -240,8 +223,12 @@ def _join_tracks(tracks: Mapping[int, _Track]) -> tuple[Boxes3D, Int64]:
     poses = np.concatenate([track.poses for track in tracks.values()])
     lwh = np.repeat([track.size_lwh_m for track in tracks.values()], rows, axis=0)
     names = [track.source_label for track in tracks.values()]
+    up = np.zeros((len(poses), 3))  # From the bottom's middle to the box's, along its own axes
+    up[:, 2] = lwh[:, 2] / 2
+    turned: Float64 = Rotation.from_euler("ZYX", poses[:, [5, 4, 3]]).apply(up) if len(poses) else up
+    occlusion, truncation = (np.where(levels == _UNKNOWN, np.nan, levels) for levels in (poses[:, 7], poses[:, 8]))
     boxes = Boxes3D(
-        _centers(poses, lwh[:, 2]),
+        poses[:, :3] + turned,
         lwh,
         poses[:, 5],
         pitch_rad=poses[:, 4],
@@ -249,21 +236,9 @@ def _join_tracks(tracks: Mapping[int, _Track]) -> tuple[Boxes3D, Int64]:
         label=np.repeat(np.array([label(_CLASSES.get(name, name)) for name in names], np.str_), rows),
         source_label=np.repeat(text_array(names), rows),
         track_id=np.repeat(np.array(list(tracks), np.int64), rows),
-        occlusion=_levels(poses[:, 7]),
-        truncation=_levels(poses[:, 8]),
+        occlusion=occlusion,
+        truncation=truncation,
         attribute=np.array([STATES[state] for state in poses[:, 6]], np.str_),
     )
     frames = [track.first_frame + np.arange(len(track.poses)) for track in tracks.values()]
     return boxes, np.concatenate(frames)
-
-
-def _centers(poses: Float64, height_m: Float64) -> Float64:
-    """Return the middles (N, 3), half a height above the bottoms, along the boxes' own axes."""
-    up = np.zeros((len(poses), 3))
-    up[:, 2] = height_m / 2
-    turned: Float64 = Rotation.from_euler("ZYX", poses[:, [5, 4, 3]]).apply(up) if len(poses) else up
-    return poses[:, :3] + turned
-
-
-def _levels(values: Float64) -> Float64:
-    return np.where(values == _UNKNOWN, np.nan, values)

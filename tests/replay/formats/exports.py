@@ -12,7 +12,7 @@ from fbench.replay.data.frames import Frame, Output
 from fbench.replay.data.messages import Message, PointCloud, Pose, Truth
 from fbench.replay.data.rig import CameraModel, LogInfo, Mount, Rig
 from fbench.replay.engine.loop import Plan, replay
-from fbench.replay.formats.export import Export, Exported, Place, export
+from fbench.replay.formats.export import Export, Exported, export
 from fbench.replay.formats.export_request import make_export_request
 from fbench.replay.formats.open import open_boxes
 from fbench.replay.logs.containers.mcap.write import McapWriter
@@ -105,7 +105,7 @@ def exported(form: str, out: Path, *sources: Path, overwrite: bool = False, name
     made = make_export_request(
         form, wish.get("boxes"), wish.get("camera", ""), wish.get("frame", ""), wish.get("class_name", "")
     )
-    job = Export(sources, made, Place(out, made.is_nuscenes, overwrite), name)
+    job = Export(sources, made, out, overwrite, name)
     return list(export(job, FaultLog()))[-1]
 
 

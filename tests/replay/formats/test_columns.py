@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fbench.metrics.files.side import objects_of
 from fbench.replay.contracts.errors import LimitError, LogError
-from fbench.replay.formats import ab3dmot, kitti, mot
+from fbench.replay.formats import kitti, mot
 
 DONT_CARE = "0 -1 DontCare -1 -1 -10 10 20 30 40 -1000 -1000 -1000 -10 -1 -1 -1"
 CAR = "0 3 Car 0 2 -1.79 296.7 161.7 455.2 292.3 2.0 1.8 4.4 -4.5 1.8 13.4 -2.1"
@@ -29,11 +29,11 @@ def read_tracking_rows(path):
 
 
 def read_ab3dmot(path):
-    return objects_of(ab3dmot.read_ab3dmot_columns(path))[0]
+    return objects_of(kitti.read_ab3dmot_columns(path))[0]
 
 
 def read_ab3dmot_rows(path):
-    return objects_of(sequence_by_row(path, ",", ab3dmot.parse_ab3dmot_row))[0]
+    return objects_of(sequence_by_row(path, ",", kitti.parse_ab3dmot_row))[0]
 
 
 def read_images(files):
@@ -69,7 +69,6 @@ def fast_only(monkeypatch):
         raise AssertionError("not read at once")
 
     monkeypatch.setattr(kitti, "columns_by_row", called)
-    monkeypatch.setattr(ab3dmot, "columns_by_row", called)
     monkeypatch.setattr(kitti, "_object_columns_by_row", called)
     monkeypatch.setattr(mot, "_columns_by_row", called)
 

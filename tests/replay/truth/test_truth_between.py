@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fbench.replay.data.boxes import Boxes2D, Boxes3D
-from fbench.replay.truth.interpolation import brought, interpolate
+from fbench.replay.truth.times import interpolate, move_to_body
 
 
 def solid(ids, x, yaw=None, **columns):
@@ -90,11 +90,11 @@ def test_rectangles_are_linear():
     assert boxes.distance_m.tolist() == [19.0, 5.0]
 
 
-def test_brought_boxes_get_no_pitch_and_roll_of_their_own():
+def test_moved_boxes_get_no_pitch_and_roll_of_their_own():
     step = np.eye(4)
     step[:3, 3] = [1, 0, 0]
-    there = brought(solid([1], [5]), step)
+    there = move_to_body(solid([1], [5]), step)
     assert there.center_m.tolist() == [[6, 0, 0.5]]
     assert (there.roll_rad, there.pitch_rad) == (None, None)
-    kept = brought(solid([1], [5], pitch_rad=np.array([0.1]), roll_rad=np.array([0.2])), step)
+    kept = move_to_body(solid([1], [5], pitch_rad=np.array([0.1]), roll_rad=np.array([0.2])), step)
     np.testing.assert_allclose([kept.pitch_rad[0], kept.roll_rad[0]], [0.1, 0.2])

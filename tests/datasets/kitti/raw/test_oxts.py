@@ -71,7 +71,7 @@ def test_yaw_0_is_east_and_counts_to_the_left(make_oxts_row, yaw, expected):
 
 
 def test_origin_is_kept_as_it_was_written(fix):
-    assert World(fix()).metadata() == {
+    assert World(fix()).metadata == {
         "world.origin_lat_deg": "49.015000000000",
         "world.origin_lon_deg": "8.434000000000",
         "world.origin_alt_m": "116.40000000",
