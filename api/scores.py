@@ -169,10 +169,7 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     rows = only(result.scores(request.resampling.bootstrap()), tuple(request.classes))
     odd = [f"{request.detections}: {line}" for line in pair.warnings.lines()]
     faults = [_describe_fault(pair.faults, code, num) for code, num in sorted(pair.faults.counts.items())]
-    title, warnings = (
-        f"{request.detections} against {request.truth}",
-        (*pair.notes, *odd, *remarks.lines(), *faults),
-    )
+    title, warnings = (f"{request.detections} against {request.truth}", (*pair.notes, *odd, *remarks.lines(), *faults))
     headlines, names = profile.facts.headlines, tuple(result.statistics)
     return ScoreResult(rows, title, profile.name, names, warnings, not pair.faults.lost, headlines)
 

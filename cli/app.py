@@ -8,6 +8,7 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from fbench.cli import compare, demo, init, log, plugins, replay, report, score, verify, weights
 from fbench.cli import options as examples
@@ -46,8 +47,8 @@ def _show_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
-    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
+    debug: Annotated[bool, Option("--debug", help="Show tracebacks of errors.")] = False,
+    version: Annotated[bool, Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
 ) -> None:
     """Replay recorded sensor logs into perception pipelines, and measure them."""
     del debug, version  # commands find the first in their context

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from fbench.cli.options import Json
 from fbench.cli.show import console, make_table, number, print_json, say
@@ -17,9 +18,9 @@ _STYLES = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "
 
 
 def compare(
-    base: Annotated[Path, typer.Argument(metavar="BASE", help="The run to compare with.")],
-    head: Annotated[Path, typer.Argument(metavar="HEAD", help="The run that should not be worse.")],
-    tolerance: Annotated[float, typer.Option(min=0, help="How much a primary metric may fall.")] = 0.0,
+    base: Annotated[Path, Argument(metavar="BASE", help="The run to compare with.")],
+    head: Annotated[Path, Argument(metavar="HEAD", help="The run that should not be worse.")],
+    tolerance: Annotated[float, Option(min=0, help="How much a primary metric may fall.")] = 0.0,
     json: Json = False,
 ) -> None:
     """Print what changed between two runs; exit 1 when a primary metric fell by more than the tolerance."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Option
 
 from fbench.cli.show import import_progress, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
@@ -22,21 +23,19 @@ SHORT_S, FULL_S = 1.5, 10.0  # Length of each log of the short version and of th
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for logs, runs, tables and the report.")] = Path(
+    out: Annotated[Path, Option("--out", "-o", help="Folder for logs, runs, tables and the report.")] = Path(
         "runs/demo"
     ),
     split: Annotated[
         Literal["dev", "test"] | None,
-        typer.Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
+        Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
+        float | None, Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
     ] = None,
-    num_seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Only the first N seeds of the split.")
-    ] = None,
+    num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=256, help="Replays at a time; changes no result.")
+        int | None, Option(metavar="N", min=1, max=256, help="Replays at a time; changes no result.")
     ] = None,
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.

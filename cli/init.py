@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from fbench.cli.options import Json, Log
 from fbench.cli.show import console, make_table, print_json, say
@@ -17,10 +17,8 @@ _MAX_VALUE = 48
 
 def init(
     log: Log,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File to write; else fbench.toml beside the log.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
+    out: Annotated[Path | None, Option("--out", "-o", help="File to write; else fbench.toml beside the log.")] = None,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
     json: Json = False,
 ) -> None:
     """Look at a log and write an fbench.toml that says what is in it, with the reasons."""

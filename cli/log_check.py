@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
+from typer import Option
 
 from fbench.cli.options import (
     Config,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 def check(
     log: Log,
     pipeline: Annotated[
-        str | None, typer.Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
+        str | None, Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
     ] = None,
     settings: Settings = None,
     config: Config = None,
@@ -54,9 +55,9 @@ def check(
     offset: Offset = None,
     stamps: Stamps = None,
     ignore: Annotated[
-        list[str] | None, typer.Option(metavar="CODE", help="Show these findings as information only; repeatable.")
+        list[str] | None, Option(metavar="CODE", help="Show these findings as information only; repeatable.")
     ] = None,
-    images: Annotated[bool, typer.Option("--images", help="Decode images whole, not only their headers.")] = False,
+    images: Annotated[bool, Option("--images", help="Decode images whole, not only their headers.")] = False,
     json: Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from fbench.cli.options import Config, Json, Log, RigFiles
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
@@ -18,32 +19,29 @@ _NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all o
 
 def convert(
     source: Log,
-    out: Annotated[Path, typer.Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing log.")] = False,
+    out: Annotated[Path, Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing log.")] = False,
     compression: Annotated[
-        str, typer.Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
+        str, Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
     ] = "zstd",
-    chunk_size: Annotated[int | None, typer.Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
-    rows_per_group: Annotated[
-        int | None, typer.Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")
-    ] = None,
+    chunk_size: Annotated[int | None, Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
+    rows_per_group: Annotated[int | None, Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")] = None,
     from_: Annotated[
-        str | None,
-        typer.Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'."),
+        str | None, Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'.")
     ] = None,
-    to: Annotated[str | None, typer.Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
+    to: Annotated[str | None, Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
     topics: Annotated[
         list[str] | None,
-        typer.Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
+        Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
     ] = None,
     split_s: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
+        float | None, Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
     ] = None,
     split_mb: Annotated[
-        float | None, typer.Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
+        float | None, Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
     ] = None,
     decode: Annotated[
-        bool, typer.Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
+        bool, Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
     ] = False,
     config: Config = None,
     rig: RigFiles = None,

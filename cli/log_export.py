@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from fbench.cli.options import Json
 from fbench.cli.show import fault_lines, import_progress, print_json, say
@@ -14,40 +15,34 @@ if TYPE_CHECKING:
 
 
 def export(
-    sources: Annotated[
-        list[Path], typer.Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")
-    ],
+    sources: Annotated[list[Path], Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")],
     form: Annotated[
         str,
-        typer.Option(
-            "--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."
-        ),
+        Option("--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."),
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="A folder for text files; FILE.json for all of nuScenes together.")
+        Path, Option("--out", "-o", help="A folder for text files; FILE.json for all of nuScenes together.")
     ],
     boxes: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="WHICH",
             help="tracks, detections or truth; else tracks of a run where the format needs ids, detections where it "
             "doesn't, and truth of a log.",
         ),
     ] = None,
-    camera: Annotated[
-        str, typer.Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")
-    ] = "",
+    camera: Annotated[str, Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")] = "",
     frame: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="NAME", help="KITTI: camera, or 'body', in whose coordinates 3D boxes are; else as the log says."
         ),
     ] = "",
     class_name: Annotated[
-        str, typer.Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
+        str, Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
     ] = "",
-    name: Annotated[str, typer.Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier export.")] = False,
+    name: Annotated[str, Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an earlier export.")] = False,
     json: Json = False,
 ) -> None:
     """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""

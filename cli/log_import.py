@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
 from fbench.cli.options import Json, Settings
 from fbench.cli.show import import_progress, print_json, say
@@ -19,30 +20,29 @@ _SUFFIXES = (".mcap", ".parquet")
 
 
 def import_(
-    dataset: Annotated[str, typer.Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="The dataset's folder.")],
+    dataset: Annotated[str, Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
+    source: Annotated[Path, Argument(metavar="SRC", help="The dataset's folder.")],
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs."),
+        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs.")
     ],
     scenes: Annotated[
         list[str] | None,
-        typer.Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
+        Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
     ] = None,
     frames: Annotated[
         str | None,
-        typer.Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
+        Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
     ] = None,
     detections: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
+        Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
     ] = None,
     settings: Settings = None,
     skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
+        bool, Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
     ] = False,
-    form: Annotated[Literal["mcap", "parquet"], typer.Option(help="Of the logs in a folder.")] = "mcap",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
+    form: Annotated[Literal["mcap", "parquet"], Option(help="Of the logs in a folder.")] = "mcap",
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
     json: Json = False,
 ) -> None:
     """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""

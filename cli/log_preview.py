@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from fbench.cli.options import (
     Config,
@@ -34,9 +34,9 @@ TIMEOUT_NS = 1_000_000_000
 
 def preview(
     log: Log,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
+    out: Annotated[Path | None, Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
     frames: Frames = None,
-    num: Annotated[int, typer.Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
+    num: Annotated[int, Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
     config: Config = None,
     rig: RigFiles = None,
     truth: TruthFile = None,
@@ -46,7 +46,7 @@ def preview(
     offset: Offset = None,
     stamps: Stamps = None,
     topics: Topics = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing preview.")] = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing preview.")] = False,
     json: Json = False,
 ) -> None:
     """Draw what sensors see into each other: whether calibration, time and Doppler are right shows at one look."""

@@ -3,32 +3,27 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Option
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
+Log = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
 Pipeline = Annotated[
-    str,
-    typer.Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins), FILE.py:CLASS or FILE.toml."),
+    str, Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins), FILE.py:CLASS or FILE.toml.")
 ]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")
-]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing run.")]
-RangeM = Annotated[
-    float, typer.Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")
-]
-InView = Annotated[bool, typer.Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
+Settings = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")]
+RunFolder = Annotated[Path, Argument(metavar="RUN", help="A run folder.")]
+Json = Annotated[bool, Option("--json", help="Print JSON for machines.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Replace an existing run.")]
+RangeM = Annotated[float, Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")]
+InView = Annotated[bool, Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, typer.Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
+    float, Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
 ]
 Reference = Annotated[
-    str | None, typer.Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
+    str | None, Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
 ]
 TimeoutMs = Annotated[
     float | None,
-    typer.Option(
+    Option(
         "--timeout-ms",
         metavar="MS",
         min=0,
@@ -37,50 +32,42 @@ TimeoutMs = Annotated[
 ]
 ToleranceMs = Annotated[
     float | None,
-    typer.Option(
-        "--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."
-    ),
+    Option("--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."),
 ]
 MaxGapS = Annotated[
-    float | None,
-    typer.Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2."),
+    float | None, Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2.")
 ]
 From = Annotated[
     str | None,
-    typer.Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
+    Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
 ]
-To = Annotated[str | None, typer.Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
-Frames = Annotated[str | None, typer.Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
+To = Annotated[str | None, Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
+Frames = Annotated[str | None, Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
 Topics = Annotated[
     list[str] | None,
-    typer.Option(
-        "--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."
-    ),
+    Option("--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."),
 ]
 Sensors = Annotated[
     list[str] | None,
-    typer.Option(
-        "--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."
-    ),
+    Option("--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."),
 ]
 Offset = Annotated[
-    list[str] | None,
-    typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable."),
+    list[str] | None, Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable.")
 ]
 Stamps = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--stamps",
         metavar="SOURCE",
         help="Instants are those of the 'header' (by default), or of the 'log', when it was recorded.",
     ),
 ]
 ReadAhead = Annotated[
-    str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
+    str, Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
 InterpolateTruthMs = Annotated[
     float,
-    typer.Option(
+    Option(
         "--interpolate-truth",
         metavar="MS",
         min=0,
@@ -90,16 +77,13 @@ InterpolateTruthMs = Annotated[
 ]
 MinCoverage = Annotated[
     float,
-    typer.Option(
-        "--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."
-    ),
+    Option("--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."),
 ]
-NoMedia = Annotated[bool, typer.Option("--no-media", help="Keep no images and no points in the run.")]
+NoMedia = Annotated[bool, Option("--no-media", help="Keep no images and no points in the run.")]
 Redact = Annotated[
-    bool,
-    typer.Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses."),
+    bool, Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses.")
 ]
-Iou = Annotated[float, typer.Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]
+Iou = Annotated[float, Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]
 
 
 _HEAD = "[bold]Examples[/bold]\n\n"
@@ -180,31 +164,29 @@ if TYPE_CHECKING:
 
 Config = Annotated[
     str | None,
-    typer.Option("--config", metavar="FILE", help="An fbench.toml; else the one beside the log; 'none': none at all."),
+    Option("--config", metavar="FILE", help="An fbench.toml; else the one beside the log; 'none': none at all."),
 ]
 RigFiles = Annotated[
     list[Path] | None,
-    typer.Option("--rig", metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable."),
+    Option("--rig", metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable."),
 ]
-TruthFile = Annotated[
-    Path | None, typer.Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")
-]
+TruthFile = Annotated[Path | None, Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")]
 TruthFormat = Annotated[
-    str | None, typer.Option("--truth-format", metavar="FORMAT", help="Of --truth, where its content doesn't tell.")
+    str | None, Option("--truth-format", metavar="FORMAT", help="Of --truth, where its content doesn't tell.")
 ]
 TruthFrame = Annotated[
     str,
-    typer.Option(
+    Option(
         "--truth-frame", metavar="NAME", help="Coordinate frame, or camera, of --truth, where the file doesn't tell."
     ),
 ]
 DetectionsFile = Annotated[
     Path | None,
-    typer.Option("--detections", metavar="PATH", help="Score these results of another system, from a file or folder."),
+    Option("--detections", metavar="PATH", help="Score these results of another system, from a file or folder."),
 ]
 PipelineOrFile = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--pipeline", "-p", metavar="NAME",
         help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
@@ -220,7 +202,7 @@ def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | 
 
 DetectEvery = Annotated[
     int | None,
-    typer.Option(
+    Option(
         "--detect-every", metavar="N", min=1, help="Detect in every N-th frame only; tracks are predicted in between."
     ),
 ]

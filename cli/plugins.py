@@ -2,16 +2,16 @@
 
 from typing import Annotated
 
-import typer
+from typer import Argument
 
 
 def plugins(
     group: Annotated[
-        str | None, typer.Argument(help="datasets, pipelines, metrics, profiles or reports.", show_default=False)
+        str | None, Argument(help="datasets, pipelines, metrics, profiles or reports.", show_default=False)
     ] = None,
     name: Annotated[
         str | None,
-        typer.Argument(help="One of them: its parameters, a metric's definition, a profile's rules.",
+        Argument(help="One of them: its parameters, a metric's definition, a profile's rules.",
                        show_default=False),
     ] = None,
 ) -> None:  # fmt: skip

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from fbench.cli.options import (
     Config,
@@ -41,23 +42,22 @@ from fbench.cli.options import (
     TruthFrame,
 )
 
-RunFolder = Annotated[Path | None, typer.Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")]
+RunFolder = Annotated[Path | None, Option("--out", "-o", help="Run folder; else runs/LOG-PIPELINE.")]
 Rate = Annotated[
-    str, typer.Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
+    str, Option("--rate", metavar="RATE", help="Pace: 'max', or a multiple of real time such as 0.5 or 10.")
 ]
 OnFault = Annotated[
-    str,
-    typer.Option("--on-fault", metavar="HOW", help="'strict': lost data mean exit 4; 'tolerant': only counted."),
+    str, Option("--on-fault", metavar="HOW", help="'strict': lost data mean exit 4; 'tolerant': only counted.")
 ]
 FaultBudgets = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--fault-budget",
         metavar="[CODE=]N",
         help="So many faults that lose data are allowed, of one code or in all; repeatable.",
     ),
 ]
-Report = Annotated[bool, typer.Option("--report", help="Write report.html into the run folder too.")]
+Report = Annotated[bool, Option("--report", help="Write report.html into the run folder too.")]
 
 
 def replay(

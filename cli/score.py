@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from fbench.cli.options import (
     Config,
@@ -29,19 +30,18 @@ if TYPE_CHECKING:
 
 Runs = Annotated[
     list[Path] | None,
-    typer.Argument(
+    Argument(
         metavar="[RUN]...",
         help="A run folder, or several of one pipeline; without one, --truth and --detections are scored.",
         show_default=False,
     ),
 ]
 DetectionsFormat = Annotated[
-    str | None,
-    typer.Option("--detections-format", metavar="FORMAT", help="Of --detections, where its content doesn't tell."),
+    str | None, Option("--detections-format", metavar="FORMAT", help="Of --detections, where its content doesn't tell.")
 ]
 Profile = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--profile",
         metavar="NAME",
         help="Whose way to count, see fbench plugins profiles; else 'default', fbench's own.",
@@ -49,34 +49,30 @@ Profile = Annotated[
 ]
 Match = Annotated[
     str | None,
-    typer.Option("--match", metavar="HOW:NUMBER", help="What matches in the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
+    Option("--match", metavar="HOW:NUMBER", help="What matches in the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
 ]
-Class = Annotated[list[str] | None, typer.Option("--class", metavar="NAME", help="Only this class; repeatable.")]
+Class = Annotated[list[str] | None, Option("--class", metavar="NAME", help="Only this class; repeatable.")]
 Sequences = Annotated[
-    str | None, typer.Option("--sequences", metavar="NAMES", help="Of files: only these, with commas between.")
+    str | None, Option("--sequences", metavar="NAMES", help="Of files: only these, with commas between.")
 ]
 Seqmap = Annotated[
     Path | None,
-    typer.Option(
-        "--seqmap", metavar="FILE", help="Of files: a list of sequences with their lengths, as TrackEval reads it."
-    ),
+    Option("--seqmap", metavar="FILE", help="Of files: a list of sequences with their lengths, as TrackEval reads it."),
 ]
 Missing = Annotated[
-    str, typer.Option("--missing", metavar="WHAT", help="Sequences without a file of results: 'error' or 'empty'.")
+    str, Option("--missing", metavar="WHAT", help="Sequences without a file of results: 'error' or 'empty'.")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--out", metavar="FILE", help="Write all rows there, as JSON: of a profile, or of several RUNs."
-    ),
+    Option("-o", "--out", metavar="FILE", help="Write all rows there, as JSON: of a profile, or of several RUNs."),
 ]
 Region = Annotated[
     str | None,
-    typer.Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
+    Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
 ]
 Seen = Annotated[
     int,
-    typer.Option(
+    Option(
         "--seen",
         metavar="N",
         min=0,
@@ -85,18 +81,18 @@ Seen = Annotated[
     ),
 ]
 Explain = Annotated[
-    int | None, typer.Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
+    int | None, Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
 ]
 Intervals = Annotated[
     int,
-    typer.Option(
+    Option(
         "--intervals",
         metavar="N",
         min=0,
         help="95 % confidence intervals from N bootstrap resamples, 20 to 100000; such as 1000.",
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the resamples.")]
+Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Of the resamples.")]
 
 
 _OF_FILES = {

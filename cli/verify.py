@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from fbench.cli.options import (
     Config,
@@ -48,13 +49,9 @@ def verify(
     truth_format: TruthFormat = None,
     truth_frame: TruthFrame = "",
     detections: DetectionsFile = None,
-    repeat: Annotated[
-        int, typer.Option(min=1, max=100, help="How often the same is replayed, the first time included.")
-    ] = 2,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Try only repeats, another hash seed and more threads.")
-    ] = False,
-    keep: Annotated[Path | None, typer.Option(help="Keep the runs of all replays in this folder.")] = None,
+    repeat: Annotated[int, Option(min=1, max=100, help="How often the same is replayed, the first time included.")] = 2,
+    quick: Annotated[bool, Option("--quick", help="Try only repeats, another hash seed and more threads.")] = False,
+    keep: Annotated[Path | None, Option(help="Keep the runs of all replays in this folder.")] = None,
     reference: Reference = None,
     timeout_ms: TimeoutMs = None,
     tolerance_ms: ToleranceMs = None,

@@ -7,6 +7,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from fbench.cli import options as examples
 from fbench.cli.options import Json
@@ -32,10 +33,10 @@ def list_(json: Json = False) -> None:
 
 @app.command("get", epilog=examples.WEIGHTS_GET)
 def get(
-    name: Annotated[str, typer.Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
+    name: Annotated[str, Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
     file: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE", help="Take in this file, fetched by hand, instead of downloading it."),
+        Option("--from", metavar="FILE", help="Take in this file, fetched by hand, instead of downloading it."),
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
@@ -46,12 +47,12 @@ def get(
 
 @app.command("train", epilog=examples.WEIGHTS_TRAIN)
 def train(
-    folder: Annotated[Path, typer.Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
-    seed: Annotated[int | None, typer.Option(min=0, help="Other first weights and other views of the images.")] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Fewer for a trial.")] = None,
-    device: Annotated[Literal["cpu", "cuda"], typer.Option(help="Where to compute.")] = "cpu",
-    threads: Annotated[int, typer.Option(min=1, max=256, help="Of the CPU.")] = 2,
+    folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
+    out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
+    seed: Annotated[int | None, Option(min=0, help="Other first weights and other views of the images.")] = None,
+    steps: Annotated[int | None, Option(min=1, help="Fewer for a trial.")] = None,
+    device: Annotated[Literal["cpu", "cuda"], Option(help="Where to compute.")] = "cpu",
+    threads: Annotated[int, Option(min=1, max=256, help="Of the CPU.")] = 2,
 ) -> None:
     """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
     torch = _import_torch()

@@ -163,10 +163,7 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
     }
     cameras = {
         n: CameraEntry(
-            K=c.K.tolist(),
-            size_wh=c.size_wh,
-            distortion_model=c.distortion_model,
-            distortion=c.distortion.tolist(),
+            K=c.K.tolist(), size_wh=c.size_wh, distortion_model=c.distortion_model, distortion=c.distortion.tolist()
         )
         for n, c in sorted(rig.cameras.items())
     }

@@ -104,8 +104,7 @@ def write_media(path: Path, frames: Sequence[MediaFrame]) -> None:
     names = ("frame", "kind", "sensor", "width", "height", "data")
     kinds = (pa.int64(), pa.string(), pa.string(), pa.int64(), pa.int64(), pa.binary())
     write_table(
-        path,
-        {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))},
+        path, {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))}
     )
 
 
