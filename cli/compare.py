@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import console, make_table, number, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 
@@ -21,7 +21,7 @@ def compare(
     base: Annotated[Path, Argument(metavar="BASE", help="The run to compare with.")],
     head: Annotated[Path, Argument(metavar="HEAD", help="The run that should not be worse.")],
     tolerance: Annotated[float, Option(min=0, help="How much a primary metric may fall.")] = 0.0,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Print what changed between two runs; exit 1 when a primary metric fell by more than the tolerance."""
     from fbench.api.runs import compare as compare_runs

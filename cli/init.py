@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from fbench.cli.options import Json, Log
+from fbench.cli import options
 from fbench.cli.show import console, make_table, print_json, say
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ _MAX_VALUE = 48
 
 
 def init(
-    log: Log,
+    log: options.Log,
     out: Annotated[Path | None, Option("--out", "-o", help="File to write; else fbench.toml beside the log.")] = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Look at a log and write an fbench.toml that says what is in it, with the reasons."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses

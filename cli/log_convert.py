@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Option
 
-from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
@@ -18,7 +18,7 @@ _NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all o
 
 
 def convert(
-    source: Log,
+    source: options.Log,
     out: Annotated[Path, Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing log.")] = False,
     compression: Annotated[
@@ -43,9 +43,9 @@ def convert(
     decode: Annotated[
         bool, Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
     ] = False,
-    config: Config = None,
-    rig: RigFiles = None,
-    json: Json = False,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    json: options.Json = False,
 ) -> None:
     """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import fault_lines, import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 
@@ -43,7 +43,7 @@ def export(
     ] = "",
     name: Annotated[str, Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
     overwrite: Annotated[bool, Option("--overwrite", help="Replace an earlier export.")] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from fbench.cli.options import Json, Settings
+from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
 
@@ -37,13 +37,13 @@ def import_(
         Path | None,
         Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
     ] = None,
-    settings: Settings = None,
+    settings: options.Settings = None,
     skip_bad: Annotated[
         bool, Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
     ] = False,
     form: Annotated[Literal["mcap", "parquet"], Option(help="Of the logs in a folder.")] = "mcap",
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
     from fbench.cli.import_lines import log_line

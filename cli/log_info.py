@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.table import Table
 
-from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 
@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 _MAX_VALUE = 300  # Of metadata on the terminal
 
 
-def info(log: Log, config: Config = None, rig: RigFiles = None, json: Json = False) -> None:
+def info(
+    log: options.Log, config: options.Config = None, rig: options.RigFiles = None, json: options.Json = False
+) -> None:
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.replay.check.survey import survey
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.setup.source import LogRequest, log_source
+    from fbench.replay.setup.source import log_source
 
-    source, faults = log_source(LogRequest(log, config, rig or [])), FaultLog()
+    source, faults = log_source(options.log_request(locals())), FaultLog()
     with explain_losses(faults):
         result = survey(source.open(faults), source.sync(None, None, None, None))
     if json:

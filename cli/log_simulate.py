@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 
@@ -59,7 +59,7 @@ def simulate(
         Literal["mcap", "parquet"] | None, Option(help="Of a suite's logs; mcap, unless said otherwise.")
     ] = None,
     overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Simulate a drive through a city or along a highway, with every sensor and perfect truth."""
     from fbench.cli.import_lines import log_line

@@ -9,20 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from fbench.cli.options import (
-    Config,
-    DetectionsFile,
-    DistanceM,
-    InterpolateTruthMs,
-    InView,
-    Iou,
-    Json,
-    MinCoverage,
-    RangeM,
-    TruthFile,
-    TruthFormat,
-    TruthFrame,
-)
+from fbench.cli import options
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
@@ -116,8 +103,8 @@ _INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHA
 def score(
     context: typer.Context,
     runs: Runs = None,
-    truth: TruthFile = None,
-    detections: DetectionsFile = None,
+    truth: options.TruthFile = None,
+    detections: options.DetectionsFile = None,
     profile: Profile = None,
     match: Match = None,
     class_: Class = None,
@@ -125,22 +112,22 @@ def score(
     sequences: Sequences = None,
     seqmap: Seqmap = None,
     missing: Missing = "error",
-    truth_format: TruthFormat = None,
+    truth_format: options.TruthFormat = None,
     detections_format: DetectionsFormat = None,
-    truth_frame: TruthFrame = "",
-    range_m: RangeM = 50.0,
-    in_view: InView = True,
+    truth_frame: options.TruthFrame = "",
+    range_m: options.RangeM = 50.0,
+    in_view: options.InView = True,
     seen: Seen = 0,
     region: Region = None,
-    distance_m: DistanceM = 2.0,
-    iou: Iou = 0.5,
-    interpolate_truth_ms: InterpolateTruthMs = 0.0,
-    config: Config = None,
-    min_coverage: MinCoverage = 0.0,
+    distance_m: options.DistanceM = 2.0,
+    iou: options.Iou = 0.5,
+    interpolate_truth_ms: options.InterpolateTruthMs = 0.0,
+    config: options.Config = None,
+    min_coverage: options.MinCoverage = 0.0,
     intervals: Intervals = 0,
     seed: Seed = 0,
     out: Out = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Score runs again from their folders, or results of another system from files, without replaying a log."""
     from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest, score_files

@@ -1,6 +1,8 @@
 """Tables and progress on the terminal, JSON for machines, and faults as text."""
 
 import json
+import sys
+import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -75,6 +77,11 @@ def make_table(*columns: str, right: Collection[str] = ()) -> Table:
 def print_json(content: object) -> None:
     """Print a value as JSON; numbers that JSON doesn't have are an error of ours."""
     print(json.dumps(content, indent=1, allow_nan=False))  # noqa: T201
+
+
+def show_traceback(error: BaseException) -> None:
+    """Write the traceback of an error to stderr, without credentials."""
+    sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
 
 
 def number(metric: str, value: float | None, unit: str) -> str:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from fbench.cli import options as examples
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 
@@ -23,15 +22,15 @@ _STEPS_A_LINE = 100
 app = typer.Typer(help="List and fetch camera detectors for real images.", no_args_is_help=True)
 
 
-@app.command("list", epilog=examples.WEIGHTS_LIST)
-def list_(json: Json = False) -> None:
+@app.command("list", epilog=options.examples("weights list"))
+def list_(json: options.Json = False) -> None:
     """List the detectors that fbench knows by name, and which of them are here; needs no network."""
     from fbench.pipelines.models.weights import CATALOGUE
 
     show_weights(CATALOGUE, json)
 
 
-@app.command("get", epilog=examples.WEIGHTS_GET)
+@app.command("get", epilog=options.examples("weights get"))
 def get(
     name: Annotated[str, Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
     file: Annotated[
@@ -45,7 +44,7 @@ def get(
     get_weights(entry_named(name), file)
 
 
-@app.command("train", epilog=examples.WEIGHTS_TRAIN)
+@app.command("train", epilog=options.examples("weights train"))
 def train(
     folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
     out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
