@@ -28,7 +28,7 @@ from fbench.cli import (
     weights,
 )
 from fbench.cli.options import examples
-from fbench.cli.show import show_traceback
+from fbench.cli.show import printable, show_traceback
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError
 from fbench.replay.runs.secrets import without_secrets
 
@@ -125,4 +125,4 @@ def _line(error: Exception) -> str:
     else:
         text = error.format_message() if isinstance(error, _UsageError) else str(error)
         text += f" [{error.code}]" if isinstance(error, FbenchError) and error.code else ""
-    return "".join(c if c.isprintable() else " " for c in without_secrets(text))
+    return printable(without_secrets(text))

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 from typer import Option
 
 from fbench.cli import options
@@ -99,7 +98,15 @@ def _print(log: Path, result: "CheckResult") -> None:
         complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
         summary = f"{complete}, {segments}, {result.num_labeled} with truth"
     say(f"{log}: {summary}")
-    console().print(_streams(result))
+    numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
+    table = make_table("sensor", "kind", *numbers, right=numbers)
+    for s in result.streams:
+        skew = f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"
+        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
+        times = (_ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns))
+        no_skew = s.skew_median_ns is None
+        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, *times, "–" if no_skew else skew)
+    console().print(table)
     for found in result.findings:
         source = f" {found.source}" if found.source else ""
         first = f" (first: {found.first})" if found.first else ""
@@ -108,19 +115,6 @@ def _print(log: Path, result: "CheckResult") -> None:
             say(f"    → {found.advice}")
     num = result.num_problems
     say("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}")
-
-
-def _streams(result: "CheckResult") -> Table:
-    numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
-    table = make_table("sensor", "kind", *numbers, right=numbers)
-    for s in result.streams:
-        skew = "–"
-        if s.skew_median_ns is not None:
-            skew = f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"
-        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
-        times = (_ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns))
-        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, *times, skew)
-    return table
 
 
 def _ms(value_ns: int | None) -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 from typer import Option
@@ -10,9 +10,6 @@ from typer import Option
 from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
-
-if TYPE_CHECKING:
-    from fbench.replay.logs.convert.run import Converted
 
 _NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all others
 
@@ -71,14 +68,10 @@ def convert(
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
             result = convert_container(container, target, wish, progress)
     rows = [row for row in faults.rows() if row["code"] != _NO_USE]
+    code = EXIT_LOSSY if faults.lost else EXIT_OK
     if json:
         print_json({**asdict(result), "path": str(result.path), "faults": rows})
-    else:
-        _print(result, rows)
-    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
-
-
-def _print(result: "Converted", rows: list[dict[str, Any]]) -> None:
+        raise typer.Exit(code)
     table = make_table("topic", "messages", right=["messages"])
     table.columns[0].overflow = "fold"
     for topic, num in result.messages.items():
@@ -91,3 +84,4 @@ def _print(result: "Converted", rows: list[dict[str, Any]]) -> None:
     total = sum(result.messages.values())
     say(*fault_lines(rows), f"id: {result.log_id}")
     say(f"log: {result.path}: {total} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
+    raise typer.Exit(code)

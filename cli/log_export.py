@@ -59,22 +59,13 @@ def export(
             done.append(exported)
             with progress.finished(exported.num_frames):
                 if not json:
-                    say(_describe(exported))
+                    counts = f"{exported.num_rows} rows in {exported.num_frames} frames, {exported.view}"
+                    left = ", ".join(f"{num} {reason}" for reason, num in exported.left_out.items())
+                    say(f"{exported.name}: {counts}{f'; left out: {left}' if left else ''}")
     if json:
-        sequences = [
-            {
-                "name": one.name, "frames": one.num_frames, "rows": one.num_rows, "left_out": dict(one.left_out),
-                "view": one.view,
-            }
-            for one in done
-        ]  # fmt: skip
+        names = {"name": "name", "frames": "num_frames", "rows": "num_rows", "left_out": "left_out", "view": "view"}
+        sequences = [{key: getattr(one, name) for key, name in names.items()} for one in done]
         print_json({"format": request.format, "path": str(out), "sequences": sequences, "faults": faults.rows()})
     else:
         say(*fault_lines(faults.rows()), f"{request.format}: {out}")
     raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
-
-
-def _describe(one: "Exported") -> str:
-    left = ", ".join(f"{num} {reason}" for reason, num in one.left_out.items())
-    found = f"{one.name}: {one.num_rows} rows in {one.num_frames} frames, {one.view}"
-    return f"{found}; left out: {left}" if left else found

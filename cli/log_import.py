@@ -1,6 +1,7 @@
 """`fbench log import`."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -50,11 +51,15 @@ def import_(
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
     from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
-    from fbench.replay.contracts.plugins import make_importer
+    from fbench.replay.contracts.plugins import default_params, load, make_importer
     from fbench.replay.engine.excerpt import make_excerpt
 
-    all_settings = [*([] if detections is None else [_detections(dataset, detections)]), *(settings or [])]
-    importer = GuardedImporter(make_importer(dataset, all_settings), dataset)
+    if detections is not None:
+        params = default_params(load("datasets", dataset))
+        if params is None or "detections" not in {f.name for f in fields(params)}:
+            raise ConfigError(f"--detections {detections}: the importer of {dataset} takes no other system's results")
+        settings = [f"detections={detections}", *(settings or [])]
+    importer = GuardedImporter(make_importer(dataset, settings or []), dataset)
     _require_place(out, source)
     excerpt = make_excerpt(None, None, frames)
     known = importer.names(source)
@@ -78,17 +83,6 @@ def import_(
     if all(log.state == "failed" for log in logs):
         raise typer.Exit(EXIT_DATA)
     raise typer.Exit(EXIT_LOSSY if bad.num else EXIT_OK)
-
-
-def _detections(dataset: str, folder: Path) -> str:
-    from dataclasses import fields
-
-    from fbench.replay.contracts.plugins import default_params, load
-
-    params = default_params(load("datasets", dataset))
-    if params is None or "detections" not in {f.name for f in fields(params)}:
-        raise ConfigError(f"--detections {folder}: the importer of {dataset} takes no other system's results")
-    return f"detections={folder}"
 
 
 def _require_place(out: Path, source: Path) -> None:

@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -64,7 +63,8 @@ def simulate(
     """Simulate a drive through a city or along a highway, with every sensor and perfect truth."""
     from fbench.cli.import_lines import log_line
     from fbench.datasets.city.recording import CityRecording
-    from fbench.datasets.city.request import CityRequest
+    from fbench.datasets.city.request import CityRequest, split_setting
+    from fbench.datasets.city.rig import WEATHER
     from fbench.datasets.importing.run import write_recording
     from fbench.replay.logs.convert.target import Target
 
@@ -85,7 +85,9 @@ def simulate(
         if not out.absolute().parent.is_dir():
             raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
         wanted[0][1].form  # noqa: B018  # refuses a name without a form before anything is made
-    _warn_of_idle(request.settings, wanted[0][0])
+    used = (WEATHER, *wanted[0][0].rig.names)
+    idle = [(setting, name) for setting in request.settings if (name := split_setting(setting)[0]) not in used]
+    sys.stderr.writelines(f"note: --set {s} changes nothing: --sensors leaves '{name}' out\n" for s, name in idle)
     done: list[ImportedLog] = []
     try:
         with import_progress(len(wanted)) as progress:
@@ -102,17 +104,6 @@ def simulate(
         raise typer.Exit(128 + signal.SIGINT) from None
     if json:
         print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
-
-
-def _warn_of_idle(settings: Sequence[str], spec: "CitySpec") -> None:
-    """Say which settings change nothing, as their sensor isn't simulated."""
-    from fbench.datasets.city.request import split_setting
-    from fbench.datasets.city.rig import WEATHER
-
-    for setting in settings:
-        name, _, _ = split_setting(setting)
-        if name not in (WEATHER, *spec.rig.names):
-            sys.stderr.write(f"note: --set {setting} changes nothing: --sensors leaves '{name}' out\n")
 
 
 def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["CitySpec", str]]:

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,21 +82,11 @@ Intervals = Annotated[
 Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Of the resamples.")]
 
 
-_OF_FILES = {
-    "detections": "--detections", "detections_format": "--detections-format", "sequences": "--sequences",
-    "seqmap": "--seqmap", "missing": "--missing",
-}  # fmt: skip
-_OF_PROFILES = {"match": "--match"}
-_OF_RUNS = {
-    "range_m": "--range-m", "in_view": "--in-view", "distance_m": "--distance-m", "iou": "--iou", "region": "--region",
-    "seen": "--seen",
-}  # fmt: skip
-_OF_OTHER_TRUTH = {
-    "config": "--config", "truth_frame": "--truth-frame", "interpolate_truth_ms": "--interpolate-truth",
-}  # fmt: skip
-_TRUTH = {"truth": "--truth", "truth_format": "--truth-format", **_OF_OTHER_TRUTH}
-_COVERAGE = {"min_coverage": "--min-coverage"}
-_EXPLAIN = {"explain": "--explain"}
+_OF_FILES = ("detections", "detections_format", "sequences", "seqmap", "missing")
+_OF_RUNS = ("range_m", "in_view", "distance_m", "iou", "region", "seen")
+_OF_OTHER_TRUTH = ("config", "truth_frame", "interpolate_truth_ms")
+_TRUTH = ("truth", "truth_format", *_OF_OTHER_TRUTH)
+_CALLED = {"interpolate_truth_ms": "--interpolate-truth", "class_": "--class"}  # Others as their parameter
 _INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHARE"}
 
 
@@ -176,8 +166,7 @@ def _score_runs(request: "ScoreRequest", min_coverage: float, out: Path | None, 
     elif len(request.runs) > 1:
         show_together(result, request.runs, out, as_json)
     else:
-        for line in result.warnings:
-            sys.stderr.write(f"{line}\n")
+        sys.stderr.writelines(f"{line}\n" for line in result.warnings)
         show_run(Run(request.runs[0]), as_json)
     code = EXIT_OK if result.complete else EXIT_LOSSY
     return require_coverage(Run(request.runs[0]), min_coverage, code) if len(request.runs) == 1 else code
@@ -209,37 +198,32 @@ def require_fitting(given: Collection[str], num_runs: int) -> None:
         raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
     if not num_runs:
         missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
-        if len(missing) == 2:
-            raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
         if missing:
-            raise ConfigError(f"{missing[0]} PATH is missing: results in files are scored against truth in files")
-        _refuse(given, {**_OF_RUNS, **_OF_OTHER_TRUTH, **_COVERAGE, **_EXPLAIN}, "is for run folders")
+            none = "what is to be scored? give a RUN folder, or --truth PATH and --detections PATH"
+            one = f"{missing[0]} PATH is missing: results in files are scored against truth in files"
+            raise ConfigError(none if len(missing) == 2 else one)
+        _refuse(given, (*_OF_RUNS, *_OF_OTHER_TRUTH, "min_coverage", "explain"), "is for run folders")
         return
     if "detections" in given:
         raise ConfigError("--detections are scored without a RUN: leave out one of them")
     _refuse(given, _OF_FILES, "goes with --truth and --detections, without a RUN")
     if num_runs > 1:
-        _refuse(given, {**_TRUTH, **_COVERAGE, **_EXPLAIN}, f"is for one RUN, not {num_runs}")
+        _refuse(given, (*_TRUTH, "min_coverage", "explain"), f"is for one RUN, not {num_runs}")
     if "profile" in given:
-        _require_plain(given)
+        if "truth" in given:
+            why = "--profile takes the truth that the run has; give it other truth first"
+            raise ConfigError(f"{why}: fbench score RUN --truth PATH")
+        _refuse(given, (*_OF_RUNS, *_TRUTH, "explain"), "doesn't go with --profile")
     elif "explain" in given:
-        others = {**_TRUTH, **_OF_PROFILES, **_COVERAGE, "intervals": "--intervals", "out": "--out"}
-        _refuse(given, others, "doesn't go with --explain")
+        _refuse(given, (*_TRUTH, "match", "min_coverage", "intervals", "out"), "doesn't go with --explain")
     else:
-        _refuse(given, {**_OF_PROFILES, "class_": "--class"}, "goes with --profile")
+        _refuse(given, ("match", "class_"), "goes with --profile")
         if num_runs == 1:
-            _refuse(given, {"out": "--out"}, "goes with --profile or several RUNs; a RUN has its own scores.json")
+            _refuse(given, ("out",), "goes with --profile or several RUNs; a RUN has its own scores.json")
 
 
-def _require_plain(given: Collection[str]) -> None:
-    """Refuse what a profile leaves no room for."""
-    if "truth" in given:
-        raise ConfigError("--profile takes the truth that the run has; give it other truth first: fbench score RUN "
-                          "--truth PATH")  # fmt: skip
-    _refuse(given, {**_OF_RUNS, **_TRUTH, **_EXPLAIN}, "doesn't go with --profile")
-
-
-def _refuse(given: Collection[str], options: dict[str, str], why: str) -> None:
-    for name, option in options.items():
+def _refuse(given: Collection[str], names: Sequence[str], why: str) -> None:
+    for name in names:
         if name in given:
+            option = _CALLED.get(name, f"--{name.replace('_', '-')}")
             raise ConfigError(f"{option} {why}{_INSTEAD.get(name, '')}")

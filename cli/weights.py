@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -54,7 +54,11 @@ def train(
     threads: Annotated[int, Option(min=1, max=256, help="Of the CPU.")] = 2,
 ) -> None:
     """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
-    torch = _import_torch()
+    try:
+        import onnx  # noqa: F401
+        import torch
+    except ImportError as error:
+        raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
     if out.suffix != ".onnx":
         raise ConfigError(f"{out}: expected a name that ends in .onnx")
     if not out.absolute().parent.is_dir():
@@ -85,7 +89,14 @@ def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
     folder = weights_folder()
     rows = [(entry, state(entry, folder / entry.file_name)) for entry in catalogue]
     if as_json:
-        print_json([_describe(entry, folder / entry.file_name, found) for entry, found in rows])
+        names = ("name", "model", "by", "licence", "ap", "input_wh", "page", "url", "sha256", "num_bytes")
+        public = {"ap": "coco_ap", "num_bytes": "bytes"}
+        content = [
+            {public.get(name, name): getattr(entry, name) for name in names}
+            | {"path": str(folder / entry.file_name), "state": found}
+            for entry, found in rows
+        ]
+        print_json(content)
         return
     table = make_table("name", "licence", "COCO AP", "MB", "input", "here", "model", right=("COCO AP", "MB"))
     for entry, found in rows:
@@ -116,32 +127,6 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
         num_bytes += len(block)
         progress(num_bytes)
         yield block
-
-
-def _describe(entry: "Entry", path: Path, found: str) -> dict[str, object]:
-    return {
-        "name": entry.name,
-        "model": entry.model,
-        "by": entry.by,
-        "licence": entry.licence,
-        "coco_ap": entry.ap,
-        "input_wh": list(entry.input_wh),
-        "page": entry.page,
-        "url": entry.url,
-        "sha256": entry.sha256,
-        "bytes": entry.num_bytes,
-        "path": str(path),
-        "state": found,
-    }
-
-
-def _import_torch() -> Any:
-    try:
-        import onnx  # noqa: F401
-        import torch
-    except ImportError as error:
-        raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
-    return torch
 
 
 def _find_logs(folder: Path) -> Sequence[Path]:
