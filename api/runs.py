@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from fbench.api.scores import open_folder, score_folder
 from fbench.replay.contracts.faults import FaultLog, explain_losses
-from fbench.replay.contracts.plugins import give_log, guarded, load, opened_pipeline, parse_name
+from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
 from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
 from fbench.replay.contracts.variants import Variant, variant_of
 from fbench.replay.data.files import replace_text
@@ -219,11 +219,11 @@ def replay(
         host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
         replace_text(folder / "host.json", json.dumps({**host, **_measure_pace(clock)}, indent=1) + "\n")
         if not request.redact:
-            with guarded(f"pipeline '{name}' can't give its stderr"):
+            with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
         score_folder(folder, request.scoring)
 
-    with opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
+    with open_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
         plan = Plan(
             pipeline,
             name,

@@ -19,7 +19,7 @@ from fbench.replay.check.difference import WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import give_log, opened_pipeline
+from fbench.replay.contracts.plugins import give_log, open_pipeline
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import Plan, replay
@@ -44,7 +44,7 @@ def run(task: VerifyTask) -> None:
     _prepare(task.num_threads)
     request, options, faults = task.request, task.request.resolve(), FaultLog()
     with (
-        opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
+        open_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
         _open_source(task, options.log) as log,
         opened_ahead(log.open, faults, options.read_ahead) as ahead,
     ):

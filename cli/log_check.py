@@ -48,7 +48,7 @@ def check(
     from fbench.replay.check.findings import require_codes
     from fbench.replay.check.log_check import CheckOptions, check_log
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.contracts.plugins import give_log, opened_pipeline
+    from fbench.replay.contracts.plugins import give_log, open_pipeline
 
     require_codes(ignore or ())
     request = options.replay_request(locals(), needs_pipeline=False)
@@ -57,7 +57,7 @@ def check(
     # What a plug-in prints must not get between the lines of --json.
     with (
         redirect_stdout(sys.stderr),
-        opened_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
+        open_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
         explain_losses(faults),
     ):
         reader = chosen.log.open(faults)

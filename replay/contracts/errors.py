@@ -26,15 +26,11 @@ class FbenchError(Exception):
     exit_code = EXIT_DATA
 
     def __init__(self, text: str = "", code: str = "") -> None:
-        clean = without_secrets(_shorten(text))
-        super().__init__("".join(c if c.isprintable() else " " for c in clean))
+        half = _MAX_CHARS // 2
+        short = text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
+        super().__init__("".join(c if c.isprintable() else " " for c in without_secrets(short)))
         self.code = code
         """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
-
-
-def _shorten(text: str) -> str:
-    half = _MAX_CHARS // 2
-    return text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
 
 
 class ConfigError(FbenchError):

@@ -20,7 +20,7 @@ from typing import Any, Literal
 from fbench.replay.contracts.errors import ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, Variant, find_variants, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, find_variants, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -151,7 +151,7 @@ def _from_file(name: str) -> Any:
 
 
 @contextmanager
-def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
+def open_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
     """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something.
 
     Raises:
@@ -168,7 +168,7 @@ def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, 
 
 
 @contextmanager
-def guarded(what: str) -> Iterator[None]:
+def guard(what: str) -> Iterator[None]:
     """Tell whatever a plug-in raises in one line.
 
     Raises:
@@ -190,13 +190,13 @@ def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> 
     """
     if isinstance(pipeline, UsesLog):
         log = opened()
-        with guarded(f"pipeline '{name}' can't use the log"):
+        with guard(f"pipeline '{name}' can't use the log"):
             pipeline.use_log(log)
 
 
 def _close(pipeline: Pipeline, name: str) -> None:
     if isinstance(pipeline, Closes):
-        with guarded(f"pipeline '{name}' can't be closed"):
+        with guard(f"pipeline '{name}' can't be closed"):
             pipeline.close()
 
 
@@ -217,40 +217,31 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
 
 
 def _choose_class(name: str) -> tuple[type, list[str]]:
-    """Return the class that a pipeline's name means, and what the name itself sets."""
+    """The class that a pipeline's name means, and what the name itself sets; untrusted files run no code."""
+    cls: type
     variant = variant_of(name)
     if variant is None:
-        cls: type = load("pipelines", parse_name(name).plugin)
-        return cls, _argument(name, cls)
-    cls = _base(variant)
-    return cls, variant_settings(variant, default_params(cls))
-
-
-def _base(variant: Variant) -> type:
-    """Return the class that a variant is one of; untrusted files run no code."""
-    if ".py:" in variant.base:
-        raise ConfigError(f"{variant.where}: 'base': expected the name of a pipeline, got the file {variant.base}")
-    if variant.base.endswith(SUFFIX) or variant_of(variant.base) is not None:
-        raise ConfigError(f"{variant.where}: 'base': {variant.base} is a variant itself; name a pipeline, and set all")
+        parsed = parse_name(name)
+        cls = load("pipelines", parsed.plugin)
+        if parsed.argument is None:
+            return cls, []
+        if not isinstance(cls, TakesArgument):
+            raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
+        return cls, [f"{cls.argument}={parsed.argument}"]
+    base, where = variant.base, f"{variant.where}: 'base'"
+    if ".py:" in base:
+        raise ConfigError(f"{where}: expected the name of a pipeline, got the file {base}")
+    if base.endswith(SUFFIX) or variant_of(base) is not None:
+        raise ConfigError(f"{where}: {base} is a variant itself; name a pipeline, and set all")
     try:
-        cls: type = load("pipelines", variant.base)
+        cls = load("pipelines", base)
     except ConfigError as error:
-        raise ConfigError(f"{variant.where}: 'base': {error}", "CFG003") from error
+        raise ConfigError(f"{where}: {error}", "CFG003") from error
     if isinstance(cls, KeepsStderr):
-        raise ConfigError(f"{variant.where}: 'base': {variant.base} runs a program; name it on the command line")
+        raise ConfigError(f"{where}: {base} runs a program; name it on the command line")
     if variant.name in entry_points_of("pipelines"):
         raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
-    return cls
-
-
-def _argument(name: str, cls: type) -> list[str]:
-    """What follows a colon, as a setting."""
-    parsed = parse_name(name)
-    if parsed.argument is None:
-        return []
-    if not isinstance(cls, TakesArgument):
-        raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
-    return [f"{cls.argument}={parsed.argument}"]
+    return cls, variant_settings(variant, default_params(cls))
 
 
 def pipeline_class(name: str) -> type:

@@ -66,7 +66,7 @@ def read_variant(path: Path) -> Variant:
     Raises:
         ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names file and key.
     """
-    return parse_variant(_content(path), str(path), path.parent)
+    return parse_variant(read_config(path, "name the TOML file of a variant", "variant"), str(path), path.parent)
 
 
 def parse_variant(content: bytes, where: str, folder: Path | None, group: str = "") -> Variant:
@@ -115,16 +115,19 @@ def _text(name: str, value: object) -> str:
     raise TomlError(f"'{name}': expected text, a number, true or false, or a list of these")
 
 
-def _content(path: Path) -> bytes:
+def read_config(path: Path, hint: str, what: str) -> bytes:
+    """Return the content of a file that somebody wrote for fbench. Raises ConfigError where it can't be read, isn't a
+    file, which `hint` then follows, or is larger than any such file need be, `what` it is.
+    """
     try:
         if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-            raise ConfigError(f"{path}: not a regular file; name the TOML file of a variant")
+            raise ConfigError(f"{path}: not a regular file; {hint}")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
     if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no variant needs", "CFG003")
+        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no {what} needs", "CFG003")
     return data
 
 

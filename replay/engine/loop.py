@@ -11,7 +11,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import LogError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
-from fbench.replay.contracts.plugins import guarded
+from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import Boxes, finite
 from fbench.replay.data.frames import ClockName, Frame, Output
@@ -129,7 +129,7 @@ class _Loop:
                     "([sensors.NAME] with its topic), or leave it out with --topics"
                 )
         try:
-            with guarded(f"pipeline '{self._plan.name}' can't start"):
+            with guard(f"pipeline '{self._plan.name}' can't start"):
                 self._plan.pipeline.start(self._rig, self._info)
         except LogError as error:
             if self._plan.variant is None:
@@ -288,7 +288,7 @@ class _Loop:
         pipeline = self._plan.pipeline
         if not isinstance(pipeline, TellsIdentity):
             return {}
-        with guarded(f"pipeline '{self._plan.name}' can't say what tells it apart"):
+        with guard(f"pipeline '{self._plan.name}' can't say what tells it apart"):
             identity = dict(pipeline.identity())
             json.dumps(identity, allow_nan=False)
         return identity

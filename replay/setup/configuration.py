@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.boxes import LABELS
 from fbench.replay.data.classes import IGNORE
 from fbench.replay.data.rig import Kind
@@ -93,7 +94,6 @@ class Config(_Strict):
         return classes
 
 
-MAX_BYTES = 1024 * 1024
 _TABLES: Mapping[str, type[BaseModel]] = {
     "frames": FramesTable, "body": BodyTable, "sensors": SensorTable, "truth": BoxesTable, "results": BoxesTable,
 }  # fmt: skip
@@ -101,15 +101,7 @@ _TABLES: Mapping[str, type[BaseModel]] = {
 
 def load_config(path: Path) -> Config:
     """Read a file. Raises ConfigError where it can't be read, isn't TOML, or holds what isn't known; names the key."""
-    try:
-        if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-            raise ConfigError(f"{path}: not a regular file; name an fbench.toml")
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no configuration needs", "CFG003")
+    data = read_config(path, "name an fbench.toml", "configuration")
     try:
         return Config.model_validate(parse_toml(data))
     except TomlError as error:
