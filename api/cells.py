@@ -35,11 +35,7 @@ State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]
 
 
 def folder_of(cell: ReplayRequest) -> Path:
-    """Return the folder of a cell's run.
-
-    Raises:
-        ConfigError: where the request names none.
-    """
+    """Return the folder of a cell's run. Raises ConfigError where the request names none."""
     if cell.out is None:
         raise ConfigError(f"{cell.log.path} through {cell.pipeline}: a cell of a suite needs a folder for its run")
     return cell.out

@@ -123,12 +123,7 @@ class RunComparison:
 
 
 def open_run(folder: Path | str) -> OpenRun:
-    """Open a run folder.
-
-    Raises:
-        ConfigError: where there is no such folder.
-        RunError: where it isn't a run.
-    """
+    """Open a run folder. Raises ConfigError where there is no such folder. Raises RunError where it isn't a run."""
     return OpenRun(open_folder(Path(folder)))
 
 
@@ -268,10 +263,8 @@ def default_folder(request: ReplayRequest, info: LogInfo) -> Path:
 
 
 def short_name(pipeline: str) -> str:
-    """Return a pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`.
-
-    Raises:
-        ConfigError: where the file of a variant can't be used.
+    """Return a pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`. Raises ConfigError where
+    the file of a variant can't be used.
     """
     variant = variant_of(pipeline)
     return parse_name(without_secrets(pipeline)).short if variant is None else without_secrets(variant.file_name)

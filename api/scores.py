@@ -137,11 +137,8 @@ class ScoreResult:
 
 def score(request: ScoreRequest) -> ScoreResult:
     """Score runs: a single run's own scores are written into its folder; all else leaves the folders as they are.
-
-    Raises:
-        ConfigError: where a folder isn't there, or options don't fit together.
-        RunError: where a folder is no run, or nothing in it has truth.
-        MetricError: where the runs can't be scored by the profile.
+    Raises ConfigError where a folder isn't there, or options don't fit together. Raises RunError where a folder is no
+    run, or nothing in it has truth. Raises MetricError where the runs can't be scored by the profile.
     """
     runs = [open_folder(folder) for folder in request.runs]
     if request.profile is not None:
@@ -150,11 +147,7 @@ def score(request: ScoreRequest) -> ScoreResult:
 
 
 def score_files(request: FileScoreRequest) -> ScoreResult:
-    """Score results of another system, from files.
-
-    Raises:
-        FbenchError: where they can't be scored.
-    """
+    """Score results of another system, from files. Raises FbenchError where they can't be scored."""
     from fbench.metrics.files.sequences import open_files
     from fbench.metrics.profiles.choose import choose_profile, compared_space, evaluate, fit_profile, only
     from fbench.metrics.profiles.remarks import Remarks
@@ -175,11 +168,8 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
 
 
 def open_folder(folder: Path) -> Run:
-    """Return the run in a folder.
-
-    Raises:
-        ConfigError: where there is no such folder.
-        RunError: where it isn't a run.
+    """Return the run in a folder. Raises ConfigError where there is no such folder. Raises RunError where it isn't a
+    run.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such run folder")
@@ -213,11 +203,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
 
 
 def require_truth(run: Run) -> None:
-    """Refuse a run in which nothing can be scored.
-
-    Raises:
-        RunError: where none of its frames has truth.
-    """
+    """Refuse a run in which nothing can be scored. Raises RunError where none of its frames has truth."""
     if all(frame.truth_stamp_ns is None for frame in run.frames):
         strays = next(row["count"] for row in run.json("faults.json")["rows"] if row["code"] == "GT006")
         why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"

@@ -178,11 +178,8 @@ class Contents:
         }
 
     def of(self, cell: ReplayRequest) -> Content | None:
-        """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a
-        program may give something else each time.
-
-        Raises:
-            FbenchError: where log, pipeline or parameters can't be used.
+        """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a program
+        may give something else each time. Raises FbenchError where log, pipeline or parameters can't be used.
         """
         cls = pipeline_class(cell.pipeline)
         if isinstance(cls, KeepsStderr):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from fbench.api.cells import answers
 from fbench.api.scores import score_folder
-from fbench.replay.check.difference import WATCH, VerifyTask
+from fbench.replay.check.difference import TASK, WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
@@ -32,7 +32,7 @@ def main() -> int:
     """Do what stdin says."""
     with answers() as out:
         try:
-            run(VerifyTask.from_json(sys.stdin.buffer.read().decode()))
+            run(TASK.validate_json(sys.stdin.buffer.read().decode()))
         except FbenchError as error:
             out.write(f"{error}\n")
             return error.exit_code

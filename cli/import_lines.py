@@ -76,11 +76,9 @@ def counts_line(logs: Sequence[ImportedLog]) -> str:
 
 
 def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
-    """Yield what was found in many sequences.
-
-    Lines alike become one, with the range of each number; counts by name alone are summed up. A line that not all
-    sequences have ends with how many do, and with the first ones. Subjects keep the order in which they came; those
-    with many forms show the most frequent ones.
+    """Yield what was found in many sequences. Lines alike become one, with the range of each number; counts by name
+    alone are summed up. A line that not all sequences have ends with how many do, and with the first ones. Subjects
+    keep the order in which they came; those with many forms show the most frequent ones.
     """
     written = [log for log in logs if log.state == "written"]
     subjects: dict[str, _Subject] = {}

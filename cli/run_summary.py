@@ -80,9 +80,8 @@ def _count(num: int, noun: str) -> str:
 
 
 def require_coverage(run: Run, min_coverage: float, code: int) -> int:
-    """Return the exit code of a command that ends with `code`: 1 if all else is good, but too few outputs had truth.
-
-    A line on stderr says so then.
+    """Return the exit code of a command that ends with `code`: 1 if all else is good, but too few outputs had truth. A
+    line on stderr says so then.
     """
     coverage = coverage_of(run)
     if coverage.share >= min_coverage:

@@ -26,20 +26,9 @@ class VerifyTask:
     form: Form | None = None  # Container to which the log is converted first
     num_threads: int = 1  # Of OpenCV; other libraries read the environment
 
-    def to_json(self) -> str:
-        """Return it for another process."""
-        return _ADAPTER.dump_json(self).decode()
 
-    @staticmethod
-    def from_json(text: str) -> "VerifyTask":
-        """Read what `to_json` returned."""
-        return _ADAPTER.validate_json(text)
-
-
-_ADAPTER = TypeAdapter(VerifyTask)
+TASK = TypeAdapter(VerifyTask)  # As JSON, for another process
 WATCH = "watch.json"  # In the run folder: what each frame was made of
-
-
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""
 

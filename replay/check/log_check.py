@@ -1,12 +1,11 @@
 """Reading a whole log once, every checksum verified and every payload decoded, to find what is wrong."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fbench.replay.check.findings import Finding, Severity, finding, sort_key
+from fbench.replay.check.findings import Finding, finding, sort_key
 from fbench.replay.check.survey import Topic, reference_of, topics_of
 from fbench.replay.check.times import StreamStats, Times, stream_stats, time_findings, timeline
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial, missing_findings
@@ -18,7 +17,7 @@ from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, encoded_size
 from fbench.replay.data.messages import BOXES, Image, Message, Pose
 from fbench.replay.data.metadata import GAPS, MEANT
-from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.engine.cleaning import clean
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -30,6 +29,7 @@ from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
+_GAP = "TIM007"
 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
@@ -53,23 +53,16 @@ def _find_damage(image: Image, decode_images: bool) -> str:
     return "can't be decoded" if decode_images and decode(image) is None else ""
 
 
-_GAP = "TIM007"
-
-
 @dataclass(frozen=True)
 class CheckOptions:
     """What to check and how."""
 
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
-    decode_images: bool = False
-    """Decode all images, not only their headers."""
-    pipeline: tuple[str, Pipeline] | None = None
-    """Name and pipeline, to say what it would miss."""
-    sensors: tuple[str, ...] = ()
-    """Patterns of the sensors that frames wait for and the pipeline gets; empty: all."""
-    ignored: tuple[str, ...] = ()
-    """Codes that count as information only."""
+    decode_images: bool = False  # All images, not only their headers
+    pipeline: tuple[str, Pipeline] | None = None  # Name and pipeline, to say what it would miss
+    sensors: tuple[str, ...] = ()  # Patterns of those that frames wait for and the pipeline gets; empty: all
+    ignored: tuple[str, ...] = ()  # Codes that count as information only
     progress: Callable[[int], None] = lambda num_messages: None
 
 
@@ -135,10 +128,9 @@ class _Check:
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
         self._bad_poses: dict[str, tuple[int, int]] = {}
         if self._trial is not None:
-            rig: Rig | None = None
-            with suppress(LogError):  # what is missing of the rig is a finding already
+            try:
                 rig = reader.rig
-            if rig is None:
+            except LogError:  # what is missing of it is a finding already
                 text = f"{self._trial.name} can't start: the rig is incomplete"
                 self._trial.problems.append(finding("CHK008", "", text))
             else:
@@ -217,9 +209,8 @@ class _Check:
             yield finding("CAL001", sensor, why)
         for s in stats:
             if s.num_messages == 0:
-                severity: Severity | None = "info" if self._reference == BOXES else None
                 text = "the rig has it, but the log has no message of it"
-                yield finding("CHK005", s.sensor, text, 0, severity=severity)
+                yield finding("CHK005", s.sensor, text, 0, severity="info" if self._reference == BOXES else None)
         for sensor, (stamp_ns, num) in sorted(self._bad_poses.items()):
             text = f"{num} poses aren't finite or have no rotation"
             yield finding("CHK006", sensor, text, num, f"stamp {stamp_ns} ns")

@@ -107,10 +107,8 @@ _MAX_PLACES = 8000
 
 def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float32:
     """Places (M, 2) [m] in body coordinates of points (N, 3) in the sensor's: the mean of those in each quarter of a
-    meter, at most 8000, evenly spread over all.
-
-    Without the ground only points well above the lowest one of their 4 m count: so neither the mounting nor the heights
-    of boxes matter.
+    meter, at most 8000, evenly spread over all. Without the ground only points well above the lowest one of their 4 m
+    count: so neither the mounting nor the heights of boxes matter.
     """
     x, y, z = (np.ascontiguousarray(column) for column in transform(body_T_sensor, xyz).T)
     rows = np.flatnonzero((np.abs(x) < REACH_M) & (np.abs(y) < REACH_M) & np.isfinite(z))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from fbench.replay.check.difference import Difference, Form, Outcome, VerifyTask, first_difference
+from fbench.replay.check.difference import TASK, Difference, Form, Outcome, VerifyTask, first_difference
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
@@ -154,13 +154,13 @@ class _Children:
     def compare(self, variant: Variant, base: Outcome) -> Verdict:
         """Replay and compare; a replay that fails where the reference didn't is a difference too."""
         try:
-            failed, found = self.replay(variant), None
+            failed = self.replay(variant)
             if failed is None:
                 other = Outcome(self.folder(variant))
-                found = first_difference(base, other, same_container=variant.form is None)
+                return Verdict(variant.name, first_difference(base, other, same_container=variant.form is None))
         except FbenchError as error:
             failed = error
-        return Verdict(variant.name, found if failed is None else Difference("replay", f"failed: {failed}"))
+        return Verdict(variant.name, Difference("replay", f"failed: {failed}"))
 
     def replay(self, variant: Variant) -> FbenchError | None:
         """Replay in a fresh process; returns why it failed."""
@@ -174,7 +174,7 @@ class _Children:
             cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
         self._running.append(process)
-        out, err = process.communicate(task.to_json())
+        out, err = process.communicate(TASK.dump_json(task).decode())
         if process.returncode == 0:
             return None
         lines = (line for text in (out, err) for line in reversed(text.splitlines()) if line.strip())

@@ -164,10 +164,8 @@ class FaultBudget:
 
 
 def parse_budget(on_fault: str, budgets: Sequence[str]) -> FaultBudget:
-    """Read `strict` (nothing may be lost) or `tolerant` (anything), and budgets such as `5` or `DEC001=5`.
-
-    Raises:
-        ConfigError: naming what isn't one of these.
+    """Read `strict` (nothing may be lost) or `tolerant` (anything), and budgets such as `5` or `DEC001=5`. Raises
+    ConfigError naming what isn't one of these.
     """
     totals: dict[str, int | None] = {"strict": 0, "tolerant": None}
     if on_fault not in totals:

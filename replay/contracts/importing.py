@@ -57,11 +57,7 @@ class BadInput:
     """The first ones."""
 
     def report(self, error: LogError) -> None:
-        """Skip what an error tells of.
-
-        Raises:
-            LogError: that error, where nothing is to be skipped.
-        """
+        """Skip what an error tells of. Raises LogError: that error, where nothing is to be skipped."""
         if not self.skip:
             raise error
         self.num += 1
@@ -81,10 +77,8 @@ class ImportWish:
 
 
 def choose_names(names: Sequence[str], patterns: Sequence[str]) -> tuple[str, ...]:
-    """Return the names that fit any of the patterns (`*` and `?` as in file names), all without patterns.
-
-    Raises:
-        ConfigError: for a pattern that fits none.
+    """Return the names that fit any of the patterns (`*` and `?` as in file names), all without patterns. Raises
+    ConfigError for a pattern that fits none.
     """
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
@@ -100,9 +94,7 @@ _KINDS: dict[type[Message], Kind] = {Image: "camera", PointCloud: "lidar", Radar
 
 def check_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Imported]:
     """Pass on the items of the sequence `name`, at least one, which fit the rig and are in the order of `log_ns`.
-
-    Raises:
-        LogError: for the first item that doesn't, or where there is none.
+    Raises LogError for the first item that doesn't, or where there is none.
     """
     last_ns = -1
     for item in items:

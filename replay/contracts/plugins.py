@@ -96,10 +96,8 @@ Group = Literal["datasets", "pipelines", "metrics", "profiles", "reports"]
 
 
 def entry_points_of(group: Group) -> dict[str, EntryPoint]:
-    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them.
-
-    Raises:
-        ConfigError: where two packages claim one name.
+    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them. Raises ConfigError where two
+    packages claim one name.
     """
     points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=f"fbench.{group}"), key=lambda p: (p.name, p.value)):
@@ -111,9 +109,7 @@ def entry_points_of(group: Group) -> dict[str, EntryPoint]:
 
 def load(group: Group, name: str) -> Any:
     """Return what a name of `fbench.GROUP` stands for, a class or a profile, or the class behind `FILE.py:CLASS`.
-
-    Raises:
-        ConfigError: for an unknown name (with the nearest one) or a plug-in that can't be imported.
+    Raises ConfigError for an unknown name (with the nearest one) or a plug-in that can't be imported.
     """
     if ".py:" in name:
         return _from_file(name)
@@ -152,10 +148,8 @@ def _from_file(name: str) -> Any:
 
 @contextmanager
 def open_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
-    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something.
-
-    Raises:
-        RunError: where it can't be closed, unless another error came before.
+    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something. Raises RunError where it
+    can't be closed, unless another error came before.
     """
     pipeline, parameters = make_pipeline(name, settings)
     try:
@@ -169,10 +163,8 @@ def open_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, di
 
 @contextmanager
 def guard(what: str) -> Iterator[None]:
-    """Tell whatever a plug-in raises in one line.
-
-    Raises:
-        RunError: with `what` couldn't be done, and why; errors of fbench pass as they are.
+    """Tell whatever a plug-in raises in one line. Raises RunError: `what` failed, and why; errors of
+    fbench pass as they are.
     """
     try:
         yield
@@ -183,10 +175,8 @@ def guard(what: str) -> Iterator[None]:
 
 
 def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> None:
-    """Let a pipeline that needs more of a log than its frames have one of its own.
-
-    Raises:
-        RunError: where it fails to take it.
+    """Let a pipeline that needs more of a log than its frames have one of its own. Raises RunError where it fails to
+    take it.
     """
     if isinstance(pipeline, UsesLog):
         log = opened()
@@ -245,19 +235,15 @@ def _choose_class(name: str) -> tuple[type, list[str]]:
 
 
 def pipeline_class(name: str) -> type:
-    """Return the class of a pipeline, whose name is written as for `make_pipeline`.
-
-    Raises:
-        ConfigError: for an unknown name, or a class that can't be imported.
+    """Return the class of a pipeline, whose name is written as for `make_pipeline`. Raises ConfigError for an unknown
+    name, or a class that can't be imported.
     """
     return _choose_class(name)[0]
 
 
 def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
-    """Return the parameters that `make_pipeline` would give, without making the pipeline.
-
-    Raises:
-        ConfigError: for an unknown name or setting.
+    """Return the parameters that `make_pipeline` would give, without making the pipeline. Raises ConfigError for an
+    unknown name or setting.
     """
     cls, own = _choose_class(name)
     params = default_params(cls)
@@ -265,10 +251,8 @@ def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
 
 
 def make_importer(name: str, settings: list[str]) -> Importer:
-    """Build the importer of a dataset.
-
-    Raises:
-        ConfigError: for an unknown name or setting, or a class that isn't an importer.
+    """Build the importer of a dataset. Raises ConfigError for an unknown name or setting, or a class that isn't an
+    importer.
     """
     importer, _ = _make_plugin("dataset", name, load("datasets", name), ("names", "recordings"), settings)
     return importer  # type: ignore[no-any-return]

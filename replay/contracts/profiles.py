@@ -43,10 +43,7 @@ class Match:
 
     @classmethod
     def parse(cls, text: str) -> "Match":
-        """Read what follows `--match`, such as `iou3d:0.25` or `bev:2`.
-
-        Raises ConfigError where it isn't of this form.
-        """
+        """Read what follows `--match`: `iou3d:0.25`, `bev:2` ... Raises ConfigError where it isn't of this form."""
         name, _, number = text.partition(":")
         likeness = next((known for known in LIKENESSES if known == name), None)
         if likeness is None:
@@ -122,10 +119,7 @@ class Profile(Protocol[S]):
         """Labels of results that are scored; empty: any are."""
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another rule of what matches.
-
-        Raises ConfigError where the benchmark can't do that.
-        """
+        """Return the profile with another rule of matching. Raises ConfigError where the benchmark can't do that."""
 
     def measure(self, sequence: Sequence) -> S:
         """Return the statistics of one sequence; keeps nothing. Raises MetricError where truth or estimates can't be

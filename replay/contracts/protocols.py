@@ -32,9 +32,8 @@ class Reader(Protocol):
         """Names of the streams of poses, which frames wait for like for sensors."""
 
     def messages(self) -> Iterator[Message | RigChange]:
-        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream).
-
-        Between them come the changes of the rig.
+        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream). Between them come the
+        changes of the rig.
         """
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
@@ -56,28 +55,20 @@ class Recording(Protocol):
     @property
     def info(self) -> LogInfo:
         """The log's name, its id, which tells files and parameters apart (`imports.identity`), and the dataset's facts.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
+        Raises LogError naming the file that is missing or wrong.
         """
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
-        """
+        """Sensors and calibration, as the log begins. Raises LogError naming the file that is missing or wrong."""
 
     @property
     def num_items(self) -> int:
         """About how many items there are, for the progress bar."""
 
     def items(self) -> Iterator[Imported]:
-        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once.
-
-        Raises:
-            LogError: naming the file that can't be used, unless such are skipped.
+        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once. Raises LogError naming
+        the file that can't be used, unless such are skipped.
         """
 
     def summary(self) -> Sequence[str]:
@@ -91,17 +82,13 @@ class Importer(Protocol):
     """
 
     def names(self, source: Path) -> Sequence[str]:
-        """Names of the sequences in the folder `source`, found without reading them.
-
-        Raises:
-            LogError: where it isn't a folder of the dataset, or lacks what all sequences need.
+        """Names of the sequences in the folder `source`, found without reading them. Raises LogError where it isn't a
+        folder of the dataset, or lacks what all sequences need.
         """
 
     def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
-        """Open the sequences that are asked for, one after the other; each is done with when the next one comes.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
+        """Open the sequences that are asked for, one after the other; each is done with when the next one comes. Raises
+        LogError naming the file that is missing or wrong.
         """
 
 
@@ -113,10 +100,8 @@ class Pipeline(Protocol):
     """
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Prepare for one log; called again where the rig changes within it, before `reset`.
-
-        Raises:
-            LogError: where the rig lacks a sensor that the pipeline can't do without.
+        """Prepare for one log; called again where the rig changes within it, before `reset`. Raises LogError where the
+        rig lacks a sensor that the pipeline can't do without.
         """
 
     def reset(self, reason: str) -> None:
@@ -138,10 +123,8 @@ class BoxReader(Protocol):
 
     def detections(self, topic: str) -> Iterator[Truth]:
         """Boxes of one topic in the order in which they were recorded; where `topic` is empty, those of the file that
-        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded.
-
-        Raises:
-            LogError: where there is no such topic, naming the nearest ones.
+        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded. Raises LogError
+        where there is no such topic, naming the nearest ones.
         """
 
 

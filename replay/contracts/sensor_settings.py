@@ -25,10 +25,8 @@ class HasSensorSettings(Protocol):
 
 
 class SensorSettings:
-    """The settings by sensor of one pipeline on one rig.
-
-    Raises:
-        ConfigError: where a setting names no sensor (with the nearest name), or one that the pipeline doesn't use.
+    """The settings by sensor of one pipeline on one rig. Raises ConfigError where a setting names no sensor (with the
+    nearest name), or one that the pipeline doesn't use.
     """
 
     def __init__(self, params: HasSensorSettings, rig: Rig) -> None:
@@ -89,11 +87,7 @@ def _change(params: P, kind: Kind, sensor: str, setting: str, differing: Sequenc
 
 
 def make_sensors(texts: Sequence[str]) -> list[str]:
-    """Read `--sensors`: patterns, several of them with commas between.
-
-    Raises:
-        ConfigError: where one is empty.
-    """
+    """Read `--sensors`: patterns, several of them with commas between. Raises ConfigError where one is empty."""
     patterns = [part.strip() for text in texts for part in text.split(",")]
     if any(not pattern.removeprefix("!") for pattern in patterns):
         raise ConfigError("--sensors: a pattern is empty, expected names such as front* or !radar")
@@ -102,10 +96,8 @@ def make_sensors(texts: Sequence[str]) -> list[str]:
 
 def choose_sensors(names: Collection[str], patterns: Sequence[str]) -> tuple[str, ...]:
     """Return those of the sensors, sorted, whose name fits a pattern (`*`, `?`, `[...]`); `!` before a pattern leaves
-    out what fits it. Without patterns all are chosen.
-
-    Raises:
-        ConfigError: where a pattern fits no sensor, or nothing is left.
+    out what fits it. Without patterns all are chosen. Raises ConfigError where a pattern fits no sensor, or nothing is
+    left.
     """
     for pattern in patterns:
         if not any(_fits(name, pattern.removeprefix("!")) for name in names):

@@ -20,12 +20,9 @@ which sensors there are (`sensor_settings`).
 
 
 def apply_settings(params: P, settings: Sequence[str]) -> P:
-    """Return a copy of `params` with each setting `name.field=value` applied.
-
-    Where they have a field `by_sensor`, it collects the settings whose name begins with none of their fields.
-
-    Raises:
-        ConfigError: for a setting without `=`, an unknown name (with the nearest one), a value of another type.
+    """Return a copy of `params` with each setting `name.field=value` applied. Where they have a field `by_sensor`, it
+    collects the settings whose name begins with none of their fields. Raises ConfigError for a setting without `=`, an
+    unknown name (with the nearest one), a value of another type.
     """
     for setting in settings:
         path, equals, text = setting.partition("=")

@@ -61,19 +61,15 @@ class _Table(BaseModel):
 
 
 def read_variant(path: Path) -> Variant:
-    """Read a file.
-
-    Raises:
-        ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names file and key.
+    """Read a file. Raises ConfigError where it can't be read, isn't TOML, or holds what isn't known; names file and
+    key.
     """
     return parse_variant(read_config(path, "name the TOML file of a variant", "variant"), str(path), path.parent)
 
 
 def parse_variant(content: bytes, where: str, folder: Path | None, group: str = "") -> Variant:
-    """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one.
-
-    Raises:
-        ConfigError: as `read_variant` does.
+    """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one. Raises
+    ConfigError as `read_variant` does.
     """
     try:
         table = _Table.model_validate(parse_toml(content))
@@ -147,10 +143,8 @@ _BUILT_IN = re.compile(r"[\w.-]+/[\w.-]+")
 
 
 def variant_of(pipeline: str) -> Variant | None:
-    """Return the variant that a pipeline's name means; `None` where it means none, or nothing.
-
-    Raises:
-        ConfigError: where its file can't be used, or a group has none of that name (with the nearest one).
+    """Return the variant that a pipeline's name means; `None` where it means none, or nothing. Raises ConfigError where
+    its file can't be used, or a group has none of that name (with the nearest one).
     """
     if pipeline.endswith(SUFFIX):
         return read_variant(Path(pipeline))
@@ -178,10 +172,8 @@ def sensors_of(pipeline: str, given: Sequence[str]) -> list[str]:
 
 
 def variant_settings(variant: Variant, params: Any) -> list[str]:
-    """Return what a variant sets, as `--set` takes it, checked against the parameters of its base.
-
-    Raises:
-        ConfigError: naming the file, for an unknown parameter (with the nearest one) or a wrong value.
+    """Return what a variant sets, as `--set` takes it, checked against the parameters of its base. Raises ConfigError
+    naming the file, for an unknown parameter (with the nearest one) or a wrong value.
     """
     if params is None and variant.settings:
         raise ConfigError(f"{variant.where}: pipeline '{variant.base}' takes no parameters")
@@ -209,11 +201,7 @@ def _groups() -> dict[str, EntryPoint]:
 
 
 def _files(point: EntryPoint) -> dict[str, Traversable]:
-    """Files of a package, by name, sorted.
-
-    Raises:
-        ConfigError: where the package can't be imported.
-    """
+    """Files of a package, by name, sorted. Raises ConfigError where the package can't be imported."""
     try:
         found = [file for file in files(point.value).iterdir() if file.name.endswith(SUFFIX)]
     except (ImportError, TypeError, OSError) as error:

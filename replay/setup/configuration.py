@@ -176,9 +176,8 @@ def _is_inside(folder: Path, path: Path) -> bool:
 
 
 def config_place(log: Path) -> Path:
-    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log.
-
-    A Parquet folder holds what its `log.json` lists and nothing else.
+    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log. A
+    Parquet folder holds what its `log.json` lists and nothing else.
     """
     if log.name in ("log.json", "metadata.yaml"):
         log = log.parent

@@ -121,7 +121,6 @@ def _timeout_line(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks
 
 def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, tolerance_ns: int) -> tuple[Int64, int]:
     """How long after the reference the last sensor came [ns], for each frame that has all; and how many there are.
-
     Instants at the borders of a window, where messages lie outside, don't count.
     """
     waits: list[int] = []

@@ -144,10 +144,9 @@ _MAX_BINS = 4096
 
 
 def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
-    """Guess the period of each radar, by name, whose velocities wrap around.
-
-    Velocities thin out towards the fastest that was seen. Where they fill a range around zero up to both of its ends
-    instead, what was faster has come in again at the other end.
+    """Guess the period of each radar, by name, whose velocities wrap around. Velocities thin out towards the fastest
+    that was seen. Where they fill a range around zero up to both of its ends instead, what was faster has come in again
+    at the other end.
     """
     found = {s.name: _period_line(s) for s in sensors if s.kind == "radar" and not s.is_own}
     return {name: line for name, line in found.items() if line is not None}

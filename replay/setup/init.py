@@ -183,14 +183,12 @@ def plain(text: str) -> str:
 
 
 def _quote(text: str) -> str:
-    return '"' + "".join(_ESCAPES.get(c) or (c if c.isprintable() else _escape(c)) for c in text) + '"'
-
-
-def _escape(character: str) -> str:
-    number = ord(character)
-    if 0xD800 <= number <= 0xDFFF:  # TOML has no code for half a surrogate pair
-        number = 0xFFFD
-    return f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+    quoted = '"'
+    for c in text:
+        number = 0xFFFD if 0xD800 <= ord(c) <= 0xDFFF else ord(c)  # TOML has no code for half a surrogate pair
+        code = f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+        quoted += _ESCAPES.get(c) or (c if c.isprintable() else code)
+    return quoted + '"'
 
 
 def _clip(text: str) -> str:

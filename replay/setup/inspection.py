@@ -76,7 +76,6 @@ def sample_messages(
     container: Container, channels: frozenset[int], times: Mapping[int, Int64] | None, max_entries: int = MAX_ENTRIES
 ) -> Iterator[tuple[int, Entry]]:
     """Yield at most `max_entries` messages of these channels from each of a few windows of time, spread over the log.
-
     Each comes with the number of its window: messages of one window follow each other without a gap. `times` are the
     log times of all channels, where the index tells them.
     """
