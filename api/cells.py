@@ -45,10 +45,8 @@ def folder_of(cell: ReplayRequest) -> Path:
 class Answer:
     """What a process says of a cell; travels as JSON."""
 
-    error: str | None = None
-    """Why there is no run, in one line."""
-    unfit: bool = False
-    """Because the log lacks a sensor that the pipeline needs."""
+    error: str | None = None  # Why there is no run, in one line
+    unfit: bool = False  # Because the log lacks a sensor that the pipeline needs
 
     def to_json(self) -> str:
         """On one line, for another process."""
@@ -65,10 +63,8 @@ class CellResult:
     """What became of a cell."""
 
     cell: ReplayRequest
-    state: State
-    """`replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs."""
-    reason: str | None = None
-    """Why there is no run; one line."""
+    state: State  # `replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs
+    reason: str | None = None  # Why there is no run; one line
 
     @property
     def folder(self) -> Path:
@@ -84,8 +80,7 @@ class CellResult:
 _ANSWER = TypeAdapter(Answer)
 
 
-RUN_SEAL = "cell.json"
-"""In a run folder; holds what the run was made from, too."""
+RUN_SEAL = "cell.json"  # In a run folder; holds what the run was made from, too
 
 
 def seal_run(folder: Path, key: str, content: Mapping[str, object]) -> None:

@@ -12,11 +12,10 @@ from fbench.api.scores import open_folder, score_folder
 from fbench.replay.contracts.faults import FaultLog, explain_losses
 from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
 from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
-from fbench.replay.contracts.variants import Variant, variant_of
+from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
-from fbench.replay.data.rig import LogInfo
 from fbench.replay.data.scores import score_rows
-from fbench.replay.engine.clock import Clock, make_clock
+from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
 from fbench.replay.engine.read_ahead import opened_ahead
@@ -208,11 +207,17 @@ def replay(
     """
     options, name = request.resolve(), name_pipeline(request)
     clock, start = make_clock(request.rate, options.sync.max_gap_ns), time.monotonic()
-    faults = FaultLog()
+    faults, variant, entry = FaultLog(), request.variant, None
+    if variant is not None:
+        sets = [parameter for parameter, _ in variant.settings]
+        entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
     def complete(folder: Path) -> None:
         host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
-        replace_text(folder / "host.json", json.dumps({**host, **_measure_pace(clock)}, indent=1) + "\n")
+        pace = clock.pace
+        known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+        host |= {name: round(value, 3) for name, value in known.items() if value is not None}
+        replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         if not request.redact:
             with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
@@ -228,7 +233,7 @@ def replay(
             excerpt=options.excerpt,
             topics=options.log.topics,
             sensors=options.sensors,
-            variant=_describe_variant(request.variant),
+            variant=entry,
             inputs=options.log.input_entries(),
             truth=options.log.truth_entry(),
             max_between_ns=options.max_between_ns,
@@ -241,7 +246,8 @@ def replay(
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
         with opened_ahead(options.log.open, faults, options.read_ahead) as reader:
-            folder = request.out or default_folder(request, reader.info)
+            log = public_name(reader.info) if request.redact else without_secrets(request.log.path.stem)
+            folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}"
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)
     if request.report:
@@ -254,12 +260,6 @@ def name_pipeline(request: ReplayRequest) -> str:
     if (variant := request.variant) is not None:
         return without_secrets(variant.name)
     return short_name(public_pipeline(request.pipeline) if request.redact else request.pipeline)
-
-
-def default_folder(request: ReplayRequest, info: LogInfo) -> Path:
-    """Return where the run of a log goes unless the request says otherwise."""
-    log = public_name(info) if request.redact else without_secrets(request.log.path.stem)
-    return Path("runs") / f"{log}-{name_pipeline(request).replace('/', '-')}"
 
 
 def short_name(pipeline: str) -> str:
@@ -276,17 +276,3 @@ def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
     if data:
         text = without_secrets(data.decode(errors="surrogateescape"))
         (folder / "stderr.txt").write_bytes(text.encode(errors="surrogateescape"))
-
-
-def _describe_variant(variant: Variant | None) -> VariantEntry | None:
-    if variant is None:
-        return None
-    sets = [name for name, _ in variant.settings]
-    return VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
-
-
-def _measure_pace(clock: Clock) -> dict[str, float]:
-    """Return what is known of the pace, for host.json."""
-    pace = clock.pace
-    values = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
-    return {name: round(value, 3) for name, value in values.items() if value is not None}

@@ -8,15 +8,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event, Lock
+from typing import Self
 
 from pydantic import TypeAdapter
 
@@ -34,8 +35,7 @@ from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", VARIABLE), "1")
-_PATIENCE_S = 10.0
-"""For a process that is told to end, to clean up."""
+_PATIENCE_S = 10.0  # For a process that is told to end, to clean up
 _LAST_BYTES = 4000
 
 
@@ -50,7 +50,14 @@ class Worker:
 
     def replay(self, cell: ReplayRequest) -> Answer:
         """Have a cell replayed."""
-        process = self._start()
+        if self._process is None:
+            # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
+            self._process = subprocess.Popen(  # noqa: S603  # a module of ours
+                [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True,
+            )  # fmt: skip
+        process = self._process
         self._stderr_start = self._num_bytes_on_stderr()
         try:
             print(cell.to_json(), file=process.stdin, flush=True)
@@ -92,16 +99,6 @@ class Worker:
                     pipe.close()
         self._process = None
 
-    def _start(self) -> subprocess.Popen[str]:
-        if self._process is None:
-            # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
-            self._process = subprocess.Popen(  # noqa: S603  # a module of ours
-                [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
-                start_new_session=True,
-            )  # fmt: skip
-        return self._process
-
     def _why_dead(self, process: subprocess.Popen[str]) -> str:
         """How it ended, and the last that it said of the cell at hand."""
         code = process.wait()
@@ -115,43 +112,7 @@ class Worker:
         return os.fstat(self._stderr.fileno()).st_size
 
 
-class Workers:
-    """Lends workers to threads."""
-
-    def __init__(self, module: str) -> None:
-        self._module = module
-        self._all: list[Worker] = []
-        self._idle: list[Worker] = []
-        self._lock = Lock()
-
-    @contextmanager
-    def lend(self) -> Iterator[Worker]:
-        """Lend a worker that nobody else has."""
-        with self._lock:
-            if not self._idle:
-                self._idle.append(Worker(self._module))
-                self._all.append(self._idle[0])
-            worker = self._idle.pop()
-        try:
-            yield worker
-        finally:
-            with self._lock:
-                self._idle.append(worker)
-
-    def end(self) -> None:
-        """End all processes."""
-        with self._lock:
-            for worker in self._all:
-                worker.end()
-
-    def close(self) -> None:
-        """End all processes, once no thread has one any more."""
-        for worker in self._all:
-            worker.close()
-
-
-FORMAT = 1
-"""Of what is written about a run's content; another number replays all."""
+FORMAT = 1  # Of what is written about a run's content; another number replays all
 _OWN = "fbench"
 _OPTIONS_OF_RUN = (
     "detect_every", "reference", "timeout_ms", "tolerance_ms", "max_gap_s", "offset", "stamps", "from_", "to", "frames",
@@ -265,8 +226,11 @@ def run_suite(
         known.add(folder)
     progress(0, len(cells))
     contents = Contents()
-    with _suite(num_workers, module) as suite:
-        begun = [suite.begin(cell, _Forecast.of(cell, contents)) for cell in cells]
+    with _Suite(num_workers, module) as suite:
+        begun: list[tuple[Future[CellResult], _Forecast]] = []
+        for cell in cells:
+            forecast = _Forecast.of(cell, contents)
+            begun.append((suite.pool.submit(suite.result, cell, forecast), forecast))
         for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
             progress(num, len(cells))
         results = [future.result() for future, _ in begun]
@@ -296,17 +260,27 @@ class _Forecast:
             return cls(error=one_line(error))
 
 
-@dataclass(frozen=True)
 class _Suite:
-    """What threads share."""
+    """Replays cells, a few at a time; where its `with` block ends early, no process is left and none begins."""
 
-    pool: ThreadPoolExecutor
-    workers: Workers
-    interrupted: Event
+    def __init__(self, num_workers: int, module: str) -> None:
+        self.pool, self._module = ThreadPoolExecutor(num_workers), module
+        self._workers: list[Worker] = []
+        self._idle: list[Worker] = []
+        self._lock, self._interrupted = Lock(), Event()
 
-    def begin(self, cell: ReplayRequest, forecast: _Forecast) -> tuple[Future[CellResult], _Forecast]:
-        """Hand a cell to the threads."""
-        return self.pool.submit(self.result, cell, forecast), forecast
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._interrupted.set()
+        self.pool.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            for worker in self._workers:
+                worker.end()
+        self.pool.shutdown()
+        for worker in self._workers:  # no thread has one any more
+            worker.close()
 
     def result(self, cell: ReplayRequest, forecast: _Forecast) -> CellResult:
         """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
@@ -330,10 +304,18 @@ class _Suite:
             shutil.rmtree(folder)
         _clear_partial(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with self.workers.lend() as worker:
-            if self.interrupted.is_set():
+        with self._lock:
+            if not self._idle:
+                self._idle.append(Worker(self._module))
+                self._workers.append(self._idle[0])
+            worker = self._idle.pop()
+        try:
+            if self._interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")
             answer = worker.replay(cell)
+        finally:
+            with self._lock:
+                self._idle.append(worker)
         if answer.error is not None:
             _clear_partial(folder)
             return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
@@ -348,20 +330,6 @@ def _check(result: CellResult, forecast: _Forecast) -> CellResult:
     if not result.has_run or key is None or is_sealed_run(result.folder, key):
         return result
     return CellResult(result.cell, "failed", f"{result.folder} was changed meanwhile; the same command redoes it")
-
-
-@contextmanager
-def _suite(num_workers: int, module: str) -> Iterator[_Suite]:
-    """Give what threads share; where the `with` block ends early, no process is left and none begins."""
-    workers, interrupted = Workers(module), Event()
-    with ThreadPoolExecutor(num_workers) as pool:
-        try:
-            yield _Suite(pool, workers, interrupted)
-        finally:
-            interrupted.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            workers.end()
-    workers.close()
 
 
 def _clear_partial(folder: Path) -> None:

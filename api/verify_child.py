@@ -41,7 +41,11 @@ def main() -> int:
 
 def run(task: VerifyTask) -> None:
     """Replay, score, and note what the frames were made of."""
-    _prepare(task.num_threads)
+    import cv2
+
+    cv2.setNumThreads(task.num_threads)
+    with suppress(locale.Error):  # a locale that this machine doesn't have changes nothing
+        locale.setlocale(locale.LC_ALL, "")
     request, options, faults = task.request, task.request.resolve(), FaultLog()
     with (
         open_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
@@ -65,20 +69,12 @@ def run(task: VerifyTask) -> None:
             clock=make_clock(request.rate, options.sync.max_gap_ns),
             num_media=0,
         )
-        replay(reader, plan, task.folder, faults, complete=lambda folder: _complete(folder, watched))
 
+        def complete(folder: Path) -> None:
+            (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
+            score_folder(folder, ScoreOptions())
 
-def _complete(folder: Path, watched: WatchedPipeline) -> None:
-    (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
-    score_folder(folder, ScoreOptions())
-
-
-def _prepare(num_threads: int) -> None:
-    import cv2
-
-    cv2.setNumThreads(num_threads)
-    with suppress(locale.Error):  # a locale that this machine doesn't have changes nothing
-        locale.setlocale(locale.LC_ALL, "")
+        replay(reader, plan, task.folder, faults, complete=complete)
 
 
 @contextmanager

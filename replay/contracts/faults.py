@@ -68,8 +68,7 @@ FAULTS: dict[str, FaultKind] = {
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
     "PRD003": FaultKind("degrade", "recorded result that belongs to no frame"),
     "PRD004": FaultKind("degrade", "recorded result was there before its frame, so it has no latency"),
-}
-"""Codes follow the fault matrix of docs/faults.md."""
+}  # Codes follow the fault matrix of docs/faults.md
 
 
 @dataclass
@@ -149,8 +148,7 @@ class StagedFaults(FaultLog):
 class FaultBudget:
     """How many faults that lose data are allowed."""
 
-    total: int | None = 0
-    """Of all codes without a number of their own; `None`: any number."""
+    total: int | None = 0  # Of all codes without a number of their own; `None`: any number
     by_code: Mapping[str, int] = field(default_factory=dict)
 
     def find_exceeded(self, faults: FaultLog) -> tuple[str, ...]:

@@ -29,8 +29,7 @@ _MAX_CHARS = 60
 class PipelineName:
     """Which plug-in, and what follows its name."""
 
-    plugin: str
-    """`NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`."""
+    plugin: str  # `NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`
     argument: str | None = None
     """Short for the parameter that the plug-in names: `exec:./stack` is `exec` with `command=./stack`."""
 

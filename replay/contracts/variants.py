@@ -26,20 +26,13 @@ _MAX_INT = 2**63
 class Variant:
     """A pipeline with parameters and sensors of its own choice."""
 
-    name: str
-    """What runs are called by: `GROUP/NAME` where it is built in."""
-    title: str
-    """What it is, in one line; may be empty."""
-    base: str
-    """Name of the pipeline."""
-    settings: tuple[tuple[str, str], ...]
-    """Parameters that it sets: dotted names and values, as `--set` takes them."""
-    sensors: tuple[str, ...]
-    """Patterns of sensors, as `--sensors` takes them; empty: all."""
-    where: str
-    """The file, for errors."""
-    folder: Path | None
-    """What relative paths of files are relative to; `None`: nothing is."""
+    name: str  # What runs are called by: `GROUP/NAME` where it is built in
+    title: str  # What it is, in one line; may be empty
+    base: str  # Name of the pipeline
+    settings: tuple[tuple[str, str], ...]  # Parameters that it sets: dotted names and values, as `--set` takes them
+    sensors: tuple[str, ...]  # Patterns of sensors, as `--sensors` takes them; empty: all
+    where: str  # The file, for errors
+    folder: Path | None  # What relative paths of files are relative to; `None`: nothing is
 
     @property
     def file_name(self) -> str:

@@ -77,12 +77,10 @@ class Config(_Strict):
     version: Literal[1]
     frames: FramesTable = FramesTable()
     body: BodyTable = BodyTable()
-    sensors: dict[Name, SensorTable] = {}
-    """By name: these topics and no others; without any, the log decides."""
+    sensors: dict[Name, SensorTable] = {}  # By name: these topics and no others; without any, the log decides
     truth: BoxesTable = BoxesTable()
     results: BoxesTable = BoxesTable()
-    classes: dict[str, str] = {}
-    """Label of fbench, or `ignore`, by the name that the log gives to a class."""
+    classes: dict[str, str] = {}  # Label of fbench, or `ignore`, by the name that the log gives to a class
 
     @field_validator("classes")
     @classmethod
