@@ -48,14 +48,8 @@ class Answer:
     error: str | None = None  # Why there is no run, in one line
     unfit: bool = False  # Because the log lacks a sensor that the pipeline needs
 
-    def to_json(self) -> str:
-        """On one line, for another process."""
-        return _ANSWER.dump_json(self).decode()
 
-    @staticmethod
-    def from_json(text: str) -> "Answer":
-        """Read what `to_json` gave."""
-        return _ANSWER.validate_json(text)
+ANSWER = TypeAdapter(Answer)  # As JSON on one line, for another process
 
 
 @dataclass(frozen=True)
@@ -75,9 +69,6 @@ class CellResult:
     def has_run(self) -> bool:
         """Whether the run folder is there and whole."""
         return self.state in ("replayed", "there")
-
-
-_ANSWER = TypeAdapter(Answer)
 
 
 RUN_SEAL = "cell.json"  # In a run folder; holds what the run was made from, too

@@ -21,7 +21,7 @@ from typing import Self
 
 from pydantic import TypeAdapter
 
-from fbench.api.cells import RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
+from fbench.api.cells import ANSWER, RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
 from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
 from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
@@ -68,7 +68,7 @@ class Worker:
             reason = self._why_dead(process)
         else:
             try:
-                return Answer.from_json(line)
+                return ANSWER.validate_json(line)
             except ValueError:  # no answer of ours; which answer is whose can't be told any more
                 self.end()
                 reason = f"its process wrote {line[:80]!r} where an answer was expected"
@@ -92,7 +92,6 @@ class Worker:
         self._stderr.close()
 
     def _forget(self) -> None:
-        """Close the pipes of a process that has ended."""
         for pipe in (self._process.stdin, self._process.stdout) if self._process else ():
             if pipe is not None:
                 with suppress(BrokenPipeError):  # what it didn't read any more
@@ -200,22 +199,14 @@ def run_suite(
     progress: Callable[[int, int], None] = lambda done, total: None,
     module: str = WORKER,
 ) -> list[CellResult]:
-    """Replay the cells whose runs aren't there, and return what became of all, in their order.
-
-    A cell is there if its folder holds a whole run of equal content: log, files beside it, pipeline, parameters with
-    weights, options of scoring, code and versions. What is damaged or of other content is replaced. A cell that fails
-    doesn't stop the others; nor does one of known content that somebody changes before the suite ends, such as by
-    `fbench score` with other options: its numbers would be of other rules than the rest. Runs are equal for any number
-    of workers, apart from what is measured.
-
-    Args:
-        cells: With different folders.
-        num_workers: Processes at a time, each on one thread.
-        progress: Gets how many cells are done, and of how many.
-        module: What a process runs: a line with a cell on stdin, a line with an answer on stdout.
-
-    Raises:
-        ConfigError: where two cells have one folder, or there is no worker.
+    """Replay the cells whose runs aren't there, and return what became of all, in their order. A cell is there if its
+    folder holds a whole run of equal content: log, files beside it, pipeline, parameters with weights, options of
+    scoring, code and versions. What is damaged or of other content is replaced. A cell that fails doesn't stop the
+    others; nor does one of known content that somebody changes before the suite ends, such as by `fbench score` with
+    other options: its numbers would be of other rules than the rest. Runs are equal for any number of workers
+    (processes at a time, each on one thread), apart from what is measured. `progress` gets how many cells are done, and
+    of how many; a process runs `module`: a line with a cell on stdin, a line with an answer on stdout. Raises
+    ConfigError where two cells have one folder, or there is no worker.
     """
     if num_workers < 1:
         raise ConfigError(f"--workers {num_workers}: expected at least 1")
@@ -239,8 +230,6 @@ def run_suite(
 
 @dataclass(frozen=True)
 class _Forecast:
-    """What is known of a cell before it is replayed."""
-
     content: Content | None = None
     error: str | None = None
 
@@ -251,7 +240,6 @@ class _Forecast:
 
     @classmethod
     def of(cls, cell: ReplayRequest, contents: Contents) -> "_Forecast":
-        """Find out what decides a cell's run, or why there will be none."""
         try:
             return cls(contents.of(cell))
         except FbenchError as error:
@@ -333,6 +321,5 @@ def _check(result: CellResult, forecast: _Forecast) -> CellResult:
 
 
 def _clear_partial(folder: Path) -> None:
-    """Remove what a process that was killed has left."""
     for left in sorted(folder.parent.glob(f".{glob.escape(folder.name)}.partial-*")):
         shutil.rmtree(left, ignore_errors=True)

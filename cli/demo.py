@@ -77,7 +77,8 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
     ConfigError where the folder can't be written.
     """
-    from fbench.cli.experiment import describe_measuring, is_lossy, results_of
+    from fbench.api.suite import run_suite
+    from fbench.cli.experiment import describe_measuring, is_lossy, results_of, simulate
     from fbench.datasets.importing.run import claim
 
     try:
@@ -87,8 +88,21 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     try:
         # Two in one folder would clear away each other's half-written runs.
         with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):
-            _simulate(what)
-            done = _replay(what, num_workers)
+            num, num_new = len(what.drives), 0
+            if sys.stderr.isatty():
+                say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
+            with import_progress(num) as progress:
+                for is_new in simulate(what.drives, progress):
+                    num_new += is_new
+                    progress.done()
+            say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
+            cells = what.cells()
+            with replay_progress("replays") as progress_of_replays:
+                found = run_suite([cell for _, cell in cells], num_workers, progress_of_replays)
+            of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
+            total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
+            say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
+            done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
             results = results_of(what, done)
             notes = (describe_measuring(),)
             results = replace(results, measured=tuple(replace(table, notes=notes) for table in results.measured))
@@ -98,31 +112,6 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("fbench: interrupted; what is finished stays, and the same command goes on from there\n")
         raise
-
-
-def _simulate(what: "Experiment") -> None:
-    from fbench.cli.experiment import simulate
-
-    num, num_new = len(what.drives), 0
-    if sys.stderr.isatty():
-        say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
-    with import_progress(num) as progress:
-        for is_new in simulate(what.drives, progress):
-            num_new += is_new
-            progress.done()
-    say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
-
-
-def _replay(what: "Experiment", num_workers: int) -> "list[tuple[Drive, CellResult]]":
-    from fbench.api.suite import run_suite
-
-    cells = what.cells()
-    with replay_progress("replays") as progress:
-        found = run_suite([cell for _, cell in cells], num_workers, progress)
-    num = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
-    total = f"{num['there'] + num['replayed']} of {len(found) - num['unfit']}"
-    say(f"runs: {total} ({num['replayed']} replayed, {num['there']} there already)")
-    return [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
 
 
 def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:

@@ -19,8 +19,6 @@ _ALIKE = 3  # So many forms of a line are shown of one subject
 
 @dataclass
 class _Form:
-    """Lines that differ in their numbers only."""
-
     texts: list[str]  # Between the numbers
     low: list[str]
     high: list[str]

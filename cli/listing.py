@@ -83,7 +83,6 @@ def show_parameters(group: str, name: str) -> None:
 
 
 def _show_table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], params: Any) -> None:
-    """Print rows that begin with a parameter's name, with its meaning at the end."""
     table, docs = _table(*columns, "meaning"), parameter_docs(params)
     for row in rows:
         table.add_row(*row, docs.get(row[0], ""))

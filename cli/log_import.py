@@ -99,7 +99,6 @@ def _require_place(out: Path, source: Path) -> None:
 def _choose_targets(
     out: Path, form: str, overwrite: bool, known: Sequence[str], names: Sequence[str]
 ) -> "Mapping[str, Target]":
-    """Return the log of each sequence."""
     from fbench.datasets.importing.guard import log_names
     from fbench.replay.logs.convert.target import Target
 

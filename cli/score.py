@@ -185,14 +185,8 @@ def _require_writable(path: Path) -> None:
 
 
 def require_fitting(given: Collection[str], num_runs: int) -> None:
-    """Refuse options that would do nothing.
-
-    Args:
-        given: Names of the parameters that the user gave.
-        num_runs: How many run folders.
-
-    Raises:
-        ConfigError: naming the first such option.
+    """Refuse options that would do nothing: `given` are the names of the parameters that the user gave, with so many
+    run folders. Raises ConfigError naming the first such option.
     """
     if "seed" in given and "intervals" not in given:
         raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")

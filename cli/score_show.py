@@ -123,7 +123,6 @@ def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_js
 
 
 def _verdict_table(found: "VerdictTable") -> Table:
-    """What went wrong first."""
     rows = sorted((row for row in (*found.truth, *found.estimates) if row.side != "truth" or row.outcome != "ignored"),
                   key=lambda row: _OUTCOMES.index(row.outcome))  # fmt: skip
     has_camera = any(row.camera for row in rows)

@@ -111,7 +111,6 @@ def first_difference(base: Outcome, other: Outcome, same_container: bool) -> Dif
 
 
 def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecord) -> tuple[str, str] | None:
-    """Stage and field that differ."""
     content = _compare_mappings({**base.parts(a), **_facts(a)}, {**other.parts(b), **_facts(b)})
     if content is not None:
         return ("messages" if ".content " in content else "frames"), content
@@ -151,7 +150,6 @@ def boxes_difference(a: Boxes, b: Boxes) -> str | None:
 
 
 def _compare_mappings(a: dict[str, Any], b: dict[str, Any]) -> str | None:
-    """First key whose values differ, and these."""
     for name in {**a, **b}:
         x, y = a.get(name), b.get(name)
         if x != y and isinstance(x, dict) and isinstance(y, dict):

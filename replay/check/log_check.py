@@ -33,7 +33,6 @@ _GAP = "TIM007"
 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
-    """What is wrong with an image, empty where nothing is."""
     width, height = image.size_wh
     if image.encoding in LAYOUTS:
         layout = LAYOUTS[image.encoding]
@@ -87,17 +86,9 @@ class CheckResult:
 
 
 def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> CheckResult:
-    """Check a log; memory grows by some 24 bytes a message.
-
-    Args:
-        reader: The log.
-        faults: Where the reader counts; they become findings.
-        options: What to check.
-
-    Raises:
-        LogError: where the log can't be read.
-        ConfigError: where the reference, a sensor with an offset or a chosen sensor isn't in the log.
-        FbenchError: where the pipeline's configuration is wrong.
+    """Check a log; memory grows by some 24 bytes a message. What the reader counts in `faults` becomes findings. Raises
+    LogError where the log can't be read, ConfigError where the reference, a sensor with an offset or a chosen sensor
+    isn't in it, FbenchError where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
     for num, (entry, item) in enumerate(reader.everything()):
@@ -109,8 +100,6 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
 
 
 class _Check:
-    """The state of one check."""
-
     def __init__(self, reader: LogReader, faults: FaultLog, options: CheckOptions) -> None:
         options = replace(options, sync=options.sync.complete_from(reader.info))
         self._reader, self._faults, self._options = reader, faults, options
@@ -137,7 +126,6 @@ class _Check:
                 self._trial.start(rig.without(frozenset(self._known.kinds) - frozenset(chosen)), reader.info)
 
     def take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
-        """Take the next entry of the log, and what it holds."""
         if isinstance(item, RigChange):
             self._faults.add("CAL002", f"{item.reason} at {item.log_ns} ns")
             self._rig = item.rig
@@ -168,7 +156,6 @@ class _Check:
             self._frames.add(recorded, message, usable)
 
     def finish(self) -> CheckResult:
-        """Judge what was read."""
         if self._frames is not None:
             self._frames.flush()
         if self._trial is not None:
@@ -201,7 +188,6 @@ class _Check:
         )  # fmt: skip
 
     def _judge_content(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
-        """Judge what was counted while reading, and what is missing."""
         for code, num in sorted(self._faults.counts.items()):
             places = self._faults.places.get(code, [])
             yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")

@@ -127,7 +127,6 @@ def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float
 
 
 def _cells(x: Float64, y: Float64, edge_m: float) -> Int64:
-    """Number of the square that each point is in."""
     across = round(2 * REACH_M / edge_m)
     return np.asarray(((x + REACH_M) / edge_m).astype(np.int64) * across + ((y + REACH_M) / edge_m).astype(np.int64))
 
@@ -225,7 +224,6 @@ class TruthClock:
 
 
 def _find_nearest(boxes: Boxes3D) -> Array:
-    """Rows of the nearest usable boxes."""
     distance = np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1])
     usable = np.isfinite(boxes.geometry).all(axis=1) & (distance < REACH_M)
     usable &= (boxes.size_lwh_m[:, :2] > 0).all(axis=1) & (boxes.size_lwh_m[:, :2] < _MAX_SIZE_M).all(axis=1)

@@ -40,12 +40,8 @@ BASE = Variant("reference")
 
 
 def variants(num_repeats: int, span_s: float, quick: bool) -> tuple[Variant, ...]:
-    """All circumstances to try, or only those that find most.
-
-    Args:
-        num_repeats: How often the same is replayed, the reference included.
-        span_s: How long the log is, without pauses.
-        quick: Leave out rates, reading ahead and containers.
+    """All circumstances to try, or only those that find most: `quick` leaves out rates, reading ahead and containers.
+    The same is replayed `num_repeats` times, the reference included; the log is `span_s` long, without pauses.
     """
     repeats = tuple(Variant(f"repeat {i}" if num_repeats > 2 else "repeat") for i in range(1, num_repeats))
     few = (*repeats, Variant("hash seed 1", hash_seed="1"), Variant("2 threads", num_threads=2))
@@ -104,18 +100,11 @@ def verify_in(
     worker: str,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Verified:
-    """Replay under all circumstances; runs go into folders within `folder`.
-
-    Args:
-        request: What to replay; its pace, reading ahead and run folder don't matter.
-        num_repeats: How often the same is replayed, the reference included.
-        quick: Only the circumstances that find most.
-        folder: An empty folder.
-        worker: Module that replays one `VerifyTask`, given as JSON on stdin.
-        progress: Called with the numbers of finished and of all replays.
-
-    Raises:
-        ConfigError, LogError: where the reference itself can't be replayed.
+    """Replay under all circumstances, or only (`quick`) those that find most; runs go into folders within `folder`,
+    which is empty. The request's pace, reading ahead and run folder don't matter. The same is replayed `num_repeats`
+    times, the reference included; `worker` is the module that replays one `VerifyTask`, given as JSON on stdin;
+    `progress` gets the numbers of finished and of all replays. Raises ConfigError or LogError where the reference
+    itself can't be replayed.
     """
     settings = []
     for setting in request.settings:  # each `NAME=FILE`, or `NAME=COMMAND` with files in it
@@ -139,8 +128,6 @@ def verify_in(
 
 
 class _Children:
-    """Processes that replay."""
-
     def __init__(self, request: ReplayRequest, folder: Path, worker: str) -> None:
         self._request, self._folder, self._worker = request, folder, worker
         self._running: list[subprocess.Popen[str]] = []
@@ -148,7 +135,6 @@ class _Children:
         self._elsewhere.mkdir(parents=True)
 
     def folder(self, variant: Variant) -> Path:
-        """Where a variant's run goes."""
         return self._folder / "".join(c if c.isalnum() or c in ".-" else "_" for c in variant.name)
 
     def compare(self, variant: Variant, base: Outcome) -> Verdict:

@@ -190,15 +190,10 @@ def _close(pipeline: Pipeline, name: str) -> None:
 
 
 def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:
-    """Build a pipeline and return it with its parameters as the manifest shows them.
-
-    Args:
-        name: `NAME`, `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a
-            variant: `GROUP/NAME` or `FILE.toml`.
-        settings: `NAME=VALUE`, applied after the argument, or after what the variant sets.
-
-    Raises:
-        ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
+    """Build a pipeline and return it with its parameters as the manifest shows them. Its name is `NAME`,
+    `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a variant:
+    `GROUP/NAME` or `FILE.toml`. Settings, `NAME=VALUE`, are applied after the argument, or after what the variant sets.
+    Raises ConfigError for an unknown name or setting, or a class that isn't a pipeline.
     """
     cls, own = _choose_class(name)
     pipeline, params = _make_plugin("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
@@ -258,7 +253,6 @@ def make_importer(name: str, settings: list[str]) -> Importer:
 
 
 def _make_plugin(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
-    """Build a plug-in, and return it with its parameters."""
     absent = [method for method in methods if not callable(getattr(cls, method, None))]
     if absent:
         raise ConfigError(f"{what} '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")

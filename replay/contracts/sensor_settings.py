@@ -34,15 +34,9 @@ class SensorSettings:
         self._settings = [(self._sensor(setting), setting) for setting in params.by_sensor]
 
     def own(self, kind: Kind, params: P, differing: Sequence[str] | None = None) -> dict[str, P]:
-        """Parameters of each sensor of one kind, by name: `params`, changed by what is set for that sensor.
-
-        Args:
-            kind: Which sensors.
-            params: Those of the kind.
-            differing: Names of parameters, and groups of them, that may differ between sensors; `None`: all.
-
-        Raises:
-            ConfigError: for an unknown parameter, a wrong value, or one that must be the same for all.
+        """Parameters of each sensor of one kind, by name: `params`, those of the kind, changed by what is set for that
+        sensor. Only the parameters in `differing`, and groups of them, may differ between sensors; `None`: all may.
+        Raises ConfigError for an unknown parameter, a wrong value, or one that must be the same for all.
         """
         own = dict.fromkeys(self._rig.sensors(kind), params)
         for sensor, setting in self._settings:
@@ -63,7 +57,6 @@ class SensorSettings:
 
     @property
     def _kinds(self) -> dict[Kind, Any]:
-        """Parameters by kind."""
         named = [f.name for f in fields(self._params)]  # type: ignore[arg-type]
         return {kind: getattr(self._params, kind) for kind in KINDS.values() if kind in named}
 

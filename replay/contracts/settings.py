@@ -72,7 +72,6 @@ def set_parameter(params: P, path: str, names: list[str], text: str) -> P:
 
 
 def _parse(path: str, hint: Any, text: str) -> object:
-    """Convert text to the type of a field."""
     is_union = isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union
     options = typing.get_args(hint) if is_union else (hint,)
     if text == "none" and type(None) in options:

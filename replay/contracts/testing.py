@@ -13,8 +13,6 @@ from fbench.replay.runs.digest import Digest, digest
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a recording gave."""
-
     header: dict[str, str]
     rig: str
     digest: str
@@ -72,7 +70,6 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
 
 
 def _read(importer: Importer, source: Path, wish: ImportWish) -> dict[str, _Seen]:
-    """What each of the wanted sequences gives, by name."""
     found: dict[str, _Seen] = {}
     for recording in importer.recordings(source, wish):
         rig, info, num_announced = recording.rig, recording.info, recording.num_items

@@ -41,8 +41,6 @@ class Variant:
 
 
 class _Table(BaseModel):
-    """What a file may hold."""
-
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     name: str
@@ -121,7 +119,6 @@ def read_config(path: Path, hint: str, what: str) -> bytes:
 
 
 def _first(error: ValidationError) -> str:
-    """The first thing that is wrong, with its key."""
     found = error.errors(include_url=False, include_context=False)[0]
     keys = [str(part) for part in found["loc"]]
     if found["type"] == "extra_forbidden":

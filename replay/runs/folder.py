@@ -159,12 +159,8 @@ def with_truth(record: FrameRecord, truth: Truth | None) -> FrameRecord:
 
 
 def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | None) -> None:
-    """Write the table of frames.
-
-    Args:
-        path: Of the file.
-        records: The frames.
-        poses: (N, 7) where the body was at each: position [m] and quaternion x, y, z, w, NaN where unknown.
+    """Write the table of frames. `path`: of the file; `records`: the frames; `poses`: (N, 7) where the body was at
+    each: position [m] and quaternion x, y, z, w, NaN where unknown.
     """
     columns: dict[str, pa.Array] = {}
     for f in fields(FrameRecord):

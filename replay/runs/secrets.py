@@ -109,7 +109,6 @@ def _without_users(text: str) -> str:
 
 
 def _starts(text: str) -> "list[re.Match[str]]":
-    """Where the `://` of URLs are."""
     return [found for found in _START.finditer(text) if _is_url(text, found)]
 
 
@@ -123,7 +122,6 @@ def _is_url(text: str, found: "re.Match[str]") -> bool:
 
 
 def _end(text: str, at: int) -> int:
-    """Where the URL ends that begins before `at`."""
     end = _END.search(text, at)
     return len(text) if end is None else end.start()
 

@@ -109,7 +109,6 @@ def load_config(path: Path) -> Config:
 
 
 def _describe_first(error: ValidationError) -> str:
-    """The first thing that is wrong, with its key."""
     found = error.errors(include_url=False, include_context=False)[0]
     keys = [str(part) for part in found["loc"]]
     place = ".".join(keys)

@@ -145,7 +145,6 @@ def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, to
 
 
 def _times_in(window: int, sensor: Candidate, clocks: Clocks) -> tuple[Int64, Int64]:
-    """Stamps and times of recording in a window, by stamp."""
     rows = np.array([s.window == window for s in sensor.sampled.samples], bool)
     stamps = clocks.stamps_ns(sensor)[rows]
     logs = np.array([s.log_ns for s in sensor.sampled.samples], np.int64)[rows]

@@ -32,8 +32,6 @@ _STILL_MPS = 0.2
 
 @dataclass(frozen=True)
 class _Vote:
-    """What one scan says."""
-
     window: int
     ahead_mps: float  # What the scan says of things straight ahead that stand still, with the sign of its numbers
     is_still: bool

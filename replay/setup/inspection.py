@@ -249,7 +249,6 @@ def _decode(role: Role, entry: Entry) -> Message:
 
 
 def _unread_topics(container: Container, found: Mapping[int, Role]) -> tuple[LeftOut, ...]:
-    """Topics without a use, once each, with the reason."""
     used, codecs = {role.topic for role in found.values()}, Codecs()
     topics = {c.topic: id_ for id_, c in sorted(container.channels.items(), reverse=True) if c.topic not in used}
     result = []
