@@ -116,7 +116,7 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
 
 def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
-    from fbench.cli.experiment import shown_runs
+    from fbench.cli.experiment import runs_to_show
     from fbench.replay.data.files import replace_text
     from fbench.replay.data.scores import table_rows
     from fbench.replay.runs.folder import Run
@@ -136,7 +136,7 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
     for name, values in (("results", content), ("latency", measured)):
         replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
-    if not (shown := shown_runs(done)):
+    if not (shown := runs_to_show(done)):
         return [folder / "results.md"]
     HtmlReport().write_results(results, shown, folder / "report.html")
     return [folder / "results.md", folder / "report.html"]

@@ -130,7 +130,7 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     return Results("The simulated city as an experiment", facts, tables, (latency_table(timings),), problems)
 
 
-def shown_runs(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
+def runs_to_show(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
     """Return the runs of the first drive in clear weather, for a report."""
     clear = [(drive, result) for drive, result in done if result.has_run and drive.condition == CLEAR]
     return [Run(result.folder) for drive, result in clear if drive == clear[0][0]]

@@ -57,7 +57,7 @@ def export(
     with explain_losses(faults), import_progress(len(sources)) as progress:
         for exported in export_sources(job, faults, progress):
             done.append(exported)
-            with progress.finished(exported.num_frames):
+            with progress.finish(exported.num_frames):
                 if not json:
                     counts = f"{exported.num_rows} rows in {exported.num_frames} frames, {exported.view}"
                     left = ", ".join(f"{num} {reason}" for reason, num in exported.left_out.items())

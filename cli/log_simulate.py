@@ -94,7 +94,7 @@ def simulate(
             for spec, target in wanted:
                 log = write_recording(CityRecording(spec, target.path.stem, threads), target, progress)
                 done.append(log)
-                with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+                with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
                     if not json:
                         say(*log.lines, f"log: {log_line(log)}")
     except KeyboardInterrupt:

@@ -212,7 +212,7 @@ class ImportProgress:
         self._progress.reset(self._one, visible=False)
 
     @contextmanager
-    def finished(self, num: int) -> Iterator[None]:
+    def finish(self, num: int) -> Iterator[None]:
         """Tell that a sequence of `num` items is done; nothing is shown while the `with` block prints about it."""
         # How many there would be was an estimate.
         self._progress.update(self._one, completed=num, total=num or None, refresh=True)

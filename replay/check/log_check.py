@@ -172,7 +172,7 @@ class _Check:
         if self._frames is not None:
             stamps = self._frames.stamps
             found += self._truth.findings(*stamps)
-            num_labeled = int(self._truth.labeled(*stamps).sum())
+            num_labeled = int(self._truth.find_labeled(*stamps).sum())
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
         if self._trial is not None:
             found += self._trial.problems

@@ -54,7 +54,7 @@ class TruthCheck:
         """Messages so far."""
         return len(self._stamps)
 
-    def labeled(self, stamps: Int64, numbers: Int64) -> Bool:
+    def find_labeled(self, stamps: Int64, numbers: Int64) -> Bool:
         """Tell which frames, by stamp and number (-1: none), have truth."""
         return _have_partner(stamps, numbers, np.array(self._stamps, np.int64), np.array(self._numbers, np.int64))
 

@@ -6,7 +6,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -112,7 +112,10 @@ def verify_in(
         settings.append(f"{name}{equals}{with_absolute_files(value)}")
     moved = replace(request.absolute(), pipeline=_make_absolute(request.pipeline), settings=settings)
     children = _Children(moved, folder.resolve(), worker)
-    with ThreadPoolExecutor(_AT_ONCE) as pool, children.end_all(pool):
+    with ThreadPoolExecutor(_AT_ONCE) as pool, ExitStack() as ends:
+        # Where this ends early, none of those begins that wait in the pool, and none goes on.
+        ends.callback(children.kill)
+        ends.callback(pool.shutdown, wait=False, cancel_futures=True)
         failed = children.replay(BASE)
         if failed is not None:
             raise failed
@@ -169,16 +172,10 @@ class _Children:
             return ConfigError(last)
         return LogError(last if out else f"exit code {process.returncode}: {last}")
 
-    @contextmanager
-    def end_all(self, pool: ThreadPoolExecutor) -> Iterator[None]:
-        """End all processes where the `with` block ends early, and begin none of those that wait in the pool."""
-        try:
-            yield
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in self._running:
-                if process.poll() is None:
-                    process.kill()
+    def kill(self) -> None:
+        for process in self._running:
+            if process.poll() is None:
+                process.kill()
 
 
 def _make_absolute(pipeline: str) -> str:

@@ -125,15 +125,15 @@ class StagedFaults(FaultLog):
         """Keep `num` faults."""
         self._waiting.append((code, None, where, num))
 
-    def taken(self) -> "StagedFaults":
+    def take(self) -> "StagedFaults":
         """Hand over what is kept."""
         taken = StagedFaults()
         taken._waiting, self._waiting = self._waiting, []
         return taken
 
-    def tell(self, log: FaultLog) -> None:
+    def pass_to(self, log: FaultLog) -> None:
         """Hand over what is kept to a log that counts it."""
-        for code, key, where, num in self.taken()._waiting:
+        for code, key, where, num in self.take()._waiting:
             if key is None:
                 log.add(code, where, num)
             else:

@@ -55,7 +55,7 @@ def opened_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit
         finally:
             ahead.stop()
     finally:
-        staged.tell(faults)
+        staged.pass_to(faults)
 
 
 class _Item(NamedTuple, Generic[R]):
@@ -159,9 +159,9 @@ class AheadReader:
         """Ground truth, not read ahead."""
         self.stop()
         for truth in self._reader.truths():
-            self._staged.tell(self._faults)
+            self._staged.pass_to(self._faults)
             yield truth
-        self._staged.tell(self._faults)
+        self._staged.pass_to(self._faults)
 
     def stop(self) -> None:
         """End the thread, and forget what was read but not delivered."""
@@ -175,13 +175,13 @@ class AheadReader:
 
     def _describe(self, value: T) -> T:
         if self._running is None:
-            self._staged.tell(self._faults)
+            self._staged.pass_to(self._faults)
         return value
 
     def _deliver(self, queue: _Queue[R]) -> Iterator[R]:
         while True:
             item = queue.get()
-            item.faults.tell(self._faults)
+            item.faults.pass_to(self._faults)
             if isinstance(item.content, BaseException):
                 raise item.content
             if item.content is None:
@@ -193,11 +193,11 @@ class AheadReader:
         end: BaseException | None = None
         try:
             for message in messages():
-                if not queue.put(_Item(message, self._staged.taken(), _num_bytes(message))):
+                if not queue.put(_Item(message, self._staged.take(), _num_bytes(message))):
                     return
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
             end = error
-        queue.put(_Item(end, self._staged.taken(), 0))
+        queue.put(_Item(end, self._staged.take(), 0))
 
 
 def _num_bytes(message: Message | RigChange | Tick) -> int:

@@ -163,7 +163,7 @@ def _without_named(text: str) -> str:
             continue
         value = _value(text, word)
         if value is not None:
-            pieces += [text[done : value.start()], _hidden(value[0])]
+            pieces += [text[done : value.start()], _hide(value[0])]
             done = value.end()
     return "".join([*pieces, text[done:]])
 
@@ -184,7 +184,7 @@ def _value(text: str, word: "re.Match[str]") -> "re.Match[str] | None":
     return None if given is None else _VALUE.match(text, given.end())
 
 
-def _hidden(value: str) -> str:
+def _hide(value: str) -> str:
     """`***`, with the quotes and brackets that don't belong to it."""
     if value[0] in "\"'":
         return f"{value[0]}{HIDDEN}{value[-1] if len(value) > 1 and value[-1] == value[0] else ''}"
