@@ -35,11 +35,7 @@ State: TypeAlias = Literal["replayed", "there", "unfit", "failed"]
 
 
 def folder_of(cell: ReplayRequest) -> Path:
-    """Return the folder of a cell's run.
-
-    Raises:
-        ConfigError: where the request names none.
-    """
+    """Return the folder of a cell's run. Raises ConfigError where the request names none."""
     if cell.out is None:
         raise ConfigError(f"{cell.log.path} through {cell.pipeline}: a cell of a suite needs a folder for its run")
     return cell.out
@@ -49,19 +45,11 @@ def folder_of(cell: ReplayRequest) -> Path:
 class Answer:
     """What a process says of a cell; travels as JSON."""
 
-    error: str | None = None
-    """Why there is no run, in one line."""
-    unfit: bool = False
-    """Because the log lacks a sensor that the pipeline needs."""
+    error: str | None = None  # Why there is no run, in one line
+    unfit: bool = False  # Because the log lacks a sensor that the pipeline needs
 
-    def to_json(self) -> str:
-        """On one line, for another process."""
-        return _ANSWER.dump_json(self).decode()
 
-    @staticmethod
-    def from_json(text: str) -> "Answer":
-        """Read what `to_json` gave."""
-        return _ANSWER.validate_json(text)
+ANSWER = TypeAdapter(Answer)  # As JSON on one line, for another process
 
 
 @dataclass(frozen=True)
@@ -69,10 +57,8 @@ class CellResult:
     """What became of a cell."""
 
     cell: ReplayRequest
-    state: State
-    """`replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs."""
-    reason: str | None = None
-    """Why there is no run; one line."""
+    state: State  # `replayed` now, or `there` from an earlier time; `unfit`: the log lacks what the pipeline needs
+    reason: str | None = None  # Why there is no run; one line
 
     @property
     def folder(self) -> Path:
@@ -85,11 +71,7 @@ class CellResult:
         return self.state in ("replayed", "there")
 
 
-_ANSWER = TypeAdapter(Answer)
-
-
-RUN_SEAL = "cell.json"
-"""In a run folder; holds what the run was made from, too."""
+RUN_SEAL = "cell.json"  # In a run folder; holds what the run was made from, too
 
 
 def seal_run(folder: Path, key: str, content: Mapping[str, object]) -> None:

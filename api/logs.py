@@ -57,11 +57,8 @@ class OpenLog:
         offset: Sequence[str] = (),
         stamps: str | None = None,
     ) -> Iterator[Frame]:
-        """Yield frames as a replay assembles them; the options are those of `ReplayRequest`.
-
-        Raises:
-            ConfigError: where an option isn't as expected.
-            LogError: where the log has no message of any sensor with calibration.
+        """Yield frames as a replay assembles them; the options are those of `ReplayRequest`. Raises ConfigError where
+        an option isn't as expected. Raises LogError where the log has no message of any sensor with calibration.
         """
         stream = FrameStream(
             self.reader,

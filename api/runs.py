@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 
 from fbench.api.scores import open_folder, score_folder
 from fbench.replay.contracts.faults import FaultLog, explain_losses
-from fbench.replay.contracts.plugins import give_log, guarded, load, opened_pipeline, parse_name
+from fbench.replay.contracts.plugins import give_log, guard, load, open_pipeline, parse_name
 from fbench.replay.contracts.protocols import KeepsStderr, Pipeline
-from fbench.replay.contracts.variants import Variant, variant_of
+from fbench.replay.contracts.variants import variant_of
 from fbench.replay.data.files import replace_text
-from fbench.replay.data.rig import LogInfo
 from fbench.replay.data.scores import score_rows
-from fbench.replay.engine.clock import VirtualClock, make_clock
+from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import NUM_MEDIA, Plan
 from fbench.replay.engine.loop import replay as replay_plan
 from fbench.replay.engine.read_ahead import open_ahead
@@ -123,12 +122,7 @@ class RunComparison:
 
 
 def open_run(folder: Path | str) -> OpenRun:
-    """Open a run folder.
-
-    Raises:
-        ConfigError: where there is no such folder.
-        RunError: where it isn't a run.
-    """
+    """Open a run folder. Raises ConfigError where there is no such folder. Raises RunError where it isn't a run."""
     return OpenRun(open_folder(Path(folder)))
 
 
@@ -213,17 +207,23 @@ def replay(
     """
     options, name = request.resolve(), name_pipeline(request)
     clock, start = make_clock(request.rate, options.sync.max_gap_ns), time.monotonic()
-    faults = FaultLog()
+    faults, variant, entry = FaultLog(), request.variant, None
+    if variant is not None:
+        sets = [parameter for parameter, _ in variant.settings]
+        entry = VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
 
     def complete(folder: Path) -> None:
         host = {**describe_host(), "rate": request.rate, "wall_s": round(time.monotonic() - start, 3)}
-        replace_text(folder / "host.json", json.dumps({**host, **_measure_pace(clock)}, indent=1) + "\n")
+        pace = clock.pace
+        known = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
+        host |= {name: round(value, 3) for name, value in known.items() if value is not None}
+        replace_text(folder / "host.json", json.dumps(host, indent=1) + "\n")
         if not request.redact:
-            with guarded(f"pipeline '{name}' can't give its stderr"):
+            with guard(f"pipeline '{name}' can't give its stderr"):
                 keep_stderr(pipeline, folder)
         score_folder(folder, request.scoring)
 
-    with opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
+    with open_pipeline(request.pipeline, options.settings) as (pipeline, parameters), explain_losses(faults):
         plan = Plan(
             pipeline,
             name,
@@ -233,7 +233,7 @@ def replay(
             excerpt=options.excerpt,
             topics=options.log.topics,
             sensors=options.sensors,
-            variant=_describe_variant(request.variant),
+            variant=entry,
             inputs=options.log.input_entries(),
             truth=options.log.truth_entry(),
             max_between_ns=options.max_between_ns,
@@ -246,7 +246,8 @@ def replay(
         )
         give_log(pipeline, name, lambda: options.log.open(faults))
         with open_ahead(options.log.open, faults, options.read_ahead) as reader:
-            folder = request.out or default_folder(request, reader.info)
+            log = public_name(reader.info) if request.redact else without_secrets(request.log.path.stem)
+            folder = request.out or Path("runs") / f"{log}-{name.replace('/', '-')}"
             replay_plan(reader, plan, folder, faults, request.overwrite, complete)
     run = Run(folder)
     if request.report:
@@ -261,17 +262,9 @@ def name_pipeline(request: ReplayRequest) -> str:
     return short_name(public_pipeline(request.pipeline) if request.redact else request.pipeline)
 
 
-def default_folder(request: ReplayRequest, info: LogInfo) -> Path:
-    """Return where the run of a log goes unless the request says otherwise."""
-    log = public_name(info) if request.redact else without_secrets(request.log.path.stem)
-    return Path("runs") / f"{log}-{name_pipeline(request).replace('/', '-')}"
-
-
 def short_name(pipeline: str) -> str:
-    """Return a pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`.
-
-    Raises:
-        ConfigError: where the file of a variant can't be used.
+    """Return a pipeline's name as part of a file name: `dir/mine.py:Mine` becomes `mine-Mine`. Raises ConfigError where
+    the file of a variant can't be used.
     """
     variant = variant_of(pipeline)
     return parse_name(without_secrets(pipeline)).short if variant is None else without_secrets(variant.file_name)
@@ -283,17 +276,3 @@ def keep_stderr(pipeline: Pipeline, folder: Path) -> None:
     if data:
         text = without_secrets(data.decode(errors="surrogateescape"))
         (folder / "stderr.txt").write_bytes(text.encode(errors="surrogateescape"))
-
-
-def _describe_variant(variant: Variant | None) -> VariantEntry | None:
-    if variant is None:
-        return None
-    sets = [name for name, _ in variant.settings]
-    return VariantEntry(name=variant.name, title=variant.title, base=variant.base, sets=sets)
-
-
-def _measure_pace(clock: VirtualClock) -> dict[str, float]:
-    """Return what is known of the pace, for host.json."""
-    pace = clock.pace
-    values = {"achieved_rate": pace.achieved, "p99_late_ms": pace.p99_late_ms, "max_late_ms": pace.max_late_ms}
-    return {name: round(value, 3) for name, value in values.items() if value is not None}

@@ -1,7 +1,7 @@
 """Scoring of run folders and of results of other systems, from requests."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +19,7 @@ from fbench.replay.truth.times import make_max_between_ns
 
 if TYPE_CHECKING:
     from fbench.metrics.core.bootstrap import Bootstrap
-    from fbench.metrics.files.sequences import Choice
-    from fbench.metrics.profiles.catalog import AnyProfile
-    from fbench.replay.contracts.profiles import Headlines, Match
+    from fbench.replay.contracts.profiles import Headlines
 
 FEWEST_RESAMPLES, MOST_RESAMPLES = 20, 100_000
 """Of fewer resamples the ends of 95 % are extremes of a handful; more take hours and memory and say nothing new."""
@@ -137,11 +135,8 @@ class ScoreResult:
 
 def score(request: ScoreRequest) -> ScoreResult:
     """Score runs: a single run's own scores are written into its folder; all else leaves the folders as they are.
-
-    Raises:
-        ConfigError: where a folder isn't there, or options don't fit together.
-        RunError: where a folder is no run, or nothing in it has truth.
-        MetricError: where the runs can't be scored by the profile.
+    Raises ConfigError where a folder isn't there, or options don't fit together. Raises RunError where a folder is no
+    run, or nothing in it has truth. Raises MetricError where the runs can't be scored by the profile.
     """
     runs = [open_folder(folder) for folder in request.runs]
     if request.profile is not None:
@@ -150,18 +145,22 @@ def score(request: ScoreRequest) -> ScoreResult:
 
 
 def score_files(request: FileScoreRequest) -> ScoreResult:
-    """Score results of another system, from files.
-
-    Raises:
-        FbenchError: where they can't be scored.
-    """
-    from fbench.metrics.files.sequences import open_files
+    """Score results of another system, from files. Raises FbenchError where they can't be scored."""
+    from fbench.metrics.files.sequences import MISSING, Choice, open_files
     from fbench.metrics.profiles.choose import choose_profile, compared_space, evaluate, fit_profile, only
     from fbench.metrics.profiles.remarks import Remarks
 
     profile = choose_profile(request.profile, request.match)
     formats = request.truth_format, request.detections_format
-    pair = open_files(request.truth, request.detections, _choose_sequences(request), *formats)
+    missing = next((known for known in MISSING if known == request.missing), None)
+    if missing is None:
+        near = did_you_mean(request.missing, MISSING)
+        raise ConfigError(f"--missing {request.missing}: expected error or empty{near}")
+    names = tuple(name.strip() for name in (request.sequences or "").split(",") if name.strip())
+    if request.sequences is not None and not names:
+        raise ConfigError("--sequences: names no sequence")
+    choice = Choice(names, request.seqmap, missing)
+    pair = open_files(request.truth, request.detections, choice, *formats)
     profile = fit_profile(profile, pair, request.match is not None)
     remarks = Remarks(profile, str(request.detections), str(request.truth))
     result = evaluate(profile, remarks.watch(pair.sequences(compared_space(profile))))
@@ -169,20 +168,14 @@ def score_files(request: FileScoreRequest) -> ScoreResult:
     rows = only(result.scores(request.resampling.bootstrap()), tuple(request.classes))
     odd = [f"{request.detections}: {line}" for line in pair.warnings.lines()]
     faults = [_describe_fault(pair.faults, code, num) for code, num in sorted(pair.faults.counts.items())]
-    title, warnings = (
-        f"{request.detections} against {request.truth}",
-        (*pair.notes, *odd, *remarks.lines(), *faults),
-    )
-    headlines, names = profile.facts.headlines, tuple(result.statistics)
-    return ScoreResult(rows, title, profile.name, names, warnings, not pair.faults.lost, headlines)
+    warnings, found = (*pair.notes, *odd, *remarks.lines(), *faults), tuple(result.statistics)
+    title, headlines = f"{request.detections} against {request.truth}", profile.facts.headlines
+    return ScoreResult(rows, title, profile.name, found, warnings, not pair.faults.lost, headlines)
 
 
 def open_folder(folder: Path) -> Run:
-    """Return the run in a folder.
-
-    Raises:
-        ConfigError: where there is no such folder.
-        RunError: where it isn't a run.
+    """Return the run in a folder. Raises ConfigError where there is no such folder. Raises RunError where it isn't a
+    run.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such run folder")
@@ -216,11 +209,7 @@ def score_folder(folder: Path, options: ScoreOptions, how: "Bootstrap | None" = 
 
 
 def require_truth(run: Run) -> None:
-    """Refuse a run in which nothing can be scored.
-
-    Raises:
-        RunError: where none of its frames has truth.
-    """
+    """Refuse a run in which nothing can be scored. Raises RunError where none of its frames has truth."""
     if all(frame.truth_stamp_ns is None for frame in run.frames):
         strays = next(row["count"] for row in run.json("faults.json")["rows"] if row["code"] == "GT006")
         why = f"none of its {strays} truths belongs to a frame" if strays else "the log has no truth"
@@ -253,57 +242,29 @@ def _score_together(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
 
 
 def _score_by_profile(runs: Sequence[Run], request: ScoreRequest) -> ScoreResult:
-    from fbench.metrics.profiles.choose import choose_profile, only
+    from fbench.metrics.profiles.choose import choose_profile, evaluate, only, run_sequence
     from fbench.metrics.profiles.default import DefaultProfile
+    from fbench.metrics.profiles.remarks import Remarks
     from fbench.replay.contracts.profiles import Match
 
     match = None if request.match is None else Match.parse(request.match)
-    warnings: tuple[str, ...]
-    sequences: tuple[str, ...]
-    profile = choose_profile(request.profile or OWN_PROFILE, request.match)
+    warnings: Sequence[str]
+    profile, sequences = choose_profile(request.profile or OWN_PROFILE, request.match), tuple[str, ...]()
+    title, how = ", ".join(str(run.folder) for run in runs), request.resampling.bootstrap()
     if isinstance(profile, DefaultProfile):
         from fbench.metrics.runs.scoring import own_rows
 
         for run in runs:
             require_truth(run)
-        rows, notes = own_rows(runs, match, request.resampling.bootstrap())
-        warnings, sequences = tuple(notes), ()
+        rows, warnings = own_rows(runs, match, how)
     else:
-        rows, warnings, sequences = _count_by(profile, runs, match, request)
+        remarks = Remarks(profile, title)
+        result = evaluate(profile, remarks.watch(run_sequence(run, profile, match) for run in runs))
+        remarks.require_tracks()
+        rows, warnings, sequences = result.scores(how), remarks.lines(), tuple(result.statistics)
     complete = all(run.manifest.complete for run in runs)
-    rows = only(rows, tuple(request.classes))
-    headlines = profile.facts.headlines
-    return ScoreResult(rows, _names(runs), profile.name, sequences, warnings, complete, headlines)
-
-
-def _count_by(
-    profile: "AnyProfile", runs: Sequence[Run], match: "Match | None", request: ScoreRequest
-) -> tuple[list[Score], tuple[str, ...], tuple[str, ...]]:
-    """Return what a benchmark counts, remarks on it, and the names of its sequences."""
-    from fbench.metrics.profiles.choose import evaluate, run_sequence
-    from fbench.metrics.profiles.remarks import Remarks
-
-    remarks = Remarks(profile, _names(runs))
-    result = evaluate(profile, remarks.watch(run_sequence(run, profile, match) for run in runs))
-    remarks.require_tracks()
-    return result.scores(request.resampling.bootstrap()), tuple(remarks.lines()), tuple(result.statistics)
-
-
-def _names(runs: Iterable[Run]) -> str:
-    return ", ".join(str(run.folder) for run in runs)
-
-
-def _choose_sequences(request: FileScoreRequest) -> "Choice":
-    from fbench.metrics.files.sequences import MISSING, Choice
-
-    missing = next((known for known in MISSING if known == request.missing), None)
-    if missing is None:
-        near = did_you_mean(request.missing, MISSING)
-        raise ConfigError(f"--missing {request.missing}: expected error or empty{near}")
-    names = tuple(name.strip() for name in (request.sequences or "").split(",") if name.strip())
-    if request.sequences is not None and not names:
-        raise ConfigError("--sequences: names no sequence")
-    return Choice(names, request.seqmap, missing)
+    rows, headlines = only(rows, tuple(request.classes)), profile.facts.headlines
+    return ScoreResult(rows, title, profile.name, sequences, tuple(warnings), complete, headlines)
 
 
 def _describe_fault(faults: FaultLog, code: str, num: int) -> str:

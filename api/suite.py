@@ -8,19 +8,20 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event, Lock
+from typing import Self
 
 from pydantic import TypeAdapter
 
-from fbench.api.cells import RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
+from fbench.api.cells import ANSWER, RUN_SEAL, Answer, CellResult, folder_of, is_sealed_run, seal_run
 from fbench.replay.contracts.errors import ConfigError, FbenchError, one_line
 from fbench.replay.contracts.plugins import pipeline_class, pipeline_parameters
 from fbench.replay.contracts.protocols import KeepsStderr
@@ -34,8 +35,7 @@ from fbench.replay.setup.request import ReplayRequest
 from fbench.replay.setup.source import log_source
 
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", VARIABLE), "1")
-_PATIENCE_S = 10.0
-"""For a process that is told to end, to clean up."""
+_PATIENCE_S = 10.0  # For a process that is told to end, to clean up
 _LAST_BYTES = 4000
 
 
@@ -50,7 +50,14 @@ class Worker:
 
     def replay(self, cell: ReplayRequest) -> Answer:
         """Have a cell replayed."""
-        process = self._start()
+        if self._process is None:
+            # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
+            self._process = subprocess.Popen(  # noqa: S603  # a module of ours
+                [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
+                start_new_session=True,
+            )  # fmt: skip
+        process = self._process
         self._stderr_start = self._num_bytes_on_stderr()
         try:
             print(cell.to_json(), file=process.stdin, flush=True)
@@ -61,7 +68,7 @@ class Worker:
             reason = self._why_dead(process)
         else:
             try:
-                return Answer.from_json(line)
+                return ANSWER.validate_json(line)
             except ValueError:  # no answer of ours; which answer is whose can't be told any more
                 self.end()
                 reason = f"its process wrote {line[:80]!r} where an answer was expected"
@@ -85,22 +92,11 @@ class Worker:
         self._stderr.close()
 
     def _forget(self) -> None:
-        """Close the pipes of a process that has ended."""
         for pipe in (self._process.stdin, self._process.stdout) if self._process else ():
             if pipe is not None:
                 with suppress(BrokenPipeError):  # what it didn't read any more
                     pipe.close()
         self._process = None
-
-    def _start(self) -> subprocess.Popen[str]:
-        if self._process is None:
-            # In a session of its own, so that Ctrl-C reaches us alone, and we end it.
-            self._process = subprocess.Popen(  # noqa: S603  # a module of ours
-                [sys.executable, "-P", "-m", self._module], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._stderr, encoding="utf-8", errors="replace", env={**os.environ, **_ONE_THREAD},
-                start_new_session=True,
-            )  # fmt: skip
-        return self._process
 
     def _why_dead(self, process: subprocess.Popen[str]) -> str:
         """How it ended, and the last that it said of the cell at hand."""
@@ -115,43 +111,7 @@ class Worker:
         return os.fstat(self._stderr.fileno()).st_size
 
 
-class Workers:
-    """Lends workers to threads."""
-
-    def __init__(self, module: str) -> None:
-        self._module = module
-        self._all: list[Worker] = []
-        self._idle: list[Worker] = []
-        self._lock = Lock()
-
-    @contextmanager
-    def lend(self) -> Iterator[Worker]:
-        """Lend a worker that nobody else has."""
-        with self._lock:
-            if not self._idle:
-                self._idle.append(Worker(self._module))
-                self._all.append(self._idle[0])
-            worker = self._idle.pop()
-        try:
-            yield worker
-        finally:
-            with self._lock:
-                self._idle.append(worker)
-
-    def end(self) -> None:
-        """End all processes."""
-        with self._lock:
-            for worker in self._all:
-                worker.end()
-
-    def close(self) -> None:
-        """End all processes, once no thread has one any more."""
-        for worker in self._all:
-            worker.close()
-
-
-FORMAT = 1
-"""Of what is written about a run's content; another number replays all."""
+FORMAT = 1  # Of what is written about a run's content; another number replays all
 _OWN = "fbench"
 _OPTIONS_OF_RUN = (
     "detect_every", "reference", "timeout_ms", "tolerance_ms", "max_gap_s", "offset", "stamps", "from_", "to", "frames",
@@ -178,11 +138,8 @@ class Contents:
         }
 
     def of(self, cell: ReplayRequest) -> Content | None:
-        """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a
-        program may give something else each time.
-
-        Raises:
-            FbenchError: where log, pipeline or parameters can't be used.
+        """Return all that decides a cell's run, JSON-ready; `None` where nobody can tell: a pipeline that is a program
+        may give something else each time. Raises FbenchError where log, pipeline or parameters can't be used.
         """
         cls = pipeline_class(cell.pipeline)
         if isinstance(cls, KeepsStderr):
@@ -242,22 +199,14 @@ def run_suite(
     progress: Callable[[int, int], None] = lambda done, total: None,
     module: str = WORKER,
 ) -> list[CellResult]:
-    """Replay the cells whose runs aren't there, and return what became of all, in their order.
-
-    A cell is there if its folder holds a whole run of equal content: log, files beside it, pipeline, parameters with
-    weights, options of scoring, code and versions. What is damaged or of other content is replaced. A cell that fails
-    doesn't stop the others; nor does one of known content that somebody changes before the suite ends, such as by
-    `fbench score` with other options: its numbers would be of other rules than the rest. Runs are equal for any number
-    of workers, apart from what is measured.
-
-    Args:
-        cells: With different folders.
-        num_workers: Processes at a time, each on one thread.
-        progress: Gets how many cells are done, and of how many.
-        module: What a process runs: a line with a cell on stdin, a line with an answer on stdout.
-
-    Raises:
-        ConfigError: where two cells have one folder, or there is no worker.
+    """Replay the cells whose runs aren't there, and return what became of all, in their order. A cell is there if its
+    folder holds a whole run of equal content: log, files beside it, pipeline, parameters with weights, options of
+    scoring, code and versions. What is damaged or of other content is replaced. A cell that fails doesn't stop the
+    others; nor does one of known content that somebody changes before the suite ends, such as by `fbench score` with
+    other options: its numbers would be of other rules than the rest. Runs are equal for any number of workers
+    (processes at a time, each on one thread), apart from what is measured. `progress` gets how many cells are done, and
+    of how many; a process runs `module`: a line with a cell on stdin, a line with an answer on stdout. Raises
+    ConfigError where two cells have one folder, or there is no worker.
     """
     if num_workers < 1:
         raise ConfigError(f"--workers {num_workers}: expected at least 1")
@@ -268,8 +217,11 @@ def run_suite(
         known.add(folder)
     progress(0, len(cells))
     contents = Contents()
-    with _suite(num_workers, module) as suite:
-        begun = [suite.begin(cell, _Forecast.of(cell, contents)) for cell in cells]
+    with _Suite(num_workers, module) as suite:
+        begun: list[tuple[Future[CellResult], _Forecast]] = []
+        for cell in cells:
+            forecast = _Forecast.of(cell, contents)
+            begun.append((suite.pool.submit(suite.result, cell, forecast), forecast))
         for num, _ in enumerate(as_completed([future for future, _ in begun]), 1):
             progress(num, len(cells))
         results = [future.result() for future, _ in begun]
@@ -278,8 +230,6 @@ def run_suite(
 
 @dataclass(frozen=True)
 class _Forecast:
-    """What is known of a cell before it is replayed."""
-
     content: Content | None = None
     error: str | None = None
 
@@ -290,7 +240,6 @@ class _Forecast:
 
     @classmethod
     def of(cls, cell: ReplayRequest, contents: Contents) -> "_Forecast":
-        """Find out what decides a cell's run, or why there will be none."""
         try:
             return cls(contents.of(cell))
         except FbenchError as error:
@@ -299,17 +248,27 @@ class _Forecast:
             return cls(error=one_line(error))
 
 
-@dataclass(frozen=True)
 class _Suite:
-    """What threads share."""
+    """Replays cells, a few at a time; where its `with` block ends early, no process is left and none begins."""
 
-    pool: ThreadPoolExecutor
-    workers: Workers
-    interrupted: Event
+    def __init__(self, num_workers: int, module: str) -> None:
+        self.pool, self._module = ThreadPoolExecutor(num_workers), module
+        self._workers: list[Worker] = []
+        self._idle: list[Worker] = []
+        self._lock, self._interrupted = Lock(), Event()
 
-    def begin(self, cell: ReplayRequest, forecast: _Forecast) -> tuple[Future[CellResult], _Forecast]:
-        """Hand a cell to the threads."""
-        return self.pool.submit(self.result, cell, forecast), forecast
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._interrupted.set()
+        self.pool.shutdown(wait=False, cancel_futures=True)
+        with self._lock:
+            for worker in self._workers:
+                worker.end()
+        self.pool.shutdown()
+        for worker in self._workers:  # no thread has one any more
+            worker.close()
 
     def result(self, cell: ReplayRequest, forecast: _Forecast) -> CellResult:
         """Replay a cell, unless it is there; whatever goes wrong is its own failure."""
@@ -333,10 +292,18 @@ class _Suite:
             shutil.rmtree(folder)
         _clear_partial(folder)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with self.workers.lend() as worker:
-            if self.interrupted.is_set():
+        with self._lock:
+            if not self._idle:
+                self._idle.append(Worker(self._module))
+                self._workers.append(self._idle[0])
+            worker = self._idle.pop()
+        try:
+            if self._interrupted.is_set():
                 return CellResult(cell, "failed", "interrupted")
             answer = worker.replay(cell)
+        finally:
+            with self._lock:
+                self._idle.append(worker)
         if answer.error is not None:
             _clear_partial(folder)
             return CellResult(cell, "unfit" if answer.unfit else "failed", answer.error)
@@ -353,21 +320,6 @@ def _check(result: CellResult, forecast: _Forecast) -> CellResult:
     return CellResult(result.cell, "failed", f"{result.folder} was changed meanwhile; the same command redoes it")
 
 
-@contextmanager
-def _suite(num_workers: int, module: str) -> Iterator[_Suite]:
-    """Give what threads share; where the `with` block ends early, no process is left and none begins."""
-    workers, interrupted = Workers(module), Event()
-    with ThreadPoolExecutor(num_workers) as pool:
-        try:
-            yield _Suite(pool, workers, interrupted)
-        finally:
-            interrupted.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            workers.end()
-    workers.close()
-
-
 def _clear_partial(folder: Path) -> None:
-    """Remove what a process that was killed has left."""
     for left in sorted(folder.parent.glob(f".{glob.escape(folder.name)}.partial-*")):
         shutil.rmtree(left, ignore_errors=True)

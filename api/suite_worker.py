@@ -7,7 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from fbench.api.cells import Answer, answers
+from fbench.api.cells import ANSWER, Answer, answers
 from fbench.api.runs import replay
 from fbench.replay.contracts.errors import FbenchError, one_line
 from fbench.replay.setup.request import ReplayRequest
@@ -28,7 +28,8 @@ def main() -> int:
     try:
         with answers() as out:
             for line in sys.stdin.buffer:
-                print(_answer(ReplayRequest.from_json(line.decode())).to_json(), file=out, flush=True)
+                answer = _answer(ReplayRequest.from_json(line.decode()))
+                print(ANSWER.dump_json(answer).decode(), file=out, flush=True)
     except (_EndedError, KeyboardInterrupt):
         return 128 + signal.SIGTERM
     return 0

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from fbench.api.cells import answers
 from fbench.api.scores import score_folder
-from fbench.replay.check.difference import WATCH, VerifyTask
+from fbench.replay.check.difference import TASK, WATCH, VerifyTask
 from fbench.replay.check.watch import WatchedPipeline, WatchedReader, convert_to
 from fbench.replay.contracts.errors import EXIT_OK, FbenchError
 from fbench.replay.contracts.faults import FaultLog
-from fbench.replay.contracts.plugins import give_log, opened_pipeline
+from fbench.replay.contracts.plugins import give_log, open_pipeline
 from fbench.replay.data.scores import ScoreOptions
 from fbench.replay.engine.clock import make_clock
 from fbench.replay.engine.loop import Plan, replay
@@ -32,7 +32,7 @@ def main() -> int:
     """Do what stdin says."""
     with answers() as out:
         try:
-            run(VerifyTask.from_json(sys.stdin.buffer.read().decode()))
+            run(TASK.validate_json(sys.stdin.buffer.read().decode()))
         except FbenchError as error:
             out.write(f"{error}\n")
             return error.exit_code
@@ -41,10 +41,14 @@ def main() -> int:
 
 def run(task: VerifyTask) -> None:
     """Replay, score, and note what the frames were made of."""
-    _prepare(task.num_threads)
+    import cv2
+
+    cv2.setNumThreads(task.num_threads)
+    with suppress(locale.Error):  # a locale that this machine doesn't have changes nothing
+        locale.setlocale(locale.LC_ALL, "")
     request, options, faults = task.request, task.request.resolve(), FaultLog()
     with (
-        opened_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
+        open_pipeline(request.pipeline, options.settings) as (pipeline, parameters),
         _open_source(task, options.log) as log,
         open_ahead(log.open, faults, options.read_ahead) as ahead,
     ):
@@ -65,20 +69,12 @@ def run(task: VerifyTask) -> None:
             clock=make_clock(request.rate, options.sync.max_gap_ns),
             num_media=0,
         )
-        replay(reader, plan, task.folder, faults, complete=lambda folder: _complete(folder, watched))
 
+        def complete(folder: Path) -> None:
+            (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
+            score_folder(folder, ScoreOptions())
 
-def _complete(folder: Path, watched: WatchedPipeline) -> None:
-    (folder / WATCH).write_text(json.dumps(watched.rows), encoding="utf-8")
-    score_folder(folder, ScoreOptions())
-
-
-def _prepare(num_threads: int) -> None:
-    import cv2
-
-    cv2.setNumThreads(num_threads)
-    with suppress(locale.Error):  # a locale that this machine doesn't have changes nothing
-        locale.setlocale(locale.LC_ALL, "")
+        replay(reader, plan, task.folder, faults, complete=complete)
 
 
 @contextmanager

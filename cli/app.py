@@ -3,14 +3,32 @@
 import os
 import signal
 import sys
-import traceback
 from types import FrameType
 from typing import Annotated
 
 import typer
+from typer import Option
 
-from fbench.cli import compare, demo, init, log, plugins, replay, report, score, verify, weights
-from fbench.cli import options as examples
+from fbench.cli import (
+    compare,
+    demo,
+    init,
+    log_check,
+    log_convert,
+    log_export,
+    log_import,
+    log_info,
+    log_preview,
+    log_simulate,
+    plugins,
+    replay,
+    report,
+    score,
+    verify,
+    weights,
+)
+from fbench.cli.options import examples
+from fbench.cli.show import printable, show_traceback
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_USAGE, FbenchError, TerminatedError, one_line
 from fbench.replay.runs.secrets import without_secrets
 
@@ -21,15 +39,23 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="rich",
 )
-app.command("demo", epilog=examples.DEMO)(demo.demo)
-app.command("init", epilog=examples.INIT)(init.init)
-app.command("replay", epilog=examples.REPLAY)(replay.replay)
-app.command("score", epilog=examples.SCORE)(score.score)
-app.command("report", epilog=examples.REPORT)(report.report)
-app.command("compare", epilog=examples.COMPARE)(compare.compare)
-app.command("verify", epilog=examples.VERIFY)(verify.verify)
-app.command("plugins", epilog=examples.PLUGINS)(plugins.plugins)
-app.add_typer(log.app, name="log")
+app.command("demo", epilog=examples("demo"))(demo.demo)
+app.command("init", epilog=examples("init"))(init.init)
+app.command("replay", epilog=examples("replay"))(replay.replay)
+app.command("score", epilog=examples("score"))(score.score)
+app.command("report", epilog=examples("report"))(report.report)
+app.command("compare", epilog=examples("compare"))(compare.compare)
+app.command("verify", epilog=examples("verify"))(verify.verify)
+app.command("plugins", epilog=examples("plugins"))(plugins.plugins)
+log = typer.Typer(help="Look into logs and make them.", no_args_is_help=True)
+log.command("info", epilog=examples("log info"))(log_info.info)
+log.command("check", epilog=examples("log check"))(log_check.check)
+log.command("preview", epilog=examples("log preview"))(log_preview.preview)
+log.command("convert", epilog=examples("log convert"))(log_convert.convert)
+log.command("import", epilog=examples("log import"))(log_import.import_)
+log.command("export", epilog=examples("log export"))(log_export.export)
+log.command("simulate", epilog=examples("log simulate"))(log_simulate.simulate)
+app.add_typer(log, name="log")
 app.add_typer(weights.app, name="weights")
 
 # Typer shows the class of all usage errors only as the parent of another.
@@ -45,9 +71,9 @@ def _show_version(wanted: bool) -> None:
 
 
 @app.callback()
-def options(
-    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
-    version: Annotated[bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
+def common_options(
+    debug: Annotated[bool, Option("--debug", help="Show tracebacks of errors.")] = False,
+    version: Annotated[bool, Option("--version", callback=_show_version, is_eager=True, help="Show it.")] = False,
 ) -> None:
     """Replay recorded sensor logs into perception pipelines, and measure them."""
     del debug, version  # commands find the first in their context
@@ -75,10 +101,11 @@ def main() -> None:
         sys.exit(128 + signal.SIGTERM)
     except Exception as error:  # noqa: BLE001 - a mistake of fbench, or of a plug-in where none is expected
         if debug:
-            sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+            show_traceback(error)
         if line := _line(error):  # empty where help was shown instead
             sys.stderr.write(f"fbench: {line}\n")
-        sys.exit(_code(error))
+        code = EXIT_USAGE if isinstance(error, _UsageError) else EXIT_DATA
+        sys.exit(error.exit_code if isinstance(error, FbenchError) else code)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
@@ -98,10 +125,4 @@ def _line(error: Exception) -> str:
             text = error.format_message()
         case _:
             text = f"a mistake in fbench or a plug-in: {one_line(error)}; --debug shows where"
-    return "".join(c if c.isprintable() else " " for c in without_secrets(text))
-
-
-def _code(error: Exception) -> int:
-    if isinstance(error, FbenchError):
-        return error.exit_code
-    return EXIT_USAGE if isinstance(error, _UsageError) else EXIT_DATA
+    return printable(without_secrets(text))

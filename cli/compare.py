@@ -2,40 +2,34 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import console, make_table, number, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
-
-if TYPE_CHECKING:
-    from fbench.metrics.comparison import Comparison
 
 _STYLES = {"better": "green", "worse": "red", "gone": "red", "null": "yellow", "new": "cyan"}
 
 
 def compare(
-    base: Annotated[Path, typer.Argument(metavar="BASE", help="The run to compare with.")],
-    head: Annotated[Path, typer.Argument(metavar="HEAD", help="The run that should not be worse.")],
-    tolerance: Annotated[float, typer.Option(min=0, help="How much a primary metric may fall.")] = 0.0,
-    json: Json = False,
+    base: Annotated[Path, Argument(metavar="BASE", help="The run to compare with.")],
+    head: Annotated[Path, Argument(metavar="HEAD", help="The run that should not be worse.")],
+    tolerance: Annotated[float, Option(min=0, help="How much a primary metric may fall.")] = 0.0,
+    json: options.Json = False,
 ) -> None:
     """Print what changed between two runs; exit 1 when a primary metric fell by more than the tolerance."""
     from fbench.api.runs import compare as compare_runs
 
     found = compare_runs(base, head, tolerance)
+    comparison = found.comparison
     if json:
-        rows = [asdict(row) for row in found.comparison.rows]
+        rows = [asdict(row) for row in comparison.rows]
         print_json({"regressed": found.regressed, "tolerance": tolerance, "notes": found.notes, "rows": rows})
-    else:
-        say(*(f"note: {note}" for note in found.notes))
-        _print_rows(found.comparison)
-    raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)
-
-
-def _print_rows(comparison: "Comparison") -> None:
+        raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)
+    say(*(f"note: {note}" for note in found.notes))
     columns = ("metric", "class", "slice", "matching", "base", "head", "change", "")
     table = make_table(*columns, right=("base", "head", "change"))
     num_empty = num_same = 0
@@ -54,3 +48,4 @@ def _print_rows(comparison: "Comparison") -> None:
     say(f"{same}, {num_empty} have no value in either run" if num_empty else same)
     verdict = "REGRESSED: a primary metric fell" if comparison.regressed else "no regression"
     say(f"{verdict} (tolerance {comparison.tolerance:g})")
+    raise typer.Exit(EXIT_NO if found.regressed else EXIT_OK)

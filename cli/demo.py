@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Option
 
 from fbench.cli.show import import_progress, replay_progress, say, show_results
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
@@ -22,21 +23,19 @@ SHORT_S, FULL_S = 1.5, 10.0  # Length of each log of the short version and of th
 
 
 def demo(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for logs, runs, tables and the report.")] = Path(
+    out: Annotated[Path, Option("--out", "-o", help="Folder for logs, runs, tables and the report.")] = Path(
         "runs/demo"
     ),
     split: Annotated[
         Literal["dev", "test"] | None,
-        typer.Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
+        Option(help="The full suite instead of its short version, with seeds to develop on, or to report."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
+        float | None, Option(metavar="S", help="Length of each log, in s: 1.5, with --split 10.")
     ] = None,
-    num_seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Only the first N seeds of the split.")
-    ] = None,
+    num_seeds: Annotated[int | None, Option(metavar="N", min=1, help="Only the first N seeds of the split.")] = None,
     workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=256, help="Replays at a time; changes no result.")
+        int | None, Option(metavar="N", min=1, max=256, help="Replays at a time; changes no result.")
     ] = None,
 ) -> None:
     """Simulate drives through a city in all weathers, replay them into all pipelines, and compare.
@@ -78,7 +77,8 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     """Simulate, replay and score what isn't there; print and write the results; return the exit code. Raises
     ConfigError where the folder can't be written.
     """
-    from fbench.cli.experiment import describe_measuring, is_lossy, results_of
+    from fbench.api.suite import run_suite
+    from fbench.cli.experiment import describe_measuring, is_lossy, results_of, simulate
     from fbench.datasets.importing.run import claim
 
     try:
@@ -88,8 +88,21 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
     try:
         # Two in one folder would clear away each other's half-written runs.
         with claim(what.folder / "demo", lambda: say("waiting for another fbench demo in this folder")):
-            _simulate(what)
-            done = _replay(what, num_workers)
+            num, num_new = len(what.drives), 0
+            if sys.stderr.isatty():
+                say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
+            with import_progress(num) as progress:
+                for is_new in simulate(what.drives, progress):
+                    num_new += is_new
+                    progress.done()
+            say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
+            cells = what.cells()
+            with replay_progress("replays") as progress_of_replays:
+                found = run_suite([cell for _, cell in cells], num_workers, progress_of_replays)
+            of = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
+            total = f"{of['there'] + of['replayed']} of {len(found) - of['unfit']}"
+            say(f"runs: {total} ({of['replayed']} replayed, {of['there']} there already)")
+            done = [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
             results = results_of(what, done)
             notes = (describe_measuring(),)
             results = replace(results, measured=tuple(replace(table, notes=notes) for table in results.measured))
@@ -101,34 +114,9 @@ def run_experiment(what: "Experiment", num_workers: int) -> int:
         raise
 
 
-def _simulate(what: "Experiment") -> None:
-    from fbench.cli.experiment import simulate
-
-    num, num_new = len(what.drives), 0
-    if sys.stderr.isatty():
-        say(f"simulating {num} drives and replaying each into {len(what.pipelines)} pipelines")
-    with import_progress(num) as progress:
-        for is_new in simulate(what.drives, progress):
-            num_new += is_new
-            progress.done()
-    say(f"logs: {num} ({num_new} simulated, {num - num_new} there already)")
-
-
-def _replay(what: "Experiment", num_workers: int) -> "list[tuple[Drive, CellResult]]":
-    from fbench.api.suite import run_suite
-
-    cells = what.cells()
-    with replay_progress("replays") as progress:
-        found = run_suite([cell for _, cell in cells], num_workers, progress)
-    num = {state: sum(result.state == state for result in found) for state in ("there", "replayed", "unfit")}
-    total = f"{num['there'] + num['replayed']} of {len(found) - num['unfit']}"
-    say(f"runs: {total} ({num['replayed']} replayed, {num['there']} there already)")
-    return [(drive, result) for (drive, _), result in zip(cells, found, strict=True)]
-
-
 def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, CellResult]]") -> list[Path]:
     """Write the results in every form, and return the paths worth naming."""
-    from fbench.cli.experiment import shown_runs
+    from fbench.cli.experiment import runs_to_show
     from fbench.replay.data.files import replace_text
     from fbench.replay.data.scores import table_rows
     from fbench.replay.runs.folder import Run
@@ -148,7 +136,7 @@ def _write(what: "Experiment", results: "Results", done: "list[tuple[Drive, Cell
     for name, values in (("results", content), ("latency", measured)):
         replace_text(folder / f"{name}.json", json.dumps(values, indent=1, allow_nan=False) + "\n")
     replace_text(folder / "results.md", markdown(results))
-    if not (shown := shown_runs(done)):
+    if not (shown := runs_to_show(done)):
         return [folder / "results.md"]
     HtmlReport().write_results(results, shown, folder / "report.html")
     return [folder / "results.md", folder / "report.html"]

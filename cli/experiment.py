@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 CLEAR = "clear"
 _OWN = "fbench.pipelines."
-_WEIGHTS = "camera.weights"
 
 
 @dataclass(frozen=True)
@@ -81,11 +80,8 @@ class Experiment:
 def own_pipelines() -> tuple[str, ...]:
     """Return fbench's own pipelines that need nothing beside the log, but for those that variants are made of."""
     bases = {variant.base for variant, _ in find_variants()}
-    own = [
-        name
-        for name, point in entry_points_of("pipelines").items()
-        if point.value.startswith(_OWN) and name not in bases
-    ]
+    points = entry_points_of("pipelines").items()
+    own = [name for name, point in points if point.value.startswith(_OWN) and name not in bases]
     return tuple(name for name in own if not isinstance(pipeline_class(name), TakesArgument))
 
 
@@ -134,7 +130,7 @@ def results_of(experiment: Experiment, done: Sequence[tuple[Drive, CellResult]])
     return Results("The simulated city as an experiment", facts, tables, (latency_table(timings),), problems)
 
 
-def shown_runs(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
+def runs_to_show(done: Sequence[tuple[Drive, CellResult]]) -> list[Run]:
     """Return the runs of the first drive in clear weather, for a report."""
     clear = [(drive, result) for drive, result in done if result.has_run and drive.condition == CLEAR]
     return [Run(result.folder) for drive, result in clear if drive == clear[0][0]]
@@ -157,7 +153,13 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
     yield "length", f"{', '.join(dict.fromkeys(f'{drive.spec.seconds:g} s' for drive in drives))} each"
     yield "seeds", "; ".join(f"{world} {', '.join(map(str, own))}" for world, own in seeds.items())
     yield "sensors", ", ".join(dict.fromkeys(name for drive in drives for name in drive.spec.rig.names))
-    detectors = dict.fromkeys(name for _, _, run in runs if (name := _detector(run)) is not None)
+    detectors: dict[str, None] = {}
+    for _, _, run in runs:
+        weights = run.manifest.parameters.get("camera.weights")
+        if isinstance(weights, dict):
+            detectors[f"{weights.get('file')} (sha256 {str(weights.get('sha256'))[:12]})"] = None
+        elif any("no weights" in frame.missing.values() for frame in run.frames):
+            detectors["none (no weights)"] = None
     yield "camera detector", "; ".join(detectors) or "none"
     # Figures of a detector on what it learned from are better than others, and must say so.
     if learned := sorted({drive.spec.seed for drive in drives} & set(TRAINING_SEEDS)):
@@ -169,14 +171,6 @@ def _facts(experiment: Experiment, runs: Sequence[tuple[Drive, str, Run]]) -> It
     pipelines = len({name for _, name, _ in runs})
     yield "frames", f"{sum(num.values())}, each through {pipelines} pipelines; {share} of outputs had truth"
     yield "versions", ", ".join(f"{name} {version}" for name, version in package_versions().items())
-
-
-def _detector(run: Run) -> str | None:
-    """Return which weights a run's camera had; `None` where it has no use for a camera."""
-    weights = run.manifest.parameters.get(_WEIGHTS)
-    if isinstance(weights, dict):
-        return f"{weights.get('file')} (sha256 {str(weights.get('sha256'))[:12]})"
-    return "none (no weights)" if any("no weights" in frame.missing.values() for frame in run.frames) else None
 
 
 def _problems(done: Sequence[tuple[Drive, CellResult]], runs: Sequence[tuple[Drive, str, Run]]) -> Iterator[str]:

@@ -19,15 +19,12 @@ _ALIKE = 3  # So many forms of a line are shown of one subject
 
 @dataclass
 class _Form:
-    """Lines that differ in their numbers only."""
-
     texts: list[str]  # Between the numbers
     low: list[str]
     high: list[str]
     names: list[str] = field(default_factory=list)
 
     def add(self, name: str, numbers: list[str]) -> None:
-        """Take a line of the sequence `name` in."""
         self.low = [min(pair, key=Decimal) for pair in zip(self.low, numbers, strict=True)]
         self.high = [max(pair, key=Decimal) for pair in zip(self.high, numbers, strict=True)]
         if name not in self.names:
@@ -46,7 +43,6 @@ class _Subject:
     totals: Counter[str] = field(default_factory=Counter)
 
     def add(self, name: str, line: str) -> None:
-        """Take a line of the sequence `name` in."""
         if counts := _PAIRS.search(line):
             for pair in counts[1].split(", "):
                 thing, _, num = pair.rpartition(" ")
@@ -78,11 +74,9 @@ def counts_line(logs: Sequence[ImportedLog]) -> str:
 
 
 def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
-    """Yield what was found in many sequences.
-
-    Lines alike become one, with the range of each number; counts by name alone are summed up. A line that not all
-    sequences have ends with how many do, and with the first ones. Subjects keep the order in which they came; those
-    with many forms show the most frequent ones.
+    """Yield what was found in many sequences. Lines alike become one, with the range of each number; counts by name
+    alone are summed up. A line that not all sequences have ends with how many do, and with the first ones. Subjects
+    keep the order in which they came; those with many forms show the most frequent ones.
     """
     written = [log for log in logs if log.state == "written"]
     subjects: dict[str, _Subject] = {}
@@ -90,21 +84,12 @@ def join_lines(logs: Sequence[ImportedLog]) -> Iterator[str]:
         for line in log.lines:
             subjects.setdefault(line.partition(":")[0], _Subject()).add(log.name, line)
     for title, subject in subjects.items():
-        yield from _subject_lines(title, subject, len(written))
-
-
-def _subject_lines(title: str, subject: _Subject, num_logs: int) -> Iterator[str]:
-    ordered = sorted(subject.forms.values(), key=lambda form: -len(form.names))
-    for form in ordered[:_ALIKE]:
-        yield _format_form(form, num_logs)
-    if others := ordered[_ALIKE:]:
-        num = len({name for form in others for name in form.names})
-        yield f"{title}: otherwise in {num} of {num_logs}, see --json"
-    if subject.totals:
-        yield f"{title}, in all: {format_counts(subject.totals)}"
-
-
-def _format_form(form: _Form, num_logs: int) -> str:
-    if len(form.names) == num_logs:
-        return str(form)
-    return f"{form} [{len(form.names)} of {num_logs}: {format_list(form.names, _NAMED)}]"
+        ordered = sorted(subject.forms.values(), key=lambda form: -len(form.names))
+        for form in ordered[:_ALIKE]:
+            where = f"{len(form.names)} of {len(written)}: {format_list(form.names, _NAMED)}"
+            yield str(form) if len(form.names) == len(written) else f"{form} [{where}]"
+        if others := ordered[_ALIKE:]:
+            num = len({name for form in others for name in form.names})
+            yield f"{title}: otherwise in {num} of {len(written)}, see --json"
+        if subject.totals:
+            yield f"{title}, in all: {format_counts(subject.totals)}"

@@ -3,67 +3,60 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
-from fbench.cli.options import Json, Log
+from fbench.cli import options
 from fbench.cli.show import console, make_table, print_json, say
 
 if TYPE_CHECKING:
-    from fbench.replay.setup.init import Placed, Written
+    from fbench.replay.setup.init import Written
     from fbench.replay.setup.inspection import Draft
 
 _MAX_VALUE = 48
 
 
 def init(
-    log: Log,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="File to write; else fbench.toml beside the log.")
-    ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")] = False,
-    json: Json = False,
+    log: options.Log,
+    out: Annotated[Path | None, Option("--out", "-o", help="File to write; else fbench.toml beside the log.")] = None,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing file.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Look at a log and write an fbench.toml that says what is in it, with the reasons."""
+    from fbench.replay.contracts.errors import ConfigError
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.data.files import replace_text
     from fbench.replay.setup.configuration import config_place
     from fbench.replay.setup.init import draft_of, write_toml
 
     place = config_place(log) if out is None else out
-    _require_free(place, overwrite)
-    faults = FaultLog()
-    with explain_losses(faults):
-        draft = draft_of(log, place, faults)
-    written = write_toml(draft)
-    replace_text(place, written.text)
-    if json:
-        left_out = [{"topic": item.topic, "why": item.why} for item in draft.left_out]
-        print_json({"config": str(place), "lines": [_describe_line(p) for p in written.places], "left_out": left_out})
-    else:
-        _print(place, draft, written)
-
-
-def _require_free(place: Path, overwrite: bool) -> None:
-    from fbench.replay.contracts.errors import ConfigError
-
     if place.is_dir():
         raise ConfigError(f"{place}: is a folder; name a file with -o")
     if place.exists() and not overwrite:
         raise ConfigError(f"{place}: exists; replace it with --overwrite, or name another file with -o")
     if not place.parent.is_dir():
         raise ConfigError(f"{place}: there is no folder '{place.parent}'")
-
-
-def _describe_line(p: "Placed") -> dict[str, object]:
-    return {
-        "line": p.number,
-        "table": list(p.table.path),
-        "key": p.line.key,
-        "value": p.line.value,
-        "why": p.line.why,
-        "guess": p.line.is_guess,
-        "active": p.line.is_active and p.table.is_active,
-    }
+    faults = FaultLog()
+    with explain_losses(faults):
+        draft = draft_of(log, place, faults)
+    written = write_toml(draft)
+    replace_text(place, written.text)
+    if json:
+        lines = [
+            {
+                "line": p.number,
+                "table": list(p.table.path),
+                "key": p.line.key,
+                "value": p.line.value,
+                "why": p.line.why,
+                "guess": p.line.is_guess,
+                "active": p.line.is_active and p.table.is_active,
+            }
+            for p in written.places
+        ]
+        left_out = [{"topic": item.topic, "why": item.why} for item in draft.left_out]
+        print_json({"config": str(place), "lines": lines, "left_out": left_out})
+    else:
+        _print(place, draft, written)
 
 
 def _print(place: Path, draft: "Draft", written: "Written") -> None:

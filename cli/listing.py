@@ -3,7 +3,7 @@
 import ast
 import inspect
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from itertools import pairwise
 from typing import Any, get_args
@@ -11,17 +11,11 @@ from typing import Any, get_args
 from rich.table import Table
 
 from fbench.cli.show import console, make_table, say
+from fbench.replay.contracts import plugins
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
-from fbench.replay.contracts.plugins import (
-    Group,
-    default_params,
-    entry_points_of,
-    load,
-    pipeline_class,
-    pipeline_parameters,
-)
+from fbench.replay.contracts.plugins import Group, default_params, pipeline_class, pipeline_parameters
 from fbench.replay.contracts.settings import BY_SENSOR, describe, has_sensor_settings
-from fbench.replay.contracts.variants import Variant, find_variants, variant_of
+from fbench.replay.contracts.variants import find_variants, variant_of
 
 
 def parameter_docs(params: object) -> dict[str, str]:
@@ -30,29 +24,21 @@ def parameter_docs(params: object) -> dict[str, str]:
         return {}
     own, docs = dict[str, str](), dict[str, str]()
     for cls in reversed(type(params).__mro__):
-        own |= _docs(cls)
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+        except (OSError, TypeError, SyntaxError):
+            continue
+        for target, text in pairwise(tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []):
+            # Texts that follow the fields, as documentation tools read them.
+            match target, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(doc))):
+                    own[name] = " ".join(doc.split())
     for f in fields(params):
         value = getattr(params, f.name)
         if is_dataclass(value):
             docs |= {f"{f.name}.{path}": text for path, text in parameter_docs(value).items()}
         else:
             docs[f.name] = own.get(f.name, "")
-    return docs
-
-
-def _docs(cls: type) -> dict[str, str]:
-    """Texts that follow the fields of one class, as documentation tools read them."""
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    except (OSError, TypeError, SyntaxError):
-        return {}
-    body = tree.body[0].body if isinstance(tree.body[0], ast.ClassDef) else []
-    docs: dict[str, str] = {}
-    for field, text in pairwise(body):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(text, ast.Expr):
-            value = text.value
-            if isinstance(value, ast.Constant) and isinstance(value.value, str):
-                docs[field.target.id] = " ".join(value.value.split())
     return docs
 
 
@@ -63,8 +49,8 @@ _WITH_PARAMETERS: tuple[Group, ...] = ("datasets", "pipelines")
 def show_group(name: str | None) -> None:
     """List the plug-ins of one group, or of all."""
     table = make_table("group", "name", "where")
-    for group in _GROUPS if name is None else (_group(name),):
-        for point in entry_points_of(group).values():
+    for group in _GROUPS if name is None else (_require_group(name),):
+        for point in plugins.entry_points_of(group).values():
             table.add_row(group, point.name, point.value)
         for variant, point in find_variants() if group == "pipelines" else ():
             table.add_row(group, variant.name, f"{point.value}, a variant of {variant.base}")
@@ -73,13 +59,22 @@ def show_group(name: str | None) -> None:
 
 def show_parameters(group: str, name: str) -> None:
     """List the parameters of a pipeline or variant, or of the importer of a dataset, with their defaults."""
-    if (kind := _group(group)) not in _WITH_PARAMETERS:
+    if (kind := _require_group(group)) not in _WITH_PARAMETERS:
         raise ConfigError(f"only {' and '.join(_WITH_PARAMETERS)} have parameters, not {group}")
     variant = variant_of(name) if kind == "pipelines" else None
     if variant is not None:
-        _show_variant(variant, default_params(pipeline_class(name)), pipeline_parameters(name, []))
+        # What it is, and all parameters; the default stands beside those that it sets.
+        params, sensors = default_params(pipeline_class(name)), ", ".join(variant.sensors)
+        say(*filter(None, (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}")))
+        defaults, sets = describe(params), {path for path, _ in variant.settings}
+        values = [
+            (path, _format_value(v), _format_value(defaults.get(path)) if path in sets else "")
+            for path, v in pipeline_parameters(name, []).items()
+        ]
+        if values:
+            _show_table(("parameter", "value", "instead of"), values, params)
         return
-    params = default_params(load(kind, name))
+    params = default_params(plugins.load(kind, name))
     if params is None:
         say(f"{name} takes no parameters")
         return
@@ -87,21 +82,7 @@ def show_parameters(group: str, name: str) -> None:
     _show_table(("parameter", "default"), rows, params)
 
 
-def _show_variant(variant: Variant, params: Any, values: Mapping[str, object]) -> None:
-    """Say what a variant is, and list all parameters; the default stands beside those that it sets."""
-    sensors = ", ".join(variant.sensors)
-    say(*filter(None, (variant.title, f"base: {variant.base}", sensors and f"sensors: {sensors}")))
-    defaults, sets = describe(params), {name for name, _ in variant.settings}
-    rows = [
-        (path, _format_value(v), _format_value(defaults.get(path)) if path in sets else "")
-        for path, v in values.items()
-    ]
-    if rows:
-        _show_table(("parameter", "value", "instead of"), rows, params)
-
-
 def _show_table(columns: tuple[str, ...], rows: Sequence[tuple[str, ...]], params: Any) -> None:
-    """Print rows that begin with a parameter's name, with its meaning at the end."""
     table, docs = _table(*columns, "meaning"), parameter_docs(params)
     for row in rows:
         table.add_row(*row, docs.get(row[0], ""))
@@ -116,7 +97,7 @@ def _format_value(value: object) -> str:
     return "none" if value is None else str(value)
 
 
-def _group(name: str) -> Group:
+def _require_group(name: str) -> Group:
     for group in _GROUPS:
         if group == name:
             return group

@@ -6,27 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
+from typer import Option
 
-from fbench.cli.options import (
-    Config,
-    Json,
-    Log,
-    MaxGapS,
-    Offset,
-    Reference,
-    RigFiles,
-    Sensors,
-    Settings,
-    Stamps,
-    TimeoutMs,
-    ToleranceMs,
-    Topics,
-    TruthFile,
-    TruthFormat,
-    TruthFrame,
-    box_source,
-)
+from fbench.cli import options
 from fbench.cli.show import console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_NO, EXIT_OK
 
@@ -35,29 +17,29 @@ if TYPE_CHECKING:
 
 
 def check(
-    log: Log,
+    log: options.Log,
     pipeline: Annotated[
-        str | None, typer.Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
+        str | None, Option("--pipeline", "-p", metavar="NAME", help="Say what this pipeline would miss too.")
     ] = None,
-    settings: Settings = None,
-    config: Config = None,
-    rig: RigFiles = None,
-    truth: TruthFile = None,
-    truth_format: TruthFormat = None,
-    truth_frame: TruthFrame = "",
-    reference: Reference = None,
-    timeout_ms: TimeoutMs = None,
-    tolerance_ms: ToleranceMs = None,
-    max_gap_s: MaxGapS = None,
-    topics: Topics = None,
-    sensors: Sensors = None,
-    offset: Offset = None,
-    stamps: Stamps = None,
+    settings: options.Settings = None,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    truth: options.TruthFile = None,
+    truth_format: options.TruthFormat = None,
+    truth_frame: options.TruthFrame = "",
+    reference: options.Reference = None,
+    timeout_ms: options.TimeoutMs = None,
+    tolerance_ms: options.ToleranceMs = None,
+    max_gap_s: options.MaxGapS = None,
+    topics: options.Topics = None,
+    sensors: options.Sensors = None,
+    offset: options.Offset = None,
+    stamps: options.Stamps = None,
     ignore: Annotated[
-        list[str] | None, typer.Option(metavar="CODE", help="Show these findings as information only; repeatable.")
+        list[str] | None, Option(metavar="CODE", help="Show these findings as information only; repeatable.")
     ] = None,
-    images: Annotated[bool, typer.Option("--images", help="Decode images whole, not only their headers.")] = False,
-    json: Json = False,
+    images: Annotated[bool, Option("--images", help="Decode images whole, not only their headers.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Read a whole log and report what is wrong: exit 0 clean, 1 findings, 3 unreadable."""
     from contextlib import nullcontext, redirect_stdout
@@ -66,41 +48,27 @@ def check(
     from fbench.replay.check.findings import require_codes
     from fbench.replay.check.log_check import CheckOptions, check_log
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.contracts.plugins import give_log, opened_pipeline
-    from fbench.replay.setup.request import ReplayRequest
-    from fbench.replay.setup.source import LogRequest
+    from fbench.replay.contracts.plugins import give_log, open_pipeline
 
     require_codes(ignore or ())
-    request = ReplayRequest(
-        LogRequest(log, config, rig or (), box_source(truth, truth_format, truth_frame), None, topics or ()),
-        pipeline or "",
-        settings or (),
-        sensors=sensors or (),
-        reference=reference,
-        timeout_ms=timeout_ms,
-        tolerance_ms=tolerance_ms,
-        max_gap_s=max_gap_s,
-        offset=offset or (),
-        stamps=stamps,
-    )
-    faults, options = FaultLog(), request.resolve()
+    request = options.replay_request(locals(), needs_pipeline=False)
+    faults, chosen = FaultLog(), request.resolve()
     name = short_name(pipeline) if pipeline else ""
     # What a plug-in prints must not get between the lines of --json.
     with (
         redirect_stdout(sys.stderr),
-        opened_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
+        open_pipeline(pipeline, list(settings or ())) if pipeline else nullcontext() as opened,
         explain_losses(faults),
     ):
-        reader = options.log.open(faults)
+        reader = chosen.log.open(faults)
         if opened is not None:
-            give_log(opened[0], name, lambda: options.log.open(faults))
+            give_log(opened[0], name, lambda: chosen.log.open(faults))
         total = sum(reader.container.counts.values())
         with message_progress(f"{log.name}: reading all", total) as progress:
             tried = None if opened is None else (name, opened[0])
-            check_options = CheckOptions(
-                options.sync, options.stamps, images, tried, options.sensors, tuple(ignore or ()), progress
-            )
-            result = check_log(reader, faults, check_options)
+            ignored = tuple(ignore or ())
+            how = CheckOptions(chosen.sync, chosen.stamps, images, tried, chosen.sensors, ignored, progress)
+            result = check_log(reader, faults, how)
     if json:
         print_json(_content(result))
     else:
@@ -130,7 +98,15 @@ def _print(log: Path, result: "CheckResult") -> None:
         complete = f"{frames.num_frames} frames by {result.reference}, {frames.num_complete} complete"
         summary = f"{complete}, {segments}, {result.num_labeled} with truth"
     say(f"{log}: {summary}")
-    console().print(_streams(result))
+    numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
+    table = make_table("sensor", "kind", *numbers, right=numbers)
+    for s in result.streams:
+        skew = f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"
+        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
+        times = (_ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns))
+        no_skew = s.skew_median_ns is None
+        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, *times, "–" if no_skew else skew)
+    console().print(table)
     for found in result.findings:
         source = f" {found.source}" if found.source else ""
         first = f" (first: {found.first})" if found.first else ""
@@ -139,19 +115,6 @@ def _print(log: Path, result: "CheckResult") -> None:
             say(f"    → {found.advice}")
     num = result.num_problems
     say("clean" if num == 0 else f"{num} {'finding' if num == 1 else 'findings'}")
-
-
-def _streams(result: "CheckResult") -> Table:
-    numbers = ("messages", "Hz", "period ms", "longest", "jitter p99", "arrival after stamp ms")
-    table = make_table("sensor", "kind", *numbers, right=numbers)
-    for s in result.streams:
-        skew = "–"
-        if s.skew_median_ns is not None:
-            skew = f"{_ms(s.skew_median_ns)} ({_ms(s.skew_min_ns)} to {_ms(s.skew_max_ns)})"
-        rate = "–" if s.rate_hz is None else f"{s.rate_hz:.1f}"
-        times = (_ms(s.median_period_ns), _ms(s.max_gap_ns), _ms(s.jitter_p99_ns))
-        table.add_row(s.sensor, s.kind, str(s.num_messages), rate, *times, skew)
-    return table
 
 
 def _ms(value_ns: int | None) -> str:

@@ -2,52 +2,47 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
+from typer import Option
 
-from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
-
-if TYPE_CHECKING:
-    from fbench.replay.logs.convert.run import Converted
 
 _NO_USE = "LOG012"  # Topics that fbench has no use for are converted like all others
 
 
 def convert(
-    source: Log,
-    out: Annotated[Path, typer.Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing log.")] = False,
+    source: options.Log,
+    out: Annotated[Path, Option("--out", "-o", help="NAME.mcap, NAME.parquet, or a folder of parts.")],
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing log.")] = False,
     compression: Annotated[
-        str, typer.Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
+        str, Option(metavar="NAME", help="MCAP: zstd, lz4 or none. Parquet: zstd, snappy or none.")
     ] = "zstd",
-    chunk_size: Annotated[int | None, typer.Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
-    rows_per_group: Annotated[
-        int | None, typer.Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")
-    ] = None,
+    chunk_size: Annotated[int | None, Option(metavar="BYTES", help="Of MCAP; else 1 MiB.")] = None,
+    rows_per_group: Annotated[int | None, Option(metavar="N", help="Of Parquet; else as many as make 8 MiB.")] = None,
     from_: Annotated[
-        str | None,
-        typer.Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'."),
+        str | None, Option("--from", metavar="T", help="Cut: seconds after the first measurement, or a log time 'Nns'.")
     ] = None,
-    to: Annotated[str | None, typer.Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
+    to: Annotated[str | None, Option("--to", metavar="T", help="Where to stop, itself left out.")] = None,
     topics: Annotated[
         list[str] | None,
-        typer.Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
+        Option("--topics", metavar="PATTERN", help="Keep these topics or sensors (not: '!PATTERN'); repeatable."),
     ] = None,
     split_s: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
+        float | None, Option(metavar="SECONDS", help="Write a folder of MCAP files, each of this duration.")
     ] = None,
     split_mb: Annotated[
-        float | None, typer.Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
+        float | None, Option(metavar="MB", help="Write a folder of MCAP files, each of about this size.")
     ] = None,
     decode: Annotated[
-        bool, typer.Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
+        bool, Option("--decode", help="Turn the log of others into fbench's own messages; the rest is left out.")
     ] = False,
-    config: Config = None,
-    rig: RigFiles = None,
-    json: Json = False,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    json: options.Json = False,
 ) -> None:
     """Write a log in another form, without loss; cut it by time, keep some topics, or split it."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
@@ -73,14 +68,10 @@ def convert(
         with message_progress(f"{source.name} → {target.path.name}", total) as progress:
             result = convert_container(container, target, wish, progress)
     rows = [row for row in faults.rows() if row["code"] != _NO_USE]
+    code = EXIT_LOSSY if faults.lost else EXIT_OK
     if json:
         print_json({**asdict(result), "path": str(result.path), "faults": rows})
-    else:
-        _print(result, rows)
-    raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
-
-
-def _print(result: "Converted", rows: list[dict[str, Any]]) -> None:
+        raise typer.Exit(code)
     table = make_table("topic", "messages", right=["messages"])
     table.columns[0].overflow = "fold"
     for topic, num in result.messages.items():
@@ -93,3 +84,4 @@ def _print(result: "Converted", rows: list[dict[str, Any]]) -> None:
     total = sum(result.messages.values())
     say(*fault_lines(rows), f"id: {result.log_id}")
     say(f"log: {result.path}: {total} messages{rigs}, {result.num_bytes / 1e6:.3g} MB{parts}")
+    raise typer.Exit(code)

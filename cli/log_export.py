@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import fault_lines, import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 
@@ -14,41 +15,35 @@ if TYPE_CHECKING:
 
 
 def export(
-    sources: Annotated[
-        list[Path], typer.Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")
-    ],
+    sources: Annotated[list[Path], Argument(metavar="SRC...", help="Run folders, or logs whose truth is wanted.")],
     form: Annotated[
         str,
-        typer.Option(
-            "--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."
-        ),
+        Option("--format", "-f", metavar="FORMAT", help="kitti, kitti-tracking, mot, nuscenes or nuscenes-tracking."),
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="A folder for text files; FILE.json for all of nuScenes together.")
+        Path, Option("--out", "-o", help="A folder for text files; FILE.json for all of nuScenes together.")
     ],
     boxes: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="WHICH",
             help="tracks, detections or truth; else tracks of a run where the format needs ids, detections where it "
             "doesn't, and truth of a log.",
         ),
     ] = None,
-    camera: Annotated[
-        str, typer.Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")
-    ] = "",
+    camera: Annotated[str, Option(metavar="NAME", help="Whose image 2D boxes are in; else the only camera.")] = "",
     frame: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="NAME", help="KITTI: camera, or 'body', in whose coordinates 3D boxes are; else as the log says."
         ),
     ] = "",
     class_name: Annotated[
-        str, typer.Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
+        str, Option("--class", metavar="NAME", help="Class of boxes that have none, as the format calls it.")
     ] = "",
-    name: Annotated[str, typer.Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an earlier export.")] = False,
-    json: Json = False,
+    name: Annotated[str, Option(metavar="NAME", help="Of the files of a single SRC; else as its log.")] = "",
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an earlier export.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Write results or truth as files that the official tools of KITTI, MOTChallenge and nuScenes read."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
@@ -62,24 +57,15 @@ def export(
     with explain_losses(faults), import_progress(len(sources)) as progress:
         for exported in export_sources(job, faults, progress):
             done.append(exported)
-            with progress.finished(exported.num_frames):
+            with progress.finish(exported.num_frames):
                 if not json:
-                    say(_describe(exported))
+                    counts = f"{exported.num_rows} rows in {exported.num_frames} frames, {exported.view}"
+                    left = ", ".join(f"{num} {reason}" for reason, num in exported.left_out.items())
+                    say(f"{exported.name}: {counts}{f'; left out: {left}' if left else ''}")
     if json:
-        sequences = [
-            {
-                "name": one.name, "frames": one.num_frames, "rows": one.num_rows, "left_out": dict(one.left_out),
-                "view": one.view,
-            }
-            for one in done
-        ]  # fmt: skip
+        names = {"name": "name", "frames": "num_frames", "rows": "num_rows", "left_out": "left_out", "view": "view"}
+        sequences = [{key: getattr(one, name) for key, name in names.items()} for one in done]
         print_json({"format": request.format, "path": str(out), "sequences": sequences, "faults": faults.rows()})
     else:
         say(*fault_lines(faults.rows()), f"{request.format}: {out}")
     raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
-
-
-def _describe(one: "Exported") -> str:
-    left = ", ".join(f"{num} {reason}" for reason, num in one.left_out.items())
-    found = f"{one.name}: {one.num_rows} rows in {one.num_frames} frames, {one.view}"
-    return f"{found}; left out: {left}" if left else found

@@ -1,12 +1,14 @@
 """`fbench log import`."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli.options import Json, Settings
+from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import EXIT_DATA, EXIT_LOSSY, EXIT_OK, ConfigError, LogError
 
@@ -19,42 +21,45 @@ _SUFFIXES = (".mcap", ".parquet")
 
 
 def import_(
-    dataset: Annotated[str, typer.Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
-    source: Annotated[Path, typer.Argument(metavar="SRC", help="The dataset's folder.")],
+    dataset: Annotated[str, Argument(help="Which dataset, such as kitti; see `fbench plugins datasets`.")],
+    source: Annotated[Path, Argument(metavar="SRC", help="The dataset's folder.")],
     out: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs."),
+        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet for one sequence, else a folder for all logs.")
     ],
     scenes: Annotated[
         list[str] | None,
-        typer.Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
+        Option("--scenes", metavar="PATTERN", help="Only these sequences, such as 'scene-01*'; repeatable."),
     ] = None,
     frames: Annotated[
         str | None,
-        typer.Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
+        Option("--frames", metavar="A:B", help="Only these frames, as the dataset numbers them, B left out."),
     ] = None,
     detections: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
+        Option(metavar="DIR", help="Take in another system's results; KITTI's benchmarks have files for them."),
     ] = None,
-    settings: Settings = None,
+    settings: options.Settings = None,
     skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
+        bool, Option("--skip-bad", help="Skip and count what can't be used, instead of ending there; exit 4.")
     ] = False,
-    form: Annotated[Literal["mcap", "parquet"], typer.Option(help="Of the logs in a folder.")] = "mcap",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
-    json: Json = False,
+    form: Annotated[Literal["mcap", "parquet"], Option(help="Of the logs in a folder.")] = "mcap",
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Turn a public dataset into fbench logs; an import that was interrupted goes on when it is run again."""
     from fbench.cli.import_lines import log_line
     from fbench.datasets.importing.guard import GuardedImporter
     from fbench.datasets.importing.run import import_recordings
     from fbench.replay.contracts.importing import BadInput, FrameRange, ImportWish, choose_names
-    from fbench.replay.contracts.plugins import make_importer
+    from fbench.replay.contracts.plugins import default_params, load, make_importer
     from fbench.replay.engine.excerpt import make_excerpt
 
-    all_settings = [*([] if detections is None else [_detections(dataset, detections)]), *(settings or [])]
-    importer = GuardedImporter(make_importer(dataset, all_settings), dataset)
+    if detections is not None:
+        params = default_params(load("datasets", dataset))
+        if params is None or "detections" not in {f.name for f in fields(params)}:
+            raise ConfigError(f"--detections {detections}: the importer of {dataset} takes no other system's results")
+        settings = [f"detections={detections}", *(settings or [])]
+    importer = GuardedImporter(make_importer(dataset, settings or []), dataset)
     _require_place(out, source)
     excerpt = make_excerpt(None, None, frames)
     known = importer.names(source)
@@ -68,7 +73,7 @@ def import_(
         wish = ImportWish(names, FrameRange(excerpt.first, excerpt.stop), bad)
         for log in import_recordings(importer, source, wish, targets, progress):
             logs.append(log)
-            with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+            with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
                 if len(names) > 1 and not json:
                     say(f"{log.name}: {log_line(log)}")
     if json:
@@ -78,17 +83,6 @@ def import_(
     if all(log.state == "failed" for log in logs):
         raise typer.Exit(EXIT_DATA)
     raise typer.Exit(EXIT_LOSSY if bad.num else EXIT_OK)
-
-
-def _detections(dataset: str, folder: Path) -> str:
-    from dataclasses import fields
-
-    from fbench.replay.contracts.plugins import default_params, load
-
-    params = default_params(load("datasets", dataset))
-    if params is None or "detections" not in {f.name for f in fields(params)}:
-        raise ConfigError(f"--detections {folder}: the importer of {dataset} takes no other system's results")
-    return f"detections={folder}"
 
 
 def _require_place(out: Path, source: Path) -> None:
@@ -105,7 +99,6 @@ def _require_place(out: Path, source: Path) -> None:
 def _choose_targets(
     out: Path, form: str, overwrite: bool, known: Sequence[str], names: Sequence[str]
 ) -> "Mapping[str, Target]":
-    """Return the log of each sequence."""
     from fbench.datasets.importing.guard import log_names
     from fbench.replay.logs.convert.target import Target
 

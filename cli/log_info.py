@@ -3,57 +3,67 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.table import Table
 
-from fbench.cli.options import Config, Json, Log, RigFiles
+from fbench.cli import options
 from fbench.cli.show import console, fault_lines, make_table, print_json, say
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK
 
 if TYPE_CHECKING:
     from fbench.replay.check.survey import Survey
     from fbench.replay.contracts.faults import FaultLog
-    from fbench.replay.data.rig import CameraModel, Mount
-    from fbench.replay.logs.open import Storage
 
 _MAX_VALUE = 300  # Of metadata on the terminal
 
 
-def info(log: Log, config: Config = None, rig: RigFiles = None, json: Json = False) -> None:
+def info(
+    log: options.Log, config: options.Config = None, rig: options.RigFiles = None, json: options.Json = False
+) -> None:
     """Show what a log holds: topics, rates, duration, sensors, calibration, truth, segments."""
     from fbench.replay.check.survey import survey
     from fbench.replay.contracts.faults import FaultLog, explain_losses
-    from fbench.replay.setup.source import LogRequest, log_source
+    from fbench.replay.setup.source import log_source
 
-    source, faults = log_source(LogRequest(log, config, rig or [])), FaultLog()
+    source, faults = log_source(options.log_request(locals())), FaultLog()
     with explain_losses(faults):
         result = survey(source.open(faults), source.sync(None, None, None, None))
     if json:
         print_json(_content(result, faults))
     else:
-        say(f"{log}: {_summarize(result)}", f"id: {result.info.log_id}", f"stored: {_describe_storage(result.storage)}")
-        console().print(_streams(result))
-        console().print(_topics(result))
+        _print(log, result)
         say(*_notes(result, faults))
     raise typer.Exit(EXIT_LOSSY if faults.lost else EXIT_OK)
 
 
 def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:
-    breaks = result.breaks
+    first, last = result.span_ns or (None, None)
+    breaks, rig = result.breaks, result.known.rig
     return {
         "name": result.info.name,
         "log_id": result.info.log_id,
         "metadata": dict(sorted(result.info.metadata.items())),
         "storage": asdict(result.storage),
-        "first_log_ns": None if result.span_ns is None else result.span_ns[0],
-        "last_log_ns": None if result.span_ns is None else result.span_ns[1],
+        "first_log_ns": first,
+        "last_log_ns": last,
         "reference": result.reference,
         "streams": [asdict(s) for s in result.streams],
         "topics": [asdict(t) for t in result.topics],
-        "mounts": {name: _mount(m) for name, m in sorted(result.known.rig.mounts.items())},
-        "cameras": {name: _camera(c) for name, c in sorted(result.known.rig.cameras.items())},
+        "mounts": {
+            name: {"kind": m.kind, "translation_m": m.translation_m.tolist(), "rotation_xyzw": m.rotation_xyzw.tolist()}
+            for name, m in sorted(rig.mounts.items())
+        },
+        "cameras": {
+            name: {
+                "size_wh": c.size_wh,
+                "K": c.K.tolist(),
+                "distortion_model": c.distortion_model,
+                "distortion": c.distortion.tolist(),
+            }
+            for name, c in sorted(rig.cameras.items())
+        },
         "uncalibrated": dict(sorted(result.known.problems.items())),
         "truth": result.num_truths,
         "frames": result.num_frames,
@@ -64,53 +74,18 @@ def _content(result: "Survey", faults: "FaultLog") -> dict[str, object]:
     }
 
 
-def _mount(m: "Mount") -> dict[str, object]:
-    return {"kind": m.kind, "translation_m": m.translation_m.tolist(), "rotation_xyzw": m.rotation_xyzw.tolist()}
-
-
-def _camera(c: "CameraModel") -> dict[str, object]:
-    return {
-        "size_wh": c.size_wh, "K": c.K.tolist(), "distortion_model": c.distortion_model,
-        "distortion": c.distortion.tolist(),
-    }  # fmt: skip
-
-
-def _summarize(result: "Survey") -> str:
-    first, last = result.span_ns or (0, 0)
+def _print(log: Path, result: "Survey") -> None:
+    (first, last), form = result.span_ns or (0, 0), result.storage
     frames = f"{result.num_frames} frames by {result.reference}" if result.reference else "no frames"
     truths = f"{result.num_truths} messages of truth" if result.num_truths else "no truth"
     segments = "segments unknown without reading"
     if result.breaks is not None:
         segments = f"{len(result.breaks) + 1} segments by log time" if result.breaks else "1 segment"
-    return f"{(last - first) / 1e9:.1f} s, {frames}, {segments}, {truths}"
-
-
-def _describe_storage(form: "Storage") -> str:
+    say(f"{log}: {(last - first) / 1e9:.1f} s, {frames}, {segments}, {truths}", f"id: {result.info.log_id}")
     parts = [form.form, *(["compression " + ", ".join(form.compression)] if form.compression else [])]
     parts += [] if form.num_blocks is None else [f"{form.num_blocks} chunks"]
-    return ", ".join([*parts, f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"])
-
-
-def _notes(result: "Survey", faults: "FaultLog") -> Iterator[str]:
-    from fbench.replay.data.metadata import REGIONS
-
-    metadata = sorted(result.info.metadata.items())
-    yield from (f"{key}: {_short(value)}" for key, value in metadata if key != REGIONS)
-    if REGIONS in result.info.metadata:
-        kinds = Counter(region.kind for region in result.info.regions)
-        yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
-    yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
-    yield from (f"new segment by log time: {why}" for why in result.breaks or ())
-    yield from fault_lines(faults.rows())
-    yield "not verified; see fbench log check"
-
-
-def _short(value: str) -> str:
-    """A list of tokens, say, is for programs."""
-    return value if len(value) <= _MAX_VALUE else f"{value[:_MAX_VALUE]}… ({len(value)} characters, all with --json)"
-
-
-def _streams(result: "Survey") -> Table:
+    parts += [f"{form.num_bytes / 1e6:.1f} MB", "indexed" if form.is_indexed else "no index"]
+    say(f"stored: {', '.join(parts)}")
     rig, problems = result.known.rig, result.known.problems
     table = make_table("sensor", "kind", "messages", "Hz", "x, y, z on the body [m]", "camera")
     for s in result.streams:
@@ -123,13 +98,27 @@ def _streams(result: "Survey") -> Table:
         if camera is not None:
             lens = f"{camera.size_wh[0]}x{camera.size_wh[1]}, f {camera.K[0, 0]:.0f} px"
         table.add_row(s.sensor, s.kind, str(s.num_messages), rate, position, lens)
-    return table
-
-
-def _topics(result: "Survey") -> Table:
-    table = make_table("topic", "schema", "messages", "use")
-    for column in table.columns:
+    console().print(table)
+    topics = make_table("topic", "schema", "messages", "use")
+    for column in topics.columns:
         column.overflow = "fold"
     for t in result.topics:
-        table.add_row(t.topic, t.schema or t.encoding, str(t.num_messages), t.kind or "none")
-    return table
+        topics.add_row(t.topic, t.schema or t.encoding, str(t.num_messages), t.kind or "none")
+    console().print(topics)
+
+
+def _notes(result: "Survey", faults: "FaultLog") -> Iterator[str]:
+    from fbench.replay.data.metadata import REGIONS
+
+    metadata = sorted(result.info.metadata.items())
+    for key, value in metadata:
+        if key != REGIONS:  # a list of tokens, say, is for programs
+            rest = f"… ({len(value)} characters, all with --json)" if len(value) > _MAX_VALUE else ""
+            yield f"{key}: {value[:_MAX_VALUE]}{rest}"
+    if REGIONS in result.info.metadata:
+        kinds = Counter(region.kind for region in result.info.regions)
+        yield f"{REGIONS}: {', '.join(f'{num} of kind {kind}' for kind, num in sorted(kinds.items())) or 'none'}"
+    yield from (f"no calibration: {why}" for why in dict.fromkeys(result.known.problems.values()))
+    yield from (f"new segment by log time: {why}" for why in result.breaks or ())
+    yield from fault_lines(faults.rows())
+    yield "not verified; see fbench log check"

@@ -8,23 +8,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
-from fbench.cli.options import (
-    Config,
-    Frames,
-    Json,
-    Log,
-    Offset,
-    Reference,
-    RigFiles,
-    Stamps,
-    Topics,
-    TruthFile,
-    TruthFormat,
-    TruthFrame,
-    box_source,
-)
+from fbench.cli import options
 from fbench.cli.show import fault_lines, frame_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 
@@ -33,32 +19,31 @@ TIMEOUT_NS = 1_000_000_000
 
 
 def preview(
-    log: Log,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
-    frames: Frames = None,
-    num: Annotated[int, typer.Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
-    config: Config = None,
-    rig: RigFiles = None,
-    truth: TruthFile = None,
-    truth_format: TruthFormat = None,
-    truth_frame: TruthFrame = "",
-    reference: Reference = None,
-    offset: Offset = None,
-    stamps: Stamps = None,
-    topics: Topics = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing preview.")] = False,
-    json: Json = False,
+    log: options.Log,
+    out: Annotated[Path | None, Option("--out", "-o", help="Folder of the pictures; else LOG-preview.")] = None,
+    frames: options.Frames = None,
+    num: Annotated[int, Option(metavar="N", min=1, max=200, help="So many frames, evenly spread.")] = 6,
+    config: options.Config = None,
+    rig: options.RigFiles = None,
+    truth: options.TruthFile = None,
+    truth_format: options.TruthFormat = None,
+    truth_frame: options.TruthFrame = "",
+    reference: options.Reference = None,
+    offset: options.Offset = None,
+    stamps: options.Stamps = None,
+    topics: options.Topics = None,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace an existing preview.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Draw what sensors see into each other: whether calibration, time and Doppler are right shows at one look."""
     from fbench.replay.contracts.faults import FaultLog, explain_losses
     from fbench.replay.engine.excerpt import make_excerpt
     from fbench.replay.logs.partial_rig import partial_rig
-    from fbench.replay.setup.source import LogRequest, log_source
+    from fbench.replay.setup.source import log_source
     from fbench.reports.preview.collect import PreviewRequest, collect
     from fbench.reports.preview.preview import write_preview
 
-    filed = box_source(truth, truth_format, truth_frame)
-    source = log_source(LogRequest(log, config, rig or [], filed, None, topics or []))
+    source = log_source(options.log_request(locals()))
     sync = replace(source.sync(reference, None, None, None), timeout_ns=TIMEOUT_NS)
     request = PreviewRequest(num, sync, source.stamps(stamps, offset or []), make_excerpt(None, None, frames))
     place = out or Path(f"{log.resolve().stem}-preview")

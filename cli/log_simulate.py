@@ -2,14 +2,14 @@
 
 import signal
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import import_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 
@@ -24,52 +24,47 @@ _SUITE, _TRAINING = "suite", "training"
 def simulate(
     world: Annotated[
         str,
-        typer.Argument(
+        Argument(
             metavar="WORLD",
             help="urban, highway; suite: all logs of the fixed suite; training: those of the built-in detector.",
         ),
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; of a suite the folder for its logs.")
+        Path, Option("--out", "-o", help="FILE.mcap or FOLDER.parquet; of a suite the folder for its logs.")
     ],
     condition: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="clear, traffic, rain, heavy-rain, fog, night ..., or a mixture: rain+night."
-        ),
+        str, Option(metavar="NAME", help="clear, traffic, rain, heavy-rain, fog, night ..., or a mixture: rain+night.")
     ] = "clear",
-    seconds: Annotated[float, typer.Option(metavar="S", help="Length of the log, in s.")] = 10.0,
-    seed: Annotated[
-        int, typer.Option(metavar="N", help="Another seed, another world; the same one, the same bytes.")
-    ] = 0,
+    seconds: Annotated[float, Option(metavar="S", help="Length of the log, in s.")] = 10.0,
+    seed: Annotated[int, Option(metavar="N", help="Another seed, another world; the same one, the same bytes.")] = 0,
     split: Annotated[
         Literal["dev", "test"] | None,
-        typer.Option(help="Of a suite: seeds to develop on (dev, unless said otherwise), or those to report."),
+        Option(help="Of a suite: seeds to develop on (dev, unless said otherwise), or those to report."),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option("--rig", metavar="FILE", help="TOML with the sensors; else the thesis's rig.")
+        Path | None, Option("--rig", metavar="FILE", help="TOML with the sensors; else the thesis's rig.")
     ] = None,
     sensors: Annotated[
         list[str] | None,
-        typer.Option("--sensors", metavar="PATTERN", help="Only these sensors (not: '!PATTERN'); repeatable."),
+        Option("--sensors", metavar="PATTERN", help="Only these sensors (not: '!PATTERN'); repeatable."),
     ] = None,
     settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable."),
+        list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a sensor or the weather; repeatable.")
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=256, help="Messages made at once; changes no byte.")
+        int | None, Option(metavar="N", min=1, max=256, help="Messages made at once; changes no byte.")
     ] = None,
     form: Annotated[
-        Literal["mcap", "parquet"] | None, typer.Option(help="Of a suite's logs; mcap, unless said otherwise.")
+        Literal["mcap", "parquet"] | None, Option(help="Of a suite's logs; mcap, unless said otherwise.")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing logs.")] = False,
-    json: Json = False,
+    overwrite: Annotated[bool, Option("--overwrite", help="Replace existing logs.")] = False,
+    json: options.Json = False,
 ) -> None:
     """Simulate a drive through a city or along a highway, with every sensor and perfect truth."""
     from fbench.cli.import_lines import log_line
     from fbench.datasets.city.recording import CityRecording
-    from fbench.datasets.city.request import CityRequest
+    from fbench.datasets.city.request import CityRequest, split_setting
+    from fbench.datasets.city.rig import WEATHER
     from fbench.datasets.importing.run import write_recording
     from fbench.replay.logs.convert.target import Target
 
@@ -90,14 +85,16 @@ def simulate(
         if not out.absolute().parent.is_dir():
             raise ConfigError(f"{out}: can't be written (no folder {out.absolute().parent})")
         wanted[0][1].form  # noqa: B018  # refuses a name without a form before anything is made
-    _warn_of_idle(request.settings, wanted[0][0])
+    used = (WEATHER, *wanted[0][0].rig.names)
+    idle = [(setting, name) for setting in request.settings if (name := split_setting(setting)[0]) not in used]
+    sys.stderr.writelines(f"note: --set {s} changes nothing: --sensors leaves '{name}' out\n" for s, name in idle)
     done: list[ImportedLog] = []
     try:
         with import_progress(len(wanted)) as progress:
             for spec, target in wanted:
                 log = write_recording(CityRecording(spec, target.path.stem, threads), target, progress)
                 done.append(log)
-                with progress.finished(0 if log.written is None else sum(log.written.messages.values())):
+                with progress.finish(0 if log.written is None else sum(log.written.messages.values())):
                     if not json:
                         say(*log.lines, f"log: {log_line(log)}")
     except KeyboardInterrupt:
@@ -107,17 +104,6 @@ def simulate(
         raise typer.Exit(128 + signal.SIGINT) from None
     if json:
         print_json({"logs": [_content(spec, log) for (spec, _), log in zip(wanted, done, strict=True)]})
-
-
-def _warn_of_idle(settings: Sequence[str], spec: "CitySpec") -> None:
-    """Say which settings change nothing, as their sensor isn't simulated."""
-    from fbench.datasets.city.request import split_setting
-    from fbench.datasets.city.rig import WEATHER
-
-    for setting in settings:
-        name, _, _ = split_setting(setting)
-        if name not in (WEATHER, *spec.rig.names):
-            sys.stderr.write(f"note: --set {setting} changes nothing: --sensors leaves '{name}' out\n")
 
 
 def _suite_specs(request: "CityRequest", split: "Split | None") -> list[tuple["CitySpec", str]]:

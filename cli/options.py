@@ -1,34 +1,32 @@
-"""Options that several commands share, and the examples shown by `--help`."""
+"""Options that several commands share, the requests that they make, and the examples shown by `--help`."""
 
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
-Pipeline = Annotated[
-    str,
-    typer.Option("--pipeline", "-p", metavar="NAME", help="A name (see fbench plugins), FILE.py:CLASS or FILE.toml."),
-]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")
-]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing run.")]
-RangeM = Annotated[
-    float, typer.Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")
-]
-InView = Annotated[bool, typer.Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
+if TYPE_CHECKING:
+    from fbench.replay.logs.setup import BoxSource
+    from fbench.replay.setup.request import ReplayRequest
+    from fbench.replay.setup.source import LogRequest
+
+Log = Annotated[Path, Argument(metavar="LOG", help="An MCAP file, Parquet folder, ROS bag, or folder of parts.")]
+Settings = Annotated[list[str] | None, Option("--set", metavar="NAME=VALUE", help="Change a parameter; repeatable.")]
+Json = Annotated[bool, Option("--json", help="Print JSON for machines.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Replace an existing run.")]
+RangeM = Annotated[float, Option("--range-m", metavar="M", min=0, help="Score objects within this distance, in m.")]
+InView = Annotated[bool, Option("--in-view/--all-around", help="Score only objects that a camera sees.")]
 DistanceM = Annotated[
-    float, typer.Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
+    float, Option("--distance-m", metavar="M", min=0, help="3D match: centers this near on the ground, in m.")
 ]
 Reference = Annotated[
-    str | None, typer.Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
+    str | None, Option("--reference", metavar="SENSOR", help="Whose stamps are the frames' instants.")
 ]
 TimeoutMs = Annotated[
     float | None,
-    typer.Option(
+    Option(
         "--timeout-ms",
         metavar="MS",
         min=0,
@@ -37,50 +35,42 @@ TimeoutMs = Annotated[
 ]
 ToleranceMs = Annotated[
     float | None,
-    typer.Option(
-        "--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."
-    ),
+    Option("--tolerance-ms", metavar="MS", min=0, help="How far stamps may lie from the instant, in ms; else 50."),
 ]
 MaxGapS = Annotated[
-    float | None,
-    typer.Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2."),
+    float | None, Option("--max-gap-s", metavar="S", min=0, help="A longer pause begins a new segment, in s; else 2.")
 ]
 From = Annotated[
     str | None,
-    typer.Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
+    Option("--from", metavar="T", help="First instant: seconds after the first measurement, or a stamp 'Nns'."),
 ]
-To = Annotated[str | None, typer.Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
-Frames = Annotated[str | None, typer.Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
+To = Annotated[str | None, Option("--to", metavar="T", help="Instant at which to stop, itself left out.")]
+Frames = Annotated[str | None, Option("--frames", metavar="A:B", help="Indices of frames, B left out.")]
 Topics = Annotated[
     list[str] | None,
-    typer.Option(
-        "--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."
-    ),
+    Option("--topics", metavar="PATTERN", help="Read only these topics or sensors (not: '!PATTERN'); repeatable."),
 ]
 Sensors = Annotated[
     list[str] | None,
-    typer.Option(
-        "--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."
-    ),
+    Option("--sensors", metavar="PATTERN", help="Give the pipeline only these sensors (not: '!PATTERN'); repeatable."),
 ]
 Offset = Annotated[
-    list[str] | None,
-    typer.Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable."),
+    list[str] | None, Option("--offset", metavar="SENSOR=MS", help="Add this to the stamps of a sensor; repeatable.")
 ]
 Stamps = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--stamps",
         metavar="SOURCE",
         help="Instants are those of the 'header' (by default), or of the 'log', when it was recorded.",
     ),
 ]
 ReadAhead = Annotated[
-    str, typer.Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
+    str, Option("--read-ahead", metavar="N", help="Messages to decode in advance: a number, 'all' or 'auto'.")
 ]
 InterpolateTruthMs = Annotated[
     float,
-    typer.Option(
+    Option(
         "--interpolate-truth",
         metavar="MS",
         min=0,
@@ -90,125 +80,48 @@ InterpolateTruthMs = Annotated[
 ]
 MinCoverage = Annotated[
     float,
-    typer.Option(
-        "--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."
-    ),
+    Option("--min-coverage", metavar="SHARE", min=0, max=1, help="Exit 1 where a smaller share of outputs had truth."),
 ]
-NoMedia = Annotated[bool, typer.Option("--no-media", help="Keep no images and no points in the run.")]
+NoMedia = Annotated[bool, Option("--no-media", help="Keep no images and no points in the run.")]
 Redact = Annotated[
-    bool,
-    typer.Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses."),
+    bool, Option("--redact", help="Also leave out names of the log and of files, paths, places of faults and poses.")
 ]
-Iou = Annotated[float, typer.Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]
-
-
-_HEAD = "[bold]Examples[/bold]\n\n"
-
-DEMO = f"{_HEAD}fbench demo\n\nfbench demo --out /tmp/demo\n\nfbench demo --split test -o runs/suite"
-INIT = f"{_HEAD}fbench init log.mcap\n\nfbench init log.mcap -o configs/car.toml --overwrite"
-REPLAY = (
-    f"{_HEAD}fbench replay log.mcap --pipeline lidar3d\n\n"
-    "fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report\n\n"
-    "fbench replay log.mcap -p my_pipeline.py:MyPipeline\n\n"
-    "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv\n\n"
-    "fbench replay log.mcap -p recorded:/perception/tracks"
-)
-SCORE = (
-    f"{_HEAD}fbench score runs/log-lidar3d\n\nfbench score runs/log-lidar3d --range-m 80 --all-around\n\n"
-    "fbench score runs/log-lidar3d --truth label_02/0003.txt\n\n"
-    "fbench score runs/log-lidar3d --explain 12\n\n"
-    "fbench score runs/city1-late3d runs/city2-late3d --intervals 1000 -o together.json\n\n"
-    "fbench score runs/log-lidar3d --profile kitti-3dmot --match iou3d:0.25\n\n"
-    "fbench score --truth label_02 --detections tracker/data --profile trackeval-kitti -o scores.json\n\n"
-    "fbench score --truth MOT17/train --detections results --profile trackeval-mot --sequences MOT17-02,MOT17-04\n\n"
-    "fbench score --truth truth.json --detections submission.json --profile nuscenes-detection --json"
-)
-REPORT = f"{_HEAD}fbench report runs/log-lidar3d\n\nfbench report runs/log-lidar3d runs/log-late3d -o both.html"
-COMPARE = f"{_HEAD}fbench compare runs/base runs/head\n\nfbench compare runs/base runs/head --tolerance 0.01"
-VERIFY = (
-    f"{_HEAD}fbench verify log.mcap -p lidar3d\n\n"
-    "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50"
-)
-PLUGINS = (
-    f"{_HEAD}fbench plugins\n\nfbench plugins pipelines late3d\n\nfbench plugins metrics hota\n\n"
-    "fbench plugins profiles kitti-3dmot"
-)
-LOG_INFO = f"{_HEAD}fbench log info log.mcap\n\nfbench log info log.mcap --json"
-LOG_CHECK = (
-    f"{_HEAD}fbench log check log.mcap\n\nfbench log check log.mcap -p late3d --timeout-ms 50\n\n"
-    "fbench log check log.bag --ignore LOG006 --json"
-)
-LOG_PREVIEW = (
-    f"{_HEAD}fbench log preview log.mcap\n\nfbench log preview log.mcap -o pictures --frames 100:200 --num 4\n\n"
-    "fbench log preview log.bag --offset lidar=-50 --topics '!rear*' --overwrite"
-)
-LOG_CONVERT = (
-    f"{_HEAD}fbench log convert drive.mcap -o drive.parquet\n\n"
-    "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'\n\n"
-    "fbench log convert drive.mcap -o drive --split-s 60"
-)
-LOG_IMPORT = (
-    f"{_HEAD}fbench log import astyx path/to/astyx -o astyx.mcap\n\n"
-    "fbench log import nuscenes path/to/nuscenes -o logs --scenes 'scene-01*' --skip-bad\n\n"
-    "fbench log import kitti path/to/tracking -o 0012.mcap --scenes 0012 --detections results"
-)
-LOG_EXPORT = (
-    f"{_HEAD}fbench log export runs/0003-lidar3d --format kitti-tracking --class Car -o results/data\n\n"
-    "fbench log export kitti/0000.mcap kitti/0001.mcap --format kitti-tracking -o label_02\n\n"
-    "fbench log export runs/scene-*-late3d --format nuscenes -o submission.json"
-)
-LOG_SIMULATE = (
-    f"{_HEAD}fbench log simulate urban --condition fog --seconds 10 --seed 3 -o fog.mcap\n\n"
-    "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap\n\n"
-    "fbench log simulate suite --split test -o suite"
-)
-WEIGHTS_LIST = f"{_HEAD}fbench weights list\n\nfbench weights list --json"
-WEIGHTS_GET = (
-    f"{_HEAD}fbench weights get deimv2-femto\n\n"
-    "fbench weights get yolox-tiny --from downloads/yolox_tiny.onnx\n\n"
-    "fbench replay log.mcap -p late3d --set camera.weights=deimv2-femto"
-)
-WEIGHTS_TRAIN = (
-    f"{_HEAD}fbench log simulate training -o training\n\n"
-    "fbench weights train training -o city.onnx\n\n"
-    "fbench replay log.mcap -p camera2d --set camera.weights=city.onnx"
-)
-
-
-if TYPE_CHECKING:
-    from fbench.replay.logs.setup import BoxSource
-
+Iou = Annotated[float, Option("--iou", metavar="SHARE", min=0, max=1, help="2D match: at least this overlap.")]
 Config = Annotated[
     str | None,
-    typer.Option("--config", metavar="FILE", help="An fbench.toml; else the one beside the log; 'none': none at all."),
+    Option("--config", metavar="FILE", help="An fbench.toml; else the one beside the log; 'none': none at all."),
 ]
 RigFiles = Annotated[
     list[Path] | None,
-    typer.Option("--rig", metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable."),
+    Option("--rig", metavar="FILE", help="Calibration: TOML, URDF, Kalibr or camera_info YAML; repeatable."),
 ]
-TruthFile = Annotated[
-    Path | None, typer.Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")
-]
+TruthFile = Annotated[Path | None, Option("--truth", metavar="PATH", help="Ground truth from this file or folder.")]
 TruthFormat = Annotated[
-    str | None, typer.Option("--truth-format", metavar="FORMAT", help="Of --truth, where its content doesn't tell.")
+    str | None, Option("--truth-format", metavar="FORMAT", help="Of --truth, where its content doesn't tell.")
 ]
 TruthFrame = Annotated[
     str,
-    typer.Option(
+    Option(
         "--truth-frame", metavar="NAME", help="Coordinate frame, or camera, of --truth, where the file doesn't tell."
     ),
 ]
 DetectionsFile = Annotated[
     Path | None,
-    typer.Option("--detections", metavar="PATH", help="Score these results of another system, from a file or folder."),
+    Option("--detections", metavar="PATH", help="Score these results of another system, from a file or folder."),
 ]
 PipelineOrFile = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--pipeline", "-p", metavar="NAME",
         help="A name (see fbench plugins), FILE.py:CLASS, FILE.toml, recorded:TOPIC or 'exec:COMMAND'.",
     ),
 ]  # fmt: skip
+DetectEvery = Annotated[
+    int | None,
+    Option(
+        "--detect-every", metavar="N", min=1, help="Detect in every N-th frame only; tracks are predicted in between."
+    ),
+]
 
 
 def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | None":
@@ -218,9 +131,108 @@ def box_source(path: Path | None, form: str | None, frame: str) -> "BoxSource | 
     return None if path is None else BoxSource(path, form, frame, frame)
 
 
-DetectEvery = Annotated[
-    int | None,
-    typer.Option(
-        "--detect-every", metavar="N", min=1, help="Detect in every N-th frame only; tracks are predicted in between."
+def log_request(given: Mapping[str, Any]) -> "LogRequest":
+    """Return what the parameters of a command, by name, say about its log."""
+    from fbench.replay.setup.source import LogRequest
+
+    frame = given.get("truth_frame", "")
+    truth = box_source(given.get("truth"), given.get("truth_format"), frame)
+    results = box_source(given.get("detections"), None, frame)
+    return LogRequest(
+        given["log"], given.get("config"), given.get("rig") or (), truth, results, given.get("topics") or ()
+    )
+
+
+def replay_request(given: Mapping[str, Any], needs_pipeline: bool = True) -> "ReplayRequest":
+    """Return the request that the parameters of a command, by name, make: those that are called as its fields. Raises
+    ConfigError where a pipeline is needed, and none is named, or one that doesn't read the given detections.
+    """
+    from fbench.replay.setup.request import ReplayRequest, choose_pipeline
+
+    log, names = log_request(given), {f.name for f in fields(ReplayRequest)} - {"log", "pipeline"}
+    pipeline = choose_pipeline(given["pipeline"], log.detections) if needs_pipeline else given["pipeline"] or ""
+    chosen = {name: value for name, value in given.items() if name in names and value is not None}
+    return ReplayRequest(log, pipeline, **chosen)
+
+
+_EXAMPLES: Mapping[str, tuple[str, ...]] = {
+    "demo": ("fbench demo", "fbench demo --out /tmp/demo", "fbench demo --split test -o runs/suite"),
+    "init": ("fbench init log.mcap", "fbench init log.mcap -o configs/car.toml --overwrite"),
+    "replay": (
+        "fbench replay log.mcap --pipeline lidar3d",
+        "fbench replay log.mcap -p late3d --set camera.weights=yolox.onnx --rate 2 -o runs/mine --report",
+        "fbench replay log.mcap -p my_pipeline.py:MyPipeline",
+        "fbench replay log.mcap -p 'exec:./my_stack --fast' --truth labels.csv",
+        "fbench replay log.mcap -p recorded:/perception/tracks",
     ),
-]
+    "score": (
+        "fbench score runs/log-lidar3d",
+        "fbench score runs/log-lidar3d --range-m 80 --all-around",
+        "fbench score runs/log-lidar3d --truth label_02/0003.txt",
+        "fbench score runs/log-lidar3d --explain 12",
+        "fbench score runs/city1-late3d runs/city2-late3d --intervals 1000 -o together.json",
+        "fbench score runs/log-lidar3d --profile kitti-3dmot --match iou3d:0.25",
+        "fbench score --truth label_02 --detections tracker/data --profile trackeval-kitti -o scores.json",
+        "fbench score --truth MOT17/train --detections results --profile trackeval-mot --sequences MOT17-02,MOT17-04",
+        "fbench score --truth truth.json --detections submission.json --profile nuscenes-detection --json",
+    ),
+    "report": ("fbench report runs/log-lidar3d", "fbench report runs/log-lidar3d runs/log-late3d -o both.html"),
+    "compare": ("fbench compare runs/base runs/head", "fbench compare runs/base runs/head --tolerance 0.01"),
+    "verify": (
+        "fbench verify log.mcap -p lidar3d",
+        "fbench verify log.mcap -p my_pipeline.py:MyPipeline --quick --repeat 3 --frames :50",
+    ),
+    "plugins": (
+        "fbench plugins",
+        "fbench plugins pipelines late3d",
+        "fbench plugins metrics hota",
+        "fbench plugins profiles kitti-3dmot",
+    ),
+    "log info": ("fbench log info log.mcap", "fbench log info log.mcap --json"),
+    "log check": (
+        "fbench log check log.mcap",
+        "fbench log check log.mcap -p late3d --timeout-ms 50",
+        "fbench log check log.bag --ignore LOG006 --json",
+    ),
+    "log preview": (
+        "fbench log preview log.mcap",
+        "fbench log preview log.mcap -o pictures --frames 100:200 --num 4",
+        "fbench log preview log.bag --offset lidar=-50 --topics '!rear*' --overwrite",
+    ),
+    "log convert": (
+        "fbench log convert drive.mcap -o drive.parquet",
+        "fbench log convert drive.bag -o part.mcap --from 12.5 --to 20 --topics '/lidar*'",
+        "fbench log convert drive.mcap -o drive --split-s 60",
+    ),
+    "log import": (
+        "fbench log import astyx path/to/astyx -o astyx.mcap",
+        "fbench log import nuscenes path/to/nuscenes -o logs --scenes 'scene-01*' --skip-bad",
+        "fbench log import kitti path/to/tracking -o 0012.mcap --scenes 0012 --detections results",
+    ),
+    "log export": (
+        "fbench log export runs/0003-lidar3d --format kitti-tracking --class Car -o results/data",
+        "fbench log export kitti/0000.mcap kitti/0001.mcap --format kitti-tracking -o label_02",
+        "fbench log export runs/scene-*-late3d --format nuscenes -o submission.json",
+    ),
+    "log simulate": (
+        "fbench log simulate urban --condition fog --seconds 10 --seed 3 -o fog.mcap",
+        "fbench log simulate highway --sensors 'lidar,radar' --set weather.rain_mm_h=30 -o rain.mcap",
+        "fbench log simulate suite --split test -o suite",
+    ),
+    "weights list": ("fbench weights list", "fbench weights list --json"),
+    "weights get": (
+        "fbench weights get deimv2-femto",
+        "fbench weights get yolox-tiny --from downloads/yolox_tiny.onnx",
+        "fbench replay log.mcap -p late3d --set camera.weights=deimv2-femto",
+    ),
+    "weights train": (
+        "fbench log simulate training -o training",
+        "fbench weights train training -o city.onnx",
+        "fbench replay log.mcap -p camera2d --set camera.weights=city.onnx",
+    ),
+}
+
+
+def examples(command: str) -> str:
+    """Return the examples of a command, such as `log info`, as its help shows them."""
+    return "\n\n".join(["[bold]Examples[/bold]", *_EXAMPLES[command]])

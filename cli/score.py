@@ -2,26 +2,14 @@
 
 import os
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli.options import (
-    Config,
-    DetectionsFile,
-    DistanceM,
-    InterpolateTruthMs,
-    InView,
-    Iou,
-    Json,
-    MinCoverage,
-    RangeM,
-    TruthFile,
-    TruthFormat,
-    TruthFrame,
-)
+from fbench.cli import options
 from fbench.replay.contracts.errors import EXIT_LOSSY, EXIT_OK, ConfigError
 
 if TYPE_CHECKING:
@@ -29,19 +17,18 @@ if TYPE_CHECKING:
 
 Runs = Annotated[
     list[Path] | None,
-    typer.Argument(
+    Argument(
         metavar="[RUN]...",
         help="A run folder, or several of one pipeline; without one, --truth and --detections are scored.",
         show_default=False,
     ),
 ]
 DetectionsFormat = Annotated[
-    str | None,
-    typer.Option("--detections-format", metavar="FORMAT", help="Of --detections, where its content doesn't tell."),
+    str | None, Option("--detections-format", metavar="FORMAT", help="Of --detections, where its content doesn't tell.")
 ]
 Profile = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--profile",
         metavar="NAME",
         help="Whose way to count, see fbench plugins profiles; else 'default', fbench's own.",
@@ -49,34 +36,30 @@ Profile = Annotated[
 ]
 Match = Annotated[
     str | None,
-    typer.Option("--match", metavar="HOW:NUMBER", help="What matches in the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
+    Option("--match", metavar="HOW:NUMBER", help="What matches in the profile: iou3d:0.25, iou2d:0.5, bev:2 ..."),
 ]
-Class = Annotated[list[str] | None, typer.Option("--class", metavar="NAME", help="Only this class; repeatable.")]
+Class = Annotated[list[str] | None, Option("--class", metavar="NAME", help="Only this class; repeatable.")]
 Sequences = Annotated[
-    str | None, typer.Option("--sequences", metavar="NAMES", help="Of files: only these, with commas between.")
+    str | None, Option("--sequences", metavar="NAMES", help="Of files: only these, with commas between.")
 ]
 Seqmap = Annotated[
     Path | None,
-    typer.Option(
-        "--seqmap", metavar="FILE", help="Of files: a list of sequences with their lengths, as TrackEval reads it."
-    ),
+    Option("--seqmap", metavar="FILE", help="Of files: a list of sequences with their lengths, as TrackEval reads it."),
 ]
 Missing = Annotated[
-    str, typer.Option("--missing", metavar="WHAT", help="Sequences without a file of results: 'error' or 'empty'.")
+    str, Option("--missing", metavar="WHAT", help="Sequences without a file of results: 'error' or 'empty'.")
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--out", metavar="FILE", help="Write all rows there, as JSON: of a profile, or of several RUNs."
-    ),
+    Option("-o", "--out", metavar="FILE", help="Write all rows there, as JSON: of a profile, or of several RUNs."),
 ]
 Region = Annotated[
     str | None,
-    typer.Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
+    Option("--region", metavar="KINDS", help="Only boxes in these regions of the log: road, or road,sidewalk."),
 ]
 Seen = Annotated[
     int,
-    typer.Option(
+    Option(
         "--seen",
         metavar="N",
         min=0,
@@ -85,43 +68,33 @@ Seen = Annotated[
     ),
 ]
 Explain = Annotated[
-    int | None, typer.Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
+    int | None, Option("--explain", metavar="FRAME", help="What became of each box of this frame, and why.")
 ]
 Intervals = Annotated[
     int,
-    typer.Option(
+    Option(
         "--intervals",
         metavar="N",
         min=0,
         help="95 % confidence intervals from N bootstrap resamples, 20 to 100000; such as 1000.",
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the resamples.")]
+Seed = Annotated[int, Option("--seed", metavar="N", min=0, help="Of the resamples.")]
 
 
-_OF_FILES = {
-    "detections": "--detections", "detections_format": "--detections-format", "sequences": "--sequences",
-    "seqmap": "--seqmap", "missing": "--missing",
-}  # fmt: skip
-_OF_PROFILES = {"match": "--match"}
-_OF_RUNS = {
-    "range_m": "--range-m", "in_view": "--in-view", "distance_m": "--distance-m", "iou": "--iou", "region": "--region",
-    "seen": "--seen",
-}  # fmt: skip
-_OF_OTHER_TRUTH = {
-    "config": "--config", "truth_frame": "--truth-frame", "interpolate_truth_ms": "--interpolate-truth",
-}  # fmt: skip
-_TRUTH = {"truth": "--truth", "truth_format": "--truth-format", **_OF_OTHER_TRUTH}
-_COVERAGE = {"min_coverage": "--min-coverage"}
-_EXPLAIN = {"explain": "--explain"}
+_OF_FILES = ("detections", "detections_format", "sequences", "seqmap", "missing")
+_OF_RUNS = ("range_m", "in_view", "distance_m", "iou", "region", "seen")
+_OF_OTHER_TRUTH = ("config", "truth_frame", "interpolate_truth_ms")
+_TRUTH = ("truth", "truth_format", *_OF_OTHER_TRUTH)
+_CALLED = {"interpolate_truth_ms": "--interpolate-truth", "class_": "--class"}  # Others as their parameter
 _INSTEAD = {"distance_m": "; use --match bev:M", "iou": "; use --match iou2d:SHARE"}
 
 
 def score(
     context: typer.Context,
     runs: Runs = None,
-    truth: TruthFile = None,
-    detections: DetectionsFile = None,
+    truth: options.TruthFile = None,
+    detections: options.DetectionsFile = None,
     profile: Profile = None,
     match: Match = None,
     class_: Class = None,
@@ -129,22 +102,22 @@ def score(
     sequences: Sequences = None,
     seqmap: Seqmap = None,
     missing: Missing = "error",
-    truth_format: TruthFormat = None,
+    truth_format: options.TruthFormat = None,
     detections_format: DetectionsFormat = None,
-    truth_frame: TruthFrame = "",
-    range_m: RangeM = 50.0,
-    in_view: InView = True,
+    truth_frame: options.TruthFrame = "",
+    range_m: options.RangeM = 50.0,
+    in_view: options.InView = True,
     seen: Seen = 0,
     region: Region = None,
-    distance_m: DistanceM = 2.0,
-    iou: Iou = 0.5,
-    interpolate_truth_ms: InterpolateTruthMs = 0.0,
-    config: Config = None,
-    min_coverage: MinCoverage = 0.0,
+    distance_m: options.DistanceM = 2.0,
+    iou: options.Iou = 0.5,
+    interpolate_truth_ms: options.InterpolateTruthMs = 0.0,
+    config: options.Config = None,
+    min_coverage: options.MinCoverage = 0.0,
     intervals: Intervals = 0,
     seed: Seed = 0,
     out: Out = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Score runs again from their folders, or results of another system from files, without replaying a log."""
     from fbench.api.scores import OWN_PROFILE, FileScoreRequest, Resampling, ScoreRequest, score_files
@@ -193,8 +166,7 @@ def _score_runs(request: "ScoreRequest", min_coverage: float, out: Path | None, 
     elif len(request.runs) > 1:
         show_together(result, request.runs, out, as_json)
     else:
-        for line in result.warnings:
-            sys.stderr.write(f"{line}\n")
+        sys.stderr.writelines(f"{line}\n" for line in result.warnings)
         show_run(Run(request.runs[0]), as_json)
     code = EXIT_OK if result.complete else EXIT_LOSSY
     return require_coverage(Run(request.runs[0]), min_coverage, code) if len(request.runs) == 1 else code
@@ -213,50 +185,39 @@ def _require_writable(path: Path) -> None:
 
 
 def require_fitting(given: Collection[str], num_runs: int) -> None:
-    """Refuse options that would do nothing.
-
-    Args:
-        given: Names of the parameters that the user gave.
-        num_runs: How many run folders.
-
-    Raises:
-        ConfigError: naming the first such option.
+    """Refuse options that would do nothing: `given` are the names of the parameters that the user gave, with so many
+    run folders. Raises ConfigError naming the first such option.
     """
     if "seed" in given and "intervals" not in given:
         raise ConfigError("--seed is of the resamples that --intervals N asks for, which is missing")
     if not num_runs:
         missing = [f"--{name}" for name in ("truth", "detections") if name not in given]
-        if len(missing) == 2:
-            raise ConfigError("what is to be scored? give a RUN folder, or --truth PATH and --detections PATH")
         if missing:
-            raise ConfigError(f"{missing[0]} PATH is missing: results in files are scored against truth in files")
-        _refuse(given, {**_OF_RUNS, **_OF_OTHER_TRUTH, **_COVERAGE, **_EXPLAIN}, "is for run folders")
+            none = "what is to be scored? give a RUN folder, or --truth PATH and --detections PATH"
+            one = f"{missing[0]} PATH is missing: results in files are scored against truth in files"
+            raise ConfigError(none if len(missing) == 2 else one)
+        _refuse(given, (*_OF_RUNS, *_OF_OTHER_TRUTH, "min_coverage", "explain"), "is for run folders")
         return
     if "detections" in given:
         raise ConfigError("--detections are scored without a RUN: leave out one of them")
     _refuse(given, _OF_FILES, "goes with --truth and --detections, without a RUN")
     if num_runs > 1:
-        _refuse(given, {**_TRUTH, **_COVERAGE, **_EXPLAIN}, f"is for one RUN, not {num_runs}")
+        _refuse(given, (*_TRUTH, "min_coverage", "explain"), f"is for one RUN, not {num_runs}")
     if "profile" in given:
-        _require_plain(given)
+        if "truth" in given:
+            why = "--profile takes the truth that the run has; give it other truth first"
+            raise ConfigError(f"{why}: fbench score RUN --truth PATH")
+        _refuse(given, (*_OF_RUNS, *_TRUTH, "explain"), "doesn't go with --profile")
     elif "explain" in given:
-        others = {**_TRUTH, **_OF_PROFILES, **_COVERAGE, "intervals": "--intervals", "out": "--out"}
-        _refuse(given, others, "doesn't go with --explain")
+        _refuse(given, (*_TRUTH, "match", "min_coverage", "intervals", "out"), "doesn't go with --explain")
     else:
-        _refuse(given, {**_OF_PROFILES, "class_": "--class"}, "goes with --profile")
+        _refuse(given, ("match", "class_"), "goes with --profile")
         if num_runs == 1:
-            _refuse(given, {"out": "--out"}, "goes with --profile or several RUNs; a RUN has its own scores.json")
+            _refuse(given, ("out",), "goes with --profile or several RUNs; a RUN has its own scores.json")
 
 
-def _require_plain(given: Collection[str]) -> None:
-    """Refuse what a profile leaves no room for."""
-    if "truth" in given:
-        raise ConfigError("--profile takes the truth that the run has; give it other truth first: fbench score RUN "
-                          "--truth PATH")  # fmt: skip
-    _refuse(given, {**_OF_RUNS, **_TRUTH, **_EXPLAIN}, "doesn't go with --profile")
-
-
-def _refuse(given: Collection[str], options: dict[str, str], why: str) -> None:
-    for name, option in options.items():
+def _refuse(given: Collection[str], names: Sequence[str], why: str) -> None:
+    for name in names:
         if name in given:
+            option = _CALLED.get(name, f"--{name.replace('_', '-')}")
             raise ConfigError(f"{option} {why}{_INSTEAD.get(name, '')}")

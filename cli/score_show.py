@@ -1,26 +1,16 @@
 """Output of `fbench score`: the scores of a profile or of several runs, and what became of the boxes of a frame."""
 
-import json
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.table import Table
 
 from fbench.api.scores import ScoreResult, open_folder
-from fbench.cli.show import (
-    console,
-    interval_reasons,
-    interval_text,
-    make_table,
-    null_reasons,
-    print_json,
-    say,
-    score_notes,
-    score_table,
-)
+from fbench.cli import show
+from fbench.cli.show import console, make_table, print_json, say
 from fbench.replay.data.scores import Score, ScoreOptions, save_scores, score_rows
 
 if TYPE_CHECKING:
@@ -34,34 +24,28 @@ _OUTCOMES = ("missed", "false alarm", "invalid", "hit", "ignored")
 
 def show_together(result: ScoreResult, runs: Sequence[Path], out: Path | None, as_json: bool) -> None:
     """Print the scores of several runs together, and write them where that is wanted."""
-    _warn(result)
+    sys.stderr.writelines(f"{line}\n" for line in result.warnings)
     if out is not None:
         save_scores(out, result.rows)
     if as_json:
         print_json({"runs": [str(folder) for folder in runs], "scores": score_rows(result.rows)})
         return
     say(result.title)
-    console().print(score_table(result.rows))
-    say(*score_notes(result.rows))
-
-
-def _warn(result: ScoreResult) -> None:
-    for line in result.warnings:
-        sys.stderr.write(f"{line}\n")
+    console().print(show.score_table(result.rows))
+    say(*show.score_notes(result.rows))
 
 
 def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
     """Print the scores of a profile, and write them where that is wanted."""
-    _warn(result)
+    sys.stderr.writelines(f"{line}\n" for line in result.warnings)
     rows, profile, sequences = result.rows, str(result.profile), result.sequences
     if path is not None:
         save_scores(path, rows)
         sys.stderr.write(f"{len(rows)} rows: {path}\n")
     if as_json:
-        sys.stdout.write(json.dumps({"profile": profile, "scores": score_rows(rows)}, indent=1, allow_nan=False))
-        sys.stdout.write("\n")
+        print_json({"profile": profile, "scores": score_rows(rows)})
         return
-    from fbench.metrics.profiles.remarks import lines
+    from fbench.metrics.profiles.remarks import by_slice, lines
     from fbench.replay.contracts.profiles import Headlines
 
     out = console()
@@ -73,11 +57,21 @@ def show_profile(result: ScoreResult, path: Path | None, as_json: bool) -> None:
         out.print()
     shown = [score for line in table for score in line.scores.values()]
     if len(sequences) > 1 and table:
-        scores = _of_sequences(rows, table, sequences)
-        out.print(_by_sequence(table, scores))
+        # A line a sequence with the first metrics of the first class.
+        column, head = next(iter(table[0].scores.items()))
+        level, index = head.slice.removeprefix("all"), by_slice(rows)
+        heads = [line for line in table if column in line.scores][:_COLUMNS_BY_SEQUENCE]
+        grid = make_table(f"sequence ({column})", *(line.metric for line in heads), right=[h.metric for h in heads])
+        for metric in grid.columns[1:]:
+            metric.no_wrap = True
+        for name in sequences:
+            wholes = (line.scores[column] for line in heads)
+            cells = [index.get((f"sequence {name}{level}", s.class_, s.metric, s.matching)) for s in wholes]
+            grid.add_row(name, *map(_cell, cells))
+            shown += [score for score in cells if score is not None]
+        out.print(grid)
         out.print()
-        shown += [score for cells in scores.values() for score in cells if score is not None]
-    say(*(f"– {line}" for line in (*null_reasons(shown), *interval_reasons(shown))))
+    say(*(f"– {line}" for line in (*show.null_reasons(shown), *show.interval_reasons(shown))))
 
 
 def _table(lines: "Sequence[Line]", columns: Sequence[str]) -> Table:
@@ -91,36 +85,6 @@ def _table(lines: "Sequence[Line]", columns: Sequence[str]) -> Table:
     return table
 
 
-def _of_sequences(
-    rows: Sequence[Score], lines: "Sequence[Line]", sequences: Sequence[str]
-) -> dict[str, list[Score | None]]:
-    """The first metrics of the first class, of each sequence."""
-    from fbench.metrics.profiles.remarks import by_slice
-
-    column, first = next(iter(lines[0].scores.items()))
-    level, index = first.slice.removeprefix("all"), by_slice(rows)
-    wholes = [line.scores[column] for line in _first_lines(lines)]
-    return {
-        name: [index.get((f"sequence {name}{level}", row.class_, row.metric, row.matching)) for row in wholes]
-        for name in sequences
-    }
-
-
-def _first_lines(lines: "Sequence[Line]") -> "list[Line]":
-    column = next(iter(lines[0].scores))
-    return [line for line in lines if column in line.scores][:_COLUMNS_BY_SEQUENCE]
-
-
-def _by_sequence(lines: "Sequence[Line]", scores: Mapping[str, Sequence[Score | None]]) -> Table:
-    """A line a sequence."""
-    table = make_table(f"sequence ({next(iter(lines[0].scores))})")
-    for line in _first_lines(lines):
-        table.add_column(line.metric, justify="right", no_wrap=True)
-    for name, cells in scores.items():
-        table.add_row(name, *map(_cell, cells))
-    return table
-
-
 def _cell(score: Score | None) -> str:
     """Three decimals and the unit; counts as they are."""
     from fbench.metrics.definitions.catalog import COUNTS
@@ -131,9 +95,9 @@ def _cell(score: Score | None) -> str:
         return "–"
     is_count = score.metric in COUNTS and score.counts.get(score.metric, score.value) == score.value
     if score.unit == "1" and is_count and score.value == int(score.value):
-        return f"{score.value:.0f}{interval_text(score, 0)}"
+        return f"{score.value:.0f}{show.interval_text(score, 0)}"
     unit = "" if score.unit.lower() in ("1", "iou") else f" {score.unit}"
-    return f"{score.value:.3f}{unit}{interval_text(score)}"
+    return f"{score.value:.3f}{unit}{show.interval_text(score)}"
 
 
 def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_json: bool) -> None:
@@ -159,7 +123,6 @@ def explain_run(run: Path, options: ScoreOptions, frame: int, class_: str, as_js
 
 
 def _verdict_table(found: "VerdictTable") -> Table:
-    """What went wrong first."""
     rows = sorted((row for row in (*found.truth, *found.estimates) if row.side != "truth" or row.outcome != "ignored"),
                   key=lambda row: _OUTCOMES.index(row.outcome))  # fmt: skip
     has_camera = any(row.camera for row in rows)

@@ -1,11 +1,13 @@
 """Tables and progress on the terminal, JSON for machines, and faults as text."""
 
 import json
+import sys
+import traceback
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console, HighlighterType, JustifyMethod, OverflowMethod
+from rich.console import Console
 from rich.progress import (
     BarColumn,
     DownloadColumn,
@@ -17,7 +19,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
@@ -31,24 +32,14 @@ _SHOWN = ("f1", "precision", "recall", "mota", "mota_no_fp", "motp", "idsw", "id
 class _Console(Console):
     """Shows names from data as they are: they can't steer the terminal, and their brackets are no markup."""
 
-    def render_str(
-        self,
-        text: str,
-        *,
-        style: str | Style = "",
-        justify: JustifyMethod | None = None,
-        overflow: OverflowMethod | None = None,
-        emoji: bool | None = None,
-        markup: bool | None = None,
-        highlight: bool | None = None,
-        highlighter: HighlighterType | None = None,
-    ) -> Text:
+    def render_str(self, text: str, **how: Any) -> Text:
         """Return a text as it is printed."""
-        shown = "".join(c if c.isprintable() or c == "\n" else " " for c in text)
-        return super().render_str(
-            shown, style=style, justify=justify, overflow=overflow, emoji=emoji, markup=markup, highlight=highlight,
-            highlighter=highlighter,
-        )  # fmt: skip
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **how)
+
+
+def printable(text: str) -> str:
+    """Return a text with a space for each character that can't be printed."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def console() -> Console:
@@ -77,6 +68,11 @@ def print_json(content: object) -> None:
     print(json.dumps(content, indent=1, allow_nan=False))  # noqa: T201
 
 
+def show_traceback(error: BaseException) -> None:
+    """Write the traceback of an error to stderr, without credentials."""
+    sys.stderr.write(without_secrets("".join(traceback.format_exception(error))))
+
+
 def number(metric: str, value: float | None, unit: str) -> str:
     """A score for people: three decimals and the unit, counts without."""
     if value is None:
@@ -93,10 +89,6 @@ def interval_text(score: Score, digits: int = 3) -> str:
     return f" [{score.low:.{digits}f}, {score.high:.{digits}f}]"
 
 
-def _with_interval(score: Score) -> str:
-    return number(score.metric, score.value, score.unit) + interval_text(score, 0 if score.metric in _COUNTS else 3)
-
-
 def primary(scores: Sequence[Score]) -> list[Score]:
     """The rows worth showing first: all vehicles as one class, in the run's own space and in the image."""
     return [s for s in scores if s.metric in _SHOWN and s.class_ == "vehicle" and s.slice == "all"]
@@ -109,7 +101,9 @@ def score_table(scores: Sequence[Score]) -> Table:
     matchings = list(dict.fromkeys(s.matching for s in rows if s.value is not None or s.matching == native))
     table = make_table("metric", *matchings, right=matchings)
     for metric in dict.fromkeys(s.metric for s in rows):
-        cells = {s.matching: _with_interval(s) for s in rows if s.metric == metric}
+        digits = 0 if metric in _COUNTS else 3
+        own = [s for s in rows if s.metric == metric]
+        cells = {s.matching: number(metric, s.value, s.unit) + interval_text(s, digits) for s in own}
         table.add_row(metric, *(cells.get(matching, "") for matching in matchings))
     return table
 
@@ -186,7 +180,7 @@ def show_results(results: Results) -> None:
 def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` messages are done on stderr while the `with` block runs."""
     with _progress(BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as progress:
-        task = progress.add_task(_show(title), total=total or None)
+        task = progress.add_task(printable(without_secrets(title)), total=total or None)
         yield lambda num_messages: progress.update(task, completed=num_messages)
 
 
@@ -194,7 +188,7 @@ def message_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
 def byte_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     """Show how many of `total` bytes are done on stderr while the `with` block runs."""
     with _progress(BarColumn(), DownloadColumn(), TimeRemainingColumn()) as progress:
-        task = progress.add_task(_show(title), total=total)
+        task = progress.add_task(printable(without_secrets(title)), total=total)
         yield lambda num_bytes: progress.update(task, completed=num_bytes)
 
 
@@ -208,7 +202,9 @@ class ImportProgress:
 
     def __call__(self, name: str, done: int, total: int) -> None:
         """Tell how many items of a sequence are done."""
-        self._progress.update(self._one, description=_show(name), completed=done, total=total or None, visible=True)
+        self._progress.update(
+            self._one, description=printable(without_secrets(name)), completed=done, total=total or None, visible=True
+        )
 
     def done(self) -> None:
         """Tell that a sequence is done."""
@@ -216,7 +212,7 @@ class ImportProgress:
         self._progress.reset(self._one, visible=False)
 
     @contextmanager
-    def finished(self, num: int) -> Iterator[None]:
+    def finish(self, num: int) -> Iterator[None]:
         """Tell that a sequence of `num` items is done; nothing is shown while the `with` block prints about it."""
         # How many there would be was an estimate.
         self._progress.update(self._one, completed=num, total=num or None, refresh=True)
@@ -238,7 +234,7 @@ def import_progress(num_sequences: int) -> Iterator[ImportProgress]:
 def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
     """Show a running count of frames on stderr while the `with` block runs."""
     with _progress(TextColumn("{task.completed} frames"), TimeElapsedColumn(), spins=True) as progress:
-        task = progress.add_task(_show(title), total=None)
+        task = progress.add_task(printable(without_secrets(title)), total=None)
         yield lambda num_frames: progress.update(task, completed=num_frames)
 
 
@@ -246,7 +242,7 @@ def frame_progress(title: str) -> Iterator[Callable[[int], None]]:
 def replay_progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """Show how many replays are done, of how many, on stderr while the `with` block runs."""
     with _progress(BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), spins=True) as progress:
-        task = progress.add_task(_show(title), total=None)
+        task = progress.add_task(printable(without_secrets(title)), total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
 
 
@@ -255,7 +251,3 @@ def _progress(*columns: ProgressColumn, spins: bool = False) -> Progress:
     console = Console(stderr=True)
     named = [*([SpinnerColumn()] if spins else []), TextColumn("{task.description}", markup=False)]
     return Progress(*named, *columns, console=console, transient=True, disable=not console.is_terminal)
-
-
-def _show(title: str) -> str:
-    return "".join(c if c.isprintable() else " " for c in without_secrets(title))

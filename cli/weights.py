@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from typer import Argument, Option
 
-from fbench.cli import options as examples
-from fbench.cli.options import Json
+from fbench.cli import options
 from fbench.cli.show import byte_progress, console, make_table, message_progress, print_json, say
 from fbench.replay.contracts.errors import ConfigError
 
@@ -22,20 +22,20 @@ _STEPS_A_LINE = 100
 app = typer.Typer(help="List and fetch camera detectors for real images.", no_args_is_help=True)
 
 
-@app.command("list", epilog=examples.WEIGHTS_LIST)
-def list_(json: Json = False) -> None:
+@app.command("list", epilog=options.examples("weights list"))
+def list_(json: options.Json = False) -> None:
     """List the detectors that fbench knows by name, and which of them are here; needs no network."""
     from fbench.pipelines.models.weights import CATALOGUE
 
     show_weights(CATALOGUE, json)
 
 
-@app.command("get", epilog=examples.WEIGHTS_GET)
+@app.command("get", epilog=options.examples("weights get"))
 def get(
-    name: Annotated[str, typer.Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
+    name: Annotated[str, Argument(help="Which, such as deimv2-femto; see `fbench weights list`.")],
     file: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE", help="Take in this file, fetched by hand, instead of downloading it."),
+        Option("--from", metavar="FILE", help="Take in this file, fetched by hand, instead of downloading it."),
     ] = None,
 ) -> None:
     """Fetch a detector, check it against its published sha256, and keep it in fbench's cache."""
@@ -44,17 +44,21 @@ def get(
     get_weights(entry_named(name), file)
 
 
-@app.command("train", epilog=examples.WEIGHTS_TRAIN)
+@app.command("train", epilog=options.examples("weights train"))
 def train(
-    folder: Annotated[Path, typer.Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
-    seed: Annotated[int | None, typer.Option(min=0, help="Other first weights and other views of the images.")] = None,
-    steps: Annotated[int | None, typer.Option(min=1, help="Fewer for a trial.")] = None,
-    device: Annotated[Literal["cpu", "cuda"], typer.Option(help="Where to compute.")] = "cpu",
-    threads: Annotated[int, typer.Option(min=1, max=256, help="Of the CPU.")] = 2,
+    folder: Annotated[Path, Argument(metavar="LOGS", help="Folder of logs with images and 2D truth.")],
+    out: Annotated[Path, Option("--out", "-o", metavar="FILE.onnx", help="Where the weights go.")],
+    seed: Annotated[int | None, Option(min=0, help="Other first weights and other views of the images.")] = None,
+    steps: Annotated[int | None, Option(min=1, help="Fewer for a trial.")] = None,
+    device: Annotated[Literal["cpu", "cuda"], Option(help="Where to compute.")] = "cpu",
+    threads: Annotated[int, Option(min=1, max=256, help="Of the CPU.")] = 2,
 ) -> None:
     """Train the built-in detector anew, or one for your own logs; interrupted, it goes on where it was."""
-    torch = _import_torch()
+    try:
+        import onnx  # noqa: F401
+        import torch
+    except ImportError as error:
+        raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
     if out.suffix != ".onnx":
         raise ConfigError(f"{out}: expected a name that ends in .onnx")
     if not out.absolute().parent.is_dir():
@@ -85,7 +89,14 @@ def show_weights(catalogue: "Sequence[Entry]", as_json: bool) -> None:
     folder = weights_folder()
     rows = [(entry, state(entry, folder / entry.file_name)) for entry in catalogue]
     if as_json:
-        print_json([_describe(entry, folder / entry.file_name, found) for entry, found in rows])
+        names = ("name", "model", "by", "licence", "ap", "input_wh", "page", "url", "sha256", "num_bytes")
+        public = {"ap": "coco_ap", "num_bytes": "bytes"}
+        content = [
+            {public.get(name, name): getattr(entry, name) for name in names}
+            | {"path": str(folder / entry.file_name), "state": found}
+            for entry, found in rows
+        ]
+        print_json(content)
         return
     table = make_table("name", "licence", "COCO AP", "MB", "input", "here", "model", right=("COCO AP", "MB"))
     for entry, found in rows:
@@ -116,32 +127,6 @@ def _count(blocks: Iterable[bytes], progress: Callable[[int], None]) -> Iterator
         num_bytes += len(block)
         progress(num_bytes)
         yield block
-
-
-def _describe(entry: "Entry", path: Path, found: str) -> dict[str, object]:
-    return {
-        "name": entry.name,
-        "model": entry.model,
-        "by": entry.by,
-        "licence": entry.licence,
-        "coco_ap": entry.ap,
-        "input_wh": list(entry.input_wh),
-        "page": entry.page,
-        "url": entry.url,
-        "sha256": entry.sha256,
-        "bytes": entry.num_bytes,
-        "path": str(path),
-        "state": found,
-    }
-
-
-def _import_torch() -> Any:
-    try:
-        import onnx  # noqa: F401
-        import torch
-    except ImportError as error:
-        raise ConfigError(f"training needs {error.name}: pip install 'fbench[torch]'") from error
-    return torch
 
 
 def _find_logs(folder: Path) -> Sequence[Path]:

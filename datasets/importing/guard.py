@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from fbench.replay.contracts.errors import RunError
 from fbench.replay.contracts.importing import Imported, ImportWish
-from fbench.replay.contracts.plugins import guarded
+from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import Importer, Recording
 from fbench.replay.data.files import file_name, with_digest
 from fbench.replay.data.rig import LogInfo, Rig
@@ -24,7 +24,7 @@ class GuardedImporter:
     def names(self, source: Path) -> Sequence[str]:
         """Names of the sequences, each once. Raises RunError where it fails, or gives something else."""
         what = f"dataset '{self._dataset}' can't name the sequences in {source}"
-        with guarded(what):
+        with guard(what):
             names = list(self._importer.names(source))
         for name in names:
             if not isinstance(name, str):
@@ -36,10 +36,10 @@ class GuardedImporter:
     def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
         """Open the sequences. Raises RunError where it fails."""
         what = f"dataset '{self._dataset}' can't open a sequence in {source}"
-        with guarded(what):
+        with guard(what):
             recordings = iter(self._importer.recordings(source, wish))
         for recording in _steps(what, recordings):
-            with guarded(what):
+            with guard(what):
                 name = recording.name
             yield _GuardedRecording(recording, name, f"dataset '{self._dataset}' can't import '{name}'")
 
@@ -54,30 +54,30 @@ class _GuardedRecording:
     @property
     def info(self) -> LogInfo:
         """Name, id and facts."""
-        with guarded(self._what):
+        with guard(self._what):
             return self._recording.info
 
     @property
     def rig(self) -> Rig:
         """Sensors and calibration."""
-        with guarded(self._what):
+        with guard(self._what):
             return self._recording.rig
 
     @property
     def num_items(self) -> int:
         """About how many items there are."""
-        with guarded(self._what):
+        with guard(self._what):
             return int(self._recording.num_items)
 
     def items(self) -> Iterator[Imported]:
         """What the log is to hold."""
-        with guarded(self._what):
+        with guard(self._what):
             items: Iterable[Imported] = iter(self._recording.items())
         yield from _steps(self._what, items)
 
     def summary(self) -> Sequence[str]:
         """What was found."""
-        with guarded(self._what):
+        with guard(self._what):
             return [str(line) for line in self._recording.summary()]
 
 
@@ -85,7 +85,7 @@ def _steps(what: str, items: Iterable[T]) -> Iterator[T]:
     """Guard the steps of a generator, and not what is done between them."""
     steps = iter(items)
     while True:
-        with guarded(what):
+        with guard(what):
             try:
                 item = next(steps)
             except StopIteration:

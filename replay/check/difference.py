@@ -26,20 +26,9 @@ class VerifyTask:
     form: Form | None = None  # Container to which the log is converted first
     num_threads: int = 1  # Of OpenCV; other libraries read the environment
 
-    def to_json(self) -> str:
-        """Return it for another process."""
-        return _ADAPTER.dump_json(self).decode()
 
-    @staticmethod
-    def from_json(text: str) -> "VerifyTask":
-        """Read what `to_json` returned."""
-        return _ADAPTER.validate_json(text)
-
-
-_ADAPTER = TypeAdapter(VerifyTask)
+TASK = TypeAdapter(VerifyTask)  # As JSON, for another process
 WATCH = "watch.json"  # In the run folder: what each frame was made of
-
-
 _OF_CONTAINERS = ("LOG", "PQ", "LIM", "DEC")
 """Faults with these prefixes tell about the container, which another one needn't have."""
 
@@ -124,7 +113,6 @@ def first_difference(base: Outcome, other: Outcome, same_container: bool) -> Dif
 
 
 def _compare_frames(base: Outcome, other: Outcome, a: FrameRecord, b: FrameRecord) -> tuple[str, str] | None:
-    """Stage and field that differ."""
     content = _compare_mappings({**base.parts(a), **_facts(a)}, {**other.parts(b), **_facts(b)})
     if content is not None:
         return ("messages" if ".content " in content else "frames"), content
@@ -164,7 +152,6 @@ def boxes_difference(a: Boxes, b: Boxes) -> str | None:
 
 
 def _compare_mappings(a: dict[str, Any], b: dict[str, Any]) -> str | None:
-    """First key whose values differ, and these."""
     for name in {**a, **b}:
         x, y = a.get(name), b.get(name)
         if x != y and isinstance(x, dict) and isinstance(y, dict):

@@ -1,10 +1,9 @@
 """Reading a whole log once, every checksum verified and every payload decoded, to find what is wrong."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-from fbench.replay.check.findings import Finding, Severity, finding, sort_key
+from fbench.replay.check.findings import Finding, finding, sort_key
 from fbench.replay.check.survey import Topic, reference_of, topics_of
 from fbench.replay.check.times import StreamStats, Times, stream_stats, time_findings, timeline
 from fbench.replay.check.trial import FrameCheck, FrameStats, Trial, missing_findings
@@ -16,7 +15,7 @@ from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.images import LAYOUTS, decode, encoded_size
 from fbench.replay.data.messages import BOXES, Image, Message
 from fbench.replay.data.metadata import GAPS, MEANT
-from fbench.replay.data.rig import LogInfo, Rig, RigChange
+from fbench.replay.data.rig import LogInfo, RigChange
 from fbench.replay.engine.cleaning import clean
 from fbench.replay.engine.frame_buffer import SyncParams
 from fbench.replay.logs.codecs.codec import TruthPart
@@ -28,10 +27,10 @@ from fbench.replay.logs.setup import StampParams
 
 _ENDS = {"jpeg": b"\xff\xd9", "png": b"IEND\xaeB`\x82"}
 _TAIL = 1024  # Some cameras pad their images; the end is looked for in so many bytes
+_GAP = "TIM007"
 
 
 def _find_damage(image: Image, decode_images: bool) -> str:
-    """What is wrong with an image, empty where nothing is."""
     width, height = image.size_wh
     if image.encoding in LAYOUTS:
         layout = LAYOUTS[image.encoding]
@@ -51,23 +50,16 @@ def _find_damage(image: Image, decode_images: bool) -> str:
     return "can't be decoded" if decode_images and decode(image) is None else ""
 
 
-_GAP = "TIM007"
-
-
 @dataclass(frozen=True)
 class CheckOptions:
     """What to check and how."""
 
     sync: SyncParams = field(default_factory=SyncParams)
     stamps: StampParams = field(default_factory=StampParams)
-    decode_images: bool = False
-    """Decode all images, not only their headers."""
-    pipeline: tuple[str, Pipeline] | None = None
-    """Name and pipeline, to say what it would miss."""
-    sensors: tuple[str, ...] = ()
-    """Patterns of the sensors that frames wait for and the pipeline gets; empty: all."""
-    ignored: tuple[str, ...] = ()
-    """Codes that count as information only."""
+    decode_images: bool = False  # All images, not only their headers
+    pipeline: tuple[str, Pipeline] | None = None  # Name and pipeline, to say what it would miss
+    sensors: tuple[str, ...] = ()  # Patterns of those that frames wait for and the pipeline gets; empty: all
+    ignored: tuple[str, ...] = ()  # Codes that count as information only
     progress: Callable[[int], None] = lambda num_messages: None
 
 
@@ -92,17 +84,9 @@ class CheckResult:
 
 
 def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> CheckResult:
-    """Check a log; memory grows by some 24 bytes a message.
-
-    Args:
-        reader: The log.
-        faults: Where the reader counts; they become findings.
-        options: What to check.
-
-    Raises:
-        LogError: where the log can't be read.
-        ConfigError: where the reference, a sensor with an offset or a chosen sensor isn't in the log.
-        FbenchError: where the pipeline's configuration is wrong.
+    """Check a log; memory grows by some 24 bytes a message. What the reader counts in `faults` becomes findings. Raises
+    LogError where the log can't be read, ConfigError where the reference, a sensor with an offset or a chosen sensor
+    isn't in it, FbenchError where the pipeline's configuration is wrong.
     """
     job = _Check(reader, faults, options)
     for num, (entry, item) in enumerate(reader.everything()):
@@ -114,8 +98,6 @@ def check_log(reader: LogReader, faults: FaultLog, options: CheckOptions) -> Che
 
 
 class _Check:
-    """The state of one check."""
-
     def __init__(self, reader: LogReader, faults: FaultLog, options: CheckOptions) -> None:
         options = replace(options, sync=options.sync.complete_from(reader.info))
         self._reader, self._faults, self._options = reader, faults, options
@@ -132,17 +114,15 @@ class _Check:
         self._times = {name: Times() for name in sorted(self._kinds)}
         self._truth, self._truth_clock = TruthCheck(), TruthClock()
         if self._trial is not None:
-            rig: Rig | None = None
-            with suppress(LogError):  # what is missing of the rig is a finding already
+            try:
                 rig = reader.rig
-            if rig is None:
+            except LogError:  # what is missing of it is a finding already
                 text = f"{self._trial.name} can't start: the rig is incomplete"
                 self._trial.problems.append(finding("CHK008", "", text))
             else:
                 self._trial.start(rig.without(frozenset(self._known.kinds) - frozenset(chosen)), reader.info)
 
     def take(self, entry: Entry, item: Message | RigChange | TruthPart | None) -> None:
-        """Take the next entry of the log, and what it holds."""
         if isinstance(item, RigChange):
             self._faults.add("CAL002", f"{item.reason} at {item.log_ns} ns")
             self._rig = item.rig
@@ -168,7 +148,6 @@ class _Check:
             self._frames.add(recorded, message, usable)
 
     def finish(self) -> CheckResult:
-        """Judge what was read."""
         if self._frames is not None:
             self._frames.flush()
         if self._trial is not None:
@@ -185,7 +164,7 @@ class _Check:
         if self._frames is not None:
             stamps = self._frames.stamps
             found += self._truth.findings(*stamps)
-            num_labeled = int(self._truth.labeled(*stamps).sum())
+            num_labeled = int(self._truth.find_labeled(*stamps).sum())
         found += self._truth_clock.findings(self._options.stamps.offsets_ns, self._reference)
         if self._trial is not None:
             found += self._trial.problems
@@ -201,7 +180,6 @@ class _Check:
         )  # fmt: skip
 
     def _judge_content(self, stats: Sequence[StreamStats]) -> Iterator[Finding]:
-        """Judge what was counted while reading, and what is missing."""
         for code, num in sorted(self._faults.counts.items()):
             places = self._faults.places.get(code, [])
             yield finding(code, "", f"{FAULTS[code].text}: {num}", num, places[0] if places else "")
@@ -209,8 +187,7 @@ class _Check:
             yield finding("CAL001", sensor, why)
         for s in stats:
             if s.num_messages == 0:
-                severity: Severity | None = "info" if self._reference == BOXES else None
                 text = "the rig has it, but the log has no message of it"
-                yield finding("CHK005", s.sensor, text, 0, severity=severity)
+                yield finding("CHK005", s.sensor, text, 0, severity="info" if self._reference == BOXES else None)
         if self._reference is None:
             yield finding("CHK007", "", "no frames: neither sensors nor boxes have messages")

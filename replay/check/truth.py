@@ -54,7 +54,7 @@ class TruthCheck:
         """Messages so far."""
         return len(self._stamps)
 
-    def labeled(self, stamps: Int64, numbers: Int64) -> Bool:
+    def find_labeled(self, stamps: Int64, numbers: Int64) -> Bool:
         """Tell which frames, by stamp and number (-1: none), have truth."""
         return _have_partner(stamps, numbers, np.array(self._stamps, np.int64), np.array(self._numbers, np.int64))
 
@@ -107,10 +107,8 @@ _MAX_PLACES = 8000
 
 def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float32:
     """Places (M, 2) [m] in body coordinates of points (N, 3) in the sensor's: the mean of those in each quarter of a
-    meter, at most 8000, evenly spread over all.
-
-    Without the ground only points well above the lowest one of their 4 m count: so neither the mounting nor the heights
-    of boxes matter.
+    meter, at most 8000, evenly spread over all. Without the ground only points well above the lowest one of their 4 m
+    count: so neither the mounting nor the heights of boxes matter.
     """
     x, y, z = (np.ascontiguousarray(column) for column in transform(body_T_sensor, xyz).T)
     rows = np.flatnonzero((np.abs(x) < REACH_M) & (np.abs(y) < REACH_M) & np.isfinite(z))
@@ -129,7 +127,6 @@ def _find_places(xyz: Array, body_T_sensor: Float64, keep_ground: bool) -> Float
 
 
 def _cells(x: Float64, y: Float64, edge_m: float) -> Int64:
-    """Number of the square that each point is in."""
     across = round(2 * REACH_M / edge_m)
     return np.asarray(((x + REACH_M) / edge_m).astype(np.int64) * across + ((y + REACH_M) / edge_m).astype(np.int64))
 
@@ -227,7 +224,6 @@ class TruthClock:
 
 
 def _find_nearest(boxes: Boxes3D) -> Array:
-    """Rows of the nearest usable boxes."""
     distance = np.hypot(boxes.center_m[:, 0], boxes.center_m[:, 1])
     usable = np.isfinite(boxes.geometry).all(axis=1) & (distance < REACH_M)
     usable &= (boxes.size_lwh_m[:, :2] > 0).all(axis=1) & (boxes.size_lwh_m[:, :2] < _MAX_SIZE_M).all(axis=1)

@@ -6,12 +6,12 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
-from fbench.replay.check.difference import Difference, Form, Outcome, VerifyTask, first_difference
+from fbench.replay.check.difference import TASK, Difference, Form, Outcome, VerifyTask, first_difference
 from fbench.replay.contracts.errors import EXIT_USAGE, ConfigError, FbenchError, LogError
 from fbench.replay.contracts.plugins import parse_name, with_absolute_files
 from fbench.replay.contracts.variants import SUFFIX
@@ -40,12 +40,8 @@ BASE = Variant("reference")
 
 
 def variants(num_repeats: int, span_s: float, quick: bool) -> tuple[Variant, ...]:
-    """All circumstances to try, or only those that find most.
-
-    Args:
-        num_repeats: How often the same is replayed, the reference included.
-        span_s: How long the log is, without pauses.
-        quick: Leave out rates, reading ahead and containers.
+    """All circumstances to try, or only those that find most: `quick` leaves out rates, reading ahead and containers.
+    The same is replayed `num_repeats` times, the reference included; the log is `span_s` long, without pauses.
     """
     repeats = tuple(Variant(f"repeat {i}" if num_repeats > 2 else "repeat") for i in range(1, num_repeats))
     few = (*repeats, Variant("hash seed 1", hash_seed="1"), Variant("2 threads", num_threads=2))
@@ -104,18 +100,11 @@ def verify_in(
     worker: str,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Verified:
-    """Replay under all circumstances; runs go into folders within `folder`.
-
-    Args:
-        request: What to replay; its pace, reading ahead and run folder don't matter.
-        num_repeats: How often the same is replayed, the reference included.
-        quick: Only the circumstances that find most.
-        folder: An empty folder.
-        worker: Module that replays one `VerifyTask`, given as JSON on stdin.
-        progress: Called with the numbers of finished and of all replays.
-
-    Raises:
-        ConfigError, LogError: where the reference itself can't be replayed.
+    """Replay under all circumstances, or only (`quick`) those that find most; runs go into folders within `folder`,
+    which is empty. The request's pace, reading ahead and run folder don't matter. The same is replayed `num_repeats`
+    times, the reference included; `worker` is the module that replays one `VerifyTask`, given as JSON on stdin;
+    `progress` gets the numbers of finished and of all replays. Raises ConfigError or LogError where the reference
+    itself can't be replayed.
     """
     settings = []
     for setting in request.settings:  # each `NAME=FILE`, or `NAME=COMMAND` with files in it
@@ -123,7 +112,10 @@ def verify_in(
         settings.append(f"{name}{equals}{with_absolute_files(value)}")
     moved = replace(request.absolute(), pipeline=_make_absolute(request.pipeline), settings=settings)
     children = _Children(moved, folder.resolve(), worker)
-    with ThreadPoolExecutor(_AT_ONCE) as pool, children.end_all(pool):
+    with ThreadPoolExecutor(_AT_ONCE) as pool, ExitStack() as ends:
+        # Where this ends early, none of those begins that wait in the pool, and none goes on.
+        ends.callback(children.kill)
+        ends.callback(pool.shutdown, wait=False, cancel_futures=True)
         failed = children.replay(BASE)
         if failed is not None:
             raise failed
@@ -139,8 +131,6 @@ def verify_in(
 
 
 class _Children:
-    """Processes that replay."""
-
     def __init__(self, request: ReplayRequest, folder: Path, worker: str) -> None:
         self._request, self._folder, self._worker = request, folder, worker
         self._running: list[subprocess.Popen[str]] = []
@@ -148,19 +138,18 @@ class _Children:
         self._elsewhere.mkdir(parents=True)
 
     def folder(self, variant: Variant) -> Path:
-        """Where a variant's run goes."""
         return self._folder / "".join(c if c.isalnum() or c in ".-" else "_" for c in variant.name)
 
     def compare(self, variant: Variant, base: Outcome) -> Verdict:
         """Replay and compare; a replay that fails where the reference didn't is a difference too."""
         try:
-            failed, found = self.replay(variant), None
+            failed = self.replay(variant)
             if failed is None:
                 other = Outcome(self.folder(variant))
-                found = first_difference(base, other, same_container=variant.form is None)
+                return Verdict(variant.name, first_difference(base, other, same_container=variant.form is None))
         except FbenchError as error:
             failed = error
-        return Verdict(variant.name, found if failed is None else Difference("replay", f"failed: {failed}"))
+        return Verdict(variant.name, Difference("replay", f"failed: {failed}"))
 
     def replay(self, variant: Variant) -> FbenchError | None:
         """Replay in a fresh process; returns why it failed."""
@@ -174,7 +163,7 @@ class _Children:
             cwd=self._elsewhere if variant.elsewhere else None,
         )  # fmt: skip
         self._running.append(process)
-        out, err = process.communicate(task.to_json())
+        out, err = process.communicate(TASK.dump_json(task).decode())
         if process.returncode == 0:
             return None
         lines = (line for text in (out, err) for line in reversed(text.splitlines()) if line.strip())
@@ -183,16 +172,10 @@ class _Children:
             return ConfigError(last)
         return LogError(last if out else f"exit code {process.returncode}: {last}")
 
-    @contextmanager
-    def end_all(self, pool: ThreadPoolExecutor) -> Iterator[None]:
-        """End all processes where the `with` block ends early, and begin none of those that wait in the pool."""
-        try:
-            yield
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in self._running:
-                if process.poll() is None:
-                    process.kill()
+    def kill(self) -> None:
+        for process in self._running:
+            if process.poll() is None:
+                process.kill()
 
 
 def _make_absolute(pipeline: str) -> str:

@@ -90,9 +90,6 @@ class WatchedPipeline:
         return self._pipeline.step(frame)
 
 
-_SMALL = 4096
-
-
 def convert_to(form: Form, container: Container, folder: Path) -> Path:
     """Write a log into `folder` in another form, under the same name; returns where it is. Raises LogError where it
     can't be read.
@@ -110,7 +107,7 @@ def convert_to(form: Form, container: Container, folder: Path) -> Path:
         return path
     targets = {
         "lz4": Target(path, compression="lz4"),
-        "small chunks": Target(path, chunk_size=_SMALL),
+        "small chunks": Target(path, chunk_size=4096),
         "parquet": Target(path.with_name(f"{container.path.stem}.parquet")),
     }
     return convert(container, targets[form], Wish()).path

@@ -16,6 +16,13 @@ _MAX_CHARS = 1200
 """Longer messages lose their middle, which then is a name or value from data."""
 
 
+def printable(text: str) -> str:
+    """Return a text of any origin as one short line: what isn't printable becomes a space, and credentials go."""
+    half = _MAX_CHARS // 2
+    short = text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
+    return "".join(c if c.isprintable() else " " for c in without_secrets(short))
+
+
 class FbenchError(Exception):
     """Root of all errors that fbench raises on purpose.
 
@@ -26,15 +33,9 @@ class FbenchError(Exception):
     exit_code = EXIT_DATA
 
     def __init__(self, text: str = "", code: str = "") -> None:
-        clean = without_secrets(_shorten(text))
-        super().__init__("".join(c if c.isprintable() else " " for c in clean))
+        super().__init__(printable(text))
         self.code = code
         """Row of the fault table (`replay/contracts/faults.py`), empty where none fits."""
-
-
-def _shorten(text: str) -> str:
-    half = _MAX_CHARS // 2
-    return text if len(text) <= _MAX_CHARS else f"{text[:half]} ... {text[-half:]}"
 
 
 class ConfigError(FbenchError):
@@ -95,10 +96,10 @@ def one_line(error: BaseException) -> str:
         raise
     except BaseException as second:  # noqa: BLE001 - the text of a plug-in's error is made by the plug-in, too
         text = f"its text can't be made ({type(second).__name__})"
-    what = next(iter(without_secrets(_shorten(text)).splitlines()), "no message")
+    what = next(iter(text.splitlines()), "no message")
     places = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(places[-1].filename).name}:{places[-1].lineno})" if places else ""
-    return "".join(c if c.isprintable() else " " for c in f"{type(error).__name__}: {what}{place}")
+    return f"{type(error).__name__}: {printable(what)}{place}"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -69,8 +69,7 @@ FAULTS: dict[str, FaultKind] = {
     "PRD002": FaultKind("count", "pipeline failed on a frame"),
     "PRD003": FaultKind("degrade", "recorded result that belongs to no frame"),
     "PRD004": FaultKind("degrade", "recorded result was there before its frame, so it has no latency"),
-}
-"""Codes follow the fault matrix of docs/faults.md."""
+}  # Codes follow the fault matrix of docs/faults.md
 
 
 @dataclass
@@ -127,15 +126,15 @@ class StagedFaults(FaultLog):
         """Keep `num` faults."""
         self._waiting.append((code, None, where, num))
 
-    def taken(self) -> "StagedFaults":
+    def take(self) -> "StagedFaults":
         """Hand over what is kept."""
         taken = StagedFaults()
         taken._waiting, self._waiting = self._waiting, []
         return taken
 
-    def tell(self, log: FaultLog) -> None:
+    def pass_to(self, log: FaultLog) -> None:
         """Hand over what is kept to a log that counts it."""
-        for code, key, where, num in self.taken()._waiting:
+        for code, key, where, num in self.take()._waiting:
             if key is None:
                 log.add(code, where, num)
             else:
@@ -150,8 +149,7 @@ class StagedFaults(FaultLog):
 class FaultBudget:
     """How many faults that lose data are allowed."""
 
-    total: int | None = 0
-    """Of all codes without a number of their own; `None`: any number."""
+    total: int | None = 0  # Of all codes without a number of their own; `None`: any number
     by_code: Mapping[str, int] = field(default_factory=dict)
 
     def find_exceeded(self, faults: FaultLog) -> tuple[str, ...]:
@@ -165,10 +163,8 @@ class FaultBudget:
 
 
 def parse_budget(on_fault: str, budgets: Sequence[str]) -> FaultBudget:
-    """Read `strict` (nothing may be lost) or `tolerant` (anything), and budgets such as `5` or `DEC001=5`.
-
-    Raises:
-        ConfigError: naming what isn't one of these.
+    """Read `strict` (nothing may be lost) or `tolerant` (anything), and budgets such as `5` or `DEC001=5`. Raises
+    ConfigError naming what isn't one of these.
     """
     totals: dict[str, int | None] = {"strict": 0, "tolerant": None}
     if on_fault not in totals:

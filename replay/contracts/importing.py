@@ -57,11 +57,7 @@ class BadInput:
     """The first ones."""
 
     def report(self, error: LogError) -> None:
-        """Skip what an error tells of.
-
-        Raises:
-            LogError: that error, where nothing is to be skipped.
-        """
+        """Skip what an error tells of. Raises LogError: that error, where nothing is to be skipped."""
         if not self.skip:
             raise error
         self.num += 1
@@ -81,20 +77,15 @@ class ImportWish:
 
 
 def choose_names(names: Sequence[str], patterns: Sequence[str]) -> tuple[str, ...]:
-    """Return the names that fit any of the patterns (`*` and `?` as in file names), all without patterns.
-
-    Raises:
-        ConfigError: for a pattern that fits none.
+    """Return the names that fit any of the patterns (`*` and `?` as in file names), all without patterns. Raises
+    ConfigError for a pattern that fits none.
     """
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):
-            raise ConfigError(f"--scenes {pattern}: no such sequence{_known(pattern, names)}")
+            hint = did_you_mean(pattern, names)
+            known = hint if len(hint) < 300 else f"; there are {len(names)}, {names[0]} to {names[-1]}"
+            raise ConfigError(f"--scenes {pattern}: no such sequence{known}")
     return tuple(name for name in names if not patterns or any(fnmatchcase(name, pattern) for pattern in patterns))
-
-
-def _known(pattern: str, names: Sequence[str]) -> str:
-    hint = did_you_mean(pattern, names)
-    return hint if len(hint) < 300 else f"; there are {len(names)}, {names[0]} to {names[-1]}"
 
 
 _MAX_NS = 2**63 - 1
@@ -103,9 +94,7 @@ _KINDS: dict[type[Message], Kind] = {Image: "camera", PointCloud: "lidar", Radar
 
 def check_items(name: str, rig: Rig, items: Iterable[Imported]) -> Iterator[Imported]:
     """Pass on the items of the sequence `name`, at least one, which fit the rig and are in the order of `log_ns`.
-
-    Raises:
-        LogError: for the first item that doesn't, or where there is none.
+    Raises LogError for the first item that doesn't, or where there is none.
     """
     last_ns = -1
     for item in items:
@@ -140,12 +129,8 @@ def times_ns(item: Imported) -> tuple[int, int]:
 
 
 def _what(item: Imported) -> str:
-    match item:
-        case Image() | PointCloud() | RadarScan() | Pose():
-            return f"{type(item).__name__} of '{item.sensor}'"
-        case Truth() | OtherResult() | RigChange():
-            return type(item).__name__
-    return "an item"
+    name = type(item).__name__
+    return f"{name} of '{item.sensor}'" if isinstance(item, Image | PointCloud | RadarScan | Pose) else name
 
 
 MAX_BYTES = 112 * 2**20  # No file of a dataset that becomes one message is larger
@@ -209,11 +194,8 @@ def log_id(dataset: str, facts: Iterable[str], frames: FrameRange, params: objec
 
 def file_facts(root: Path, paths: Iterable[Path]) -> list[str]:
     """Return name below `root` and size of each file; of one that isn't there the name."""
-    facts = []
-    for path in paths:
-        size = path.stat().st_size if path.is_file() else "missing"
-        facts.append(f"{path.relative_to(root).as_posix()} {size}")
-    return facts
+    sizes = ((path, path.stat().st_size if path.is_file() else "missing") for path in paths)
+    return [f"{path.relative_to(root).as_posix()} {size}" for path, size in sizes]
 
 
 def describe_params(params: object) -> Mapping[str, str]:

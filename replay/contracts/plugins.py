@@ -20,7 +20,7 @@ from typing import Any, Literal
 from fbench.replay.contracts.errors import INTERRUPTS, ConfigError, FbenchError, RunError, did_you_mean, one_line
 from fbench.replay.contracts.protocols import BoxReader, Closes, Importer, KeepsStderr, Pipeline, TakesArgument, UsesLog
 from fbench.replay.contracts.settings import apply_settings, describe
-from fbench.replay.contracts.variants import SUFFIX, Variant, find_variants, variant_of, variant_settings
+from fbench.replay.contracts.variants import SUFFIX, find_variants, variant_of, variant_settings
 
 _MAX_CHARS = 60
 
@@ -29,8 +29,7 @@ _MAX_CHARS = 60
 class PipelineName:
     """Which plug-in, and what follows its name."""
 
-    plugin: str
-    """`NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`."""
+    plugin: str  # `NAME`, `FILE.py:CLASS`, `GROUP/NAME` or `FILE.toml`
     argument: str | None = None
     """Short for the parameter that the plug-in names: `exec:./stack` is `exec` with `command=./stack`."""
 
@@ -96,10 +95,8 @@ Group = Literal["datasets", "pipelines", "metrics", "profiles", "reports"]
 
 
 def entry_points_of(group: Group) -> dict[str, EntryPoint]:
-    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them.
-
-    Raises:
-        ConfigError: where two packages claim one name.
+    """Return the entry points of `fbench.GROUP` by name, sorted, without importing them. Raises ConfigError where two
+    packages claim one name.
     """
     points: dict[str, EntryPoint] = {}
     for point in sorted(entry_points(group=f"fbench.{group}"), key=lambda p: (p.name, p.value)):
@@ -111,9 +108,7 @@ def entry_points_of(group: Group) -> dict[str, EntryPoint]:
 
 def load(group: Group, name: str) -> Any:
     """Return what a name of `fbench.GROUP` stands for, a class or a profile, or the class behind `FILE.py:CLASS`.
-
-    Raises:
-        ConfigError: for an unknown name (with the nearest one) or a plug-in that can't be imported.
+    Raises ConfigError for an unknown name (with the nearest one) or a plug-in that can't be imported.
     """
     if ".py:" in name:
         return _from_file(name)
@@ -153,11 +148,9 @@ def _from_file(name: str) -> Any:
 
 
 @contextmanager
-def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
-    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something.
-
-    Raises:
-        RunError: where it can't be closed, unless another error came before.
+def open_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, dict[str, object]]]:
+    """Build a pipeline as `make_pipeline` does, and close it at the end if it holds something. Raises RunError where it
+    can't be closed, unless another error came before.
     """
     pipeline, parameters = make_pipeline(name, settings)
     try:
@@ -170,11 +163,9 @@ def opened_pipeline(name: str, settings: list[str]) -> Iterator[tuple[Pipeline, 
 
 
 @contextmanager
-def guarded(what: str) -> Iterator[None]:
-    """Tell whatever a plug-in raises in one line.
-
-    Raises:
-        RunError: with `what` couldn't be done, and why; errors of fbench pass as they are.
+def guard(what: str) -> Iterator[None]:
+    """Tell whatever a plug-in raises in one line. Raises RunError: `what` failed, and why; errors of
+    fbench pass as they are.
     """
     try:
         yield
@@ -187,33 +178,26 @@ def guarded(what: str) -> Iterator[None]:
 
 
 def give_log(pipeline: Pipeline, name: str, opened: Callable[[], BoxReader]) -> None:
-    """Let a pipeline that needs more of a log than its frames have one of its own.
-
-    Raises:
-        RunError: where it fails to take it.
+    """Let a pipeline that needs more of a log than its frames have one of its own. Raises RunError where it fails to
+    take it.
     """
     if isinstance(pipeline, UsesLog):
         log = opened()
-        with guarded(f"pipeline '{name}' can't use the log"):
+        with guard(f"pipeline '{name}' can't use the log"):
             pipeline.use_log(log)
 
 
 def _close(pipeline: Pipeline, name: str) -> None:
     if isinstance(pipeline, Closes):
-        with guarded(f"pipeline '{name}' can't be closed"):
+        with guard(f"pipeline '{name}' can't be closed"):
             pipeline.close()
 
 
 def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, object]]:
-    """Build a pipeline and return it with its parameters as the manifest shows them.
-
-    Args:
-        name: `NAME`, `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a
-            variant: `GROUP/NAME` or `FILE.toml`.
-        settings: `NAME=VALUE`, applied after the argument, or after what the variant sets.
-
-    Raises:
-        ConfigError: for an unknown name or setting, or a class that isn't a pipeline.
+    """Build a pipeline and return it with its parameters as the manifest shows them. Its name is `NAME`,
+    `FILE.py:CLASS`, `NAME:ARGUMENT`, short for the parameter that the class takes from there, or a variant:
+    `GROUP/NAME` or `FILE.toml`. Settings, `NAME=VALUE`, are applied after the argument, or after what the variant sets.
+    Raises ConfigError for an unknown name or setting, or a class that isn't a pipeline.
     """
     cls, own = _choose_class(name)
     pipeline, params = _make_plugin("pipeline", name, cls, ("start", "reset", "step"), [*own, *settings])
@@ -221,56 +205,43 @@ def make_pipeline(name: str, settings: list[str]) -> tuple[Pipeline, dict[str, o
 
 
 def _choose_class(name: str) -> tuple[type, list[str]]:
-    """Return the class that a pipeline's name means, and what the name itself sets."""
+    """The class that a pipeline's name means, and what the name itself sets; untrusted files run no code."""
+    cls: type
     variant = variant_of(name)
     if variant is None:
-        cls: type = load("pipelines", parse_name(name).plugin)
-        return cls, _argument(name, cls)
-    cls = _base(variant)
+        parsed = parse_name(name)
+        cls = load("pipelines", parsed.plugin)
+        if parsed.argument is None:
+            return cls, []
+        if not isinstance(cls, TakesArgument):
+            raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
+        return cls, [f"{cls.argument}={parsed.argument}"]
+    base, where = variant.base, f"{variant.where}: 'base'"
+    if ".py:" in base:
+        raise ConfigError(f"{where}: expected the name of a pipeline, got the file {base}")
+    if base.endswith(SUFFIX) or variant_of(base) is not None:
+        raise ConfigError(f"{where}: {base} is a variant itself; name a pipeline, and set all")
+    try:
+        cls = load("pipelines", base)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}", "CFG003") from error
+    if isinstance(cls, KeepsStderr):
+        raise ConfigError(f"{where}: {base} runs a program; name it on the command line")
+    if variant.name in entry_points_of("pipelines"):
+        raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
     return cls, variant_settings(variant, default_params(cls))
 
 
-def _base(variant: Variant) -> type:
-    """Return the class that a variant is one of; untrusted files run no code."""
-    if ".py:" in variant.base:
-        raise ConfigError(f"{variant.where}: 'base': expected the name of a pipeline, got the file {variant.base}")
-    if variant.base.endswith(SUFFIX) or variant_of(variant.base) is not None:
-        raise ConfigError(f"{variant.where}: 'base': {variant.base} is a variant itself; name a pipeline, and set all")
-    try:
-        cls: type = load("pipelines", variant.base)
-    except ConfigError as error:
-        raise ConfigError(f"{variant.where}: 'base': {error}", "CFG003") from error
-    if isinstance(cls, KeepsStderr):
-        raise ConfigError(f"{variant.where}: 'base': {variant.base} runs a program; name it on the command line")
-    if variant.name in entry_points_of("pipelines"):
-        raise ConfigError(f"{variant.where}: 'name': there is a pipeline '{variant.name}'; choose another")
-    return cls
-
-
-def _argument(name: str, cls: type) -> list[str]:
-    """What follows a colon, as a setting."""
-    parsed = parse_name(name)
-    if parsed.argument is None:
-        return []
-    if not isinstance(cls, TakesArgument):
-        raise ConfigError(f"pipeline '{parsed.plugin}' takes nothing behind a colon, got '{name}'")
-    return [f"{cls.argument}={parsed.argument}"]
-
-
 def pipeline_class(name: str) -> type:
-    """Return the class of a pipeline, whose name is written as for `make_pipeline`.
-
-    Raises:
-        ConfigError: for an unknown name, or a class that can't be imported.
+    """Return the class of a pipeline, whose name is written as for `make_pipeline`. Raises ConfigError for an unknown
+    name, or a class that can't be imported.
     """
     return _choose_class(name)[0]
 
 
 def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
-    """Return the parameters that `make_pipeline` would give, without making the pipeline.
-
-    Raises:
-        ConfigError: for an unknown name or setting.
+    """Return the parameters that `make_pipeline` would give, without making the pipeline. Raises ConfigError for an
+    unknown name or setting.
     """
     cls, own = _choose_class(name)
     params = default_params(cls)
@@ -278,17 +249,14 @@ def pipeline_parameters(name: str, settings: list[str]) -> dict[str, object]:
 
 
 def make_importer(name: str, settings: list[str]) -> Importer:
-    """Build the importer of a dataset.
-
-    Raises:
-        ConfigError: for an unknown name or setting, or a class that isn't an importer.
+    """Build the importer of a dataset. Raises ConfigError for an unknown name or setting, or a class that isn't an
+    importer.
     """
     importer, _ = _make_plugin("dataset", name, load("datasets", name), ("names", "recordings"), settings)
     return importer  # type: ignore[no-any-return]
 
 
 def _make_plugin(what: str, name: str, cls: type, methods: tuple[str, ...], settings: list[str]) -> tuple[Any, Any]:
-    """Build a plug-in, and return it with its parameters."""
     absent = [method for method in methods if not callable(getattr(cls, method, None))]
     if absent:
         raise ConfigError(f"{what} '{name}' isn't one: it lacks {', '.join(f'{m}()' for m in absent)}")

@@ -43,10 +43,7 @@ class Match:
 
     @classmethod
     def parse(cls, text: str) -> "Match":
-        """Read what follows `--match`, such as `iou3d:0.25` or `bev:2`.
-
-        Raises ConfigError where it isn't of this form.
-        """
+        """Read what follows `--match`: `iou3d:0.25`, `bev:2` ... Raises ConfigError where it isn't of this form."""
         name, _, number = text.partition(":")
         likeness = next((known for known in LIKENESSES if known == name), None)
         if likeness is None:
@@ -108,35 +105,26 @@ class Profile(Protocol[S]):
     @property
     def name(self) -> str:
         """As users say it: `kitti-3dmot`."""
-        ...
 
     @property
     def summary(self) -> str:
         """One line: what it reproduces, and which version of what."""
-        ...
 
     @property
     def facts(self) -> Facts:
         """What it judges, and what it needs for that."""
-        ...
 
     @property
     def result_labels(self) -> frozenset[str]:
         """Labels of results that are scored; empty: any are."""
-        ...
 
     def with_match(self, match: Match) -> Self:
-        """Return the profile with another rule of what matches.
-
-        Raises ConfigError where the benchmark can't do that.
-        """
-        ...
+        """Return the profile with another rule of matching. Raises ConfigError where the benchmark can't do that."""
 
     def measure(self, sequence: Sequence) -> S:
         """Return the statistics of one sequence; keeps nothing. Raises MetricError where truth or estimates can't be
         scored: an id twice in a frame (GT003), no boxes of the kind.
         """
-        ...
 
     def scores(self, statistics: S, part: str) -> list[Score]:
         """Return the rows of a sequence or of a sum, primary ones first; `null` with a reason where undefined.
@@ -145,4 +133,3 @@ class Profile(Protocol[S]):
             statistics: Of a sequence, or of several, added.
             part: What the rows are about, their `slice`.
         """
-        ...

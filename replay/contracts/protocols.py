@@ -18,39 +18,31 @@ class Reader(Protocol):
     @property
     def info(self) -> LogInfo:
         """Name, id and metadata."""
-        ...
 
     @property
     def rig(self) -> Rig:
         """Sensors and their calibration, as the log begins."""
-        ...
 
     @property
     def num_messages(self) -> Mapping[str, int]:
         """Messages of each sensor and stream of poses, by name; without any of sensors, those with boxes as `BOXES`."""
-        ...
 
     @property
     def poses(self) -> tuple[str, ...]:
         """Names of the streams of poses, which frames wait for like for sensors."""
-        ...
 
     def messages(self) -> Iterator[Message | RigChange]:
-        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream).
-
-        Between them come the changes of the rig.
+        """All measurements in canonical order: (`log_ns`, topic, position in the topic's stream). Between them come the
+        changes of the rig.
         """
-        ...
 
     def events(self) -> Iterator[Message | RigChange | Tick]:
         """The same with the instants of boxes between them, for logs without measurements: those of truth, else those
         of results.
         """
-        ...
 
     def truths(self) -> Iterator[Truth]:
         """Ground truth in the order of its stamps."""
-        ...
 
 
 class Recording(Protocol):
@@ -59,42 +51,28 @@ class Recording(Protocol):
     @property
     def name(self) -> str:
         """As the dataset calls it; also the name of its log in a folder of logs."""
-        ...
 
     @property
     def info(self) -> LogInfo:
         """The log's name, its id, which tells files and parameters apart (`imports.identity`), and the dataset's facts.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
+        Raises LogError naming the file that is missing or wrong.
         """
-        ...
 
     @property
     def rig(self) -> Rig:
-        """Sensors and their calibration, as the log begins.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
-        """
-        ...
+        """Sensors and calibration, as the log begins. Raises LogError naming the file that is missing or wrong."""
 
     @property
     def num_items(self) -> int:
         """About how many items there are, for the progress bar."""
-        ...
 
     def items(self) -> Iterator[Imported]:
-        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once.
-
-        Raises:
-            LogError: naming the file that can't be used, unless such are skipped.
+        """What the log is to hold, in the order of `log_ns`; reads files as it goes, each once. Raises LogError naming
+        the file that can't be used, unless such are skipped.
         """
-        ...
 
     def summary(self) -> Sequence[str]:
         """Lines that say what was found and what was odd; asked when all items were read."""
-        ...
 
 
 class Importer(Protocol):
@@ -104,20 +82,14 @@ class Importer(Protocol):
     """
 
     def names(self, source: Path) -> Sequence[str]:
-        """Names of the sequences in the folder `source`, found without reading them.
-
-        Raises:
-            LogError: where it isn't a folder of the dataset, or lacks what all sequences need.
+        """Names of the sequences in the folder `source`, found without reading them. Raises LogError where it isn't a
+        folder of the dataset, or lacks what all sequences need.
         """
-        ...
 
     def recordings(self, source: Path, wish: ImportWish) -> Iterator[Recording]:
-        """Open the sequences that are asked for, one after the other; each is done with when the next one comes.
-
-        Raises:
-            LogError: naming the file that is missing or wrong.
+        """Open the sequences that are asked for, one after the other; each is done with when the next one comes. Raises
+        LogError naming the file that is missing or wrong.
         """
-        ...
 
 
 class Pipeline(Protocol):
@@ -128,20 +100,15 @@ class Pipeline(Protocol):
     """
 
     def start(self, rig: Rig, log_info: LogInfo) -> None:
-        """Prepare for one log; called again where the rig changes within it, before `reset`.
-
-        Raises:
-            LogError: where the rig lacks a sensor that the pipeline can't do without.
+        """Prepare for one log; called again where the rig changes within it, before `reset`. Raises LogError where the
+        rig lacks a sensor that the pipeline can't do without.
         """
-        ...
 
     def reset(self, reason: str) -> None:
         """Forget all tracks: a segment of the log begins."""
-        ...
 
     def step(self, frame: Frame) -> Output:
         """Process one frame. Must depend on nothing but the frames since the last reset."""
-        ...
 
 
 class BoxReader(Protocol):
@@ -150,20 +117,15 @@ class BoxReader(Protocol):
     @property
     def poses(self) -> tuple[str, ...]:
         """Names of the streams of poses, which alone can move boxes from the world to the body."""
-        ...
 
     def body_poses(self) -> Iterator[Pose]:
         """Poses of all streams, in the order in which they were recorded."""
-        ...
 
     def detections(self, topic: str) -> Iterator[Truth]:
         """Boxes of one topic in the order in which they were recorded; where `topic` is empty, those of the file that
-        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded.
-
-        Raises:
-            LogError: where there is no such topic, naming the nearest ones.
+        was named beside the log, in the order of their stamps. `log_ns` is when they were recorded. Raises LogError
+        where there is no such topic, naming the nearest ones.
         """
-        ...
 
 
 @runtime_checkable
@@ -172,7 +134,6 @@ class UsesLog(Protocol):
 
     def use_log(self, log: BoxReader) -> None:
         """Take the log, before `start`."""
-        ...
 
 
 @runtime_checkable
@@ -181,7 +142,6 @@ class Closes(Protocol):
 
     def close(self) -> None:
         """Give it back; called once, at the end, also after an error."""
-        ...
 
 
 @runtime_checkable
@@ -200,7 +160,6 @@ class TellsIdentity(Protocol):
         """What tells it apart, by names for the manifest's parameters, JSON-ready; asked at the end of a run. Names of
         files stand under the key `file`, so that `--redact` finds them.
         """
-        ...
 
 
 @runtime_checkable
@@ -209,7 +168,6 @@ class KeepsStderr(Protocol):
 
     def stderr(self) -> bytes:
         """What it wrote to stderr until now, bounded; may be any bytes."""
-        ...
 
 
 class Metric(Protocol):
@@ -217,7 +175,6 @@ class Metric(Protocol):
 
     def scores(self, run: Run, options: ScoreOptions) -> Sequence[Score]:
         """Return this metric's rows, the primary one first."""
-        ...
 
 
 class Report(Protocol):
@@ -225,4 +182,3 @@ class Report(Protocol):
 
     def write(self, runs: Sequence[Run], out: Path) -> None:
         """Write the report of these runs to `out`."""
-        ...

@@ -25,10 +25,8 @@ class HasSensorSettings(Protocol):
 
 
 class SensorSettings:
-    """The settings by sensor of one pipeline on one rig.
-
-    Raises:
-        ConfigError: where a setting names no sensor (with the nearest name), or one that the pipeline doesn't use.
+    """The settings by sensor of one pipeline on one rig. Raises ConfigError where a setting names no sensor (with the
+    nearest name), or one that the pipeline doesn't use.
     """
 
     def __init__(self, params: HasSensorSettings, rig: Rig) -> None:
@@ -36,15 +34,9 @@ class SensorSettings:
         self._settings = [(self._sensor(setting), setting) for setting in params.by_sensor]
 
     def own(self, kind: Kind, params: P, differing: Sequence[str] | None = None) -> dict[str, P]:
-        """Parameters of each sensor of one kind, by name: `params`, changed by what is set for that sensor.
-
-        Args:
-            kind: Which sensors.
-            params: Those of the kind.
-            differing: Names of parameters, and groups of them, that may differ between sensors; `None`: all.
-
-        Raises:
-            ConfigError: for an unknown parameter, a wrong value, or one that must be the same for all.
+        """Parameters of each sensor of one kind, by name: `params`, those of the kind, changed by what is set for that
+        sensor. Only the parameters in `differing`, and groups of them, may differ between sensors; `None`: all may.
+        Raises ConfigError for an unknown parameter, a wrong value, or one that must be the same for all.
         """
         own = dict.fromkeys(self._rig.sensors(kind), params)
         for sensor, setting in self._settings:
@@ -65,7 +57,6 @@ class SensorSettings:
 
     @property
     def _kinds(self) -> dict[Kind, Any]:
-        """Parameters by kind."""
         named = [f.name for f in fields(self._params)]  # type: ignore[arg-type]
         return {kind: getattr(self._params, kind) for kind in KINDS.values() if kind in named}
 
@@ -89,11 +80,7 @@ def _change(params: P, kind: Kind, sensor: str, setting: str, differing: Sequenc
 
 
 def make_sensors(texts: Sequence[str]) -> list[str]:
-    """Read `--sensors`: patterns, several of them with commas between.
-
-    Raises:
-        ConfigError: where one is empty.
-    """
+    """Read `--sensors`: patterns, several of them with commas between. Raises ConfigError where one is empty."""
     patterns = [part.strip() for text in texts for part in text.split(",")]
     if any(not pattern.removeprefix("!") for pattern in patterns):
         raise ConfigError("--sensors: a pattern is empty, expected names such as front* or !radar")
@@ -102,10 +89,8 @@ def make_sensors(texts: Sequence[str]) -> list[str]:
 
 def choose_sensors(names: Collection[str], patterns: Sequence[str]) -> tuple[str, ...]:
     """Return those of the sensors, sorted, whose name fits a pattern (`*`, `?`, `[...]`); `!` before a pattern leaves
-    out what fits it. Without patterns all are chosen.
-
-    Raises:
-        ConfigError: where a pattern fits no sensor, or nothing is left.
+    out what fits it. Without patterns all are chosen. Raises ConfigError where a pattern fits no sensor, or nothing is
+    left.
     """
     for pattern in patterns:
         if not any(_fits(name, pattern.removeprefix("!")) for name in names):

@@ -20,12 +20,9 @@ which sensors there are (`sensor_settings`).
 
 
 def apply_settings(params: P, settings: Sequence[str]) -> P:
-    """Return a copy of `params` with each setting `name.field=value` applied.
-
-    Where they have a field `by_sensor`, it collects the settings whose name begins with none of their fields.
-
-    Raises:
-        ConfigError: for a setting without `=`, an unknown name (with the nearest one), a value of another type.
+    """Return a copy of `params` with each setting `name.field=value` applied. Where they have a field `by_sensor`, it
+    collects the settings whose name begins with none of their fields. Raises ConfigError for a setting without `=`, an
+    unknown name (with the nearest one), a value of another type.
     """
     for setting in settings:
         path, equals, text = setting.partition("=")
@@ -54,16 +51,9 @@ def has_sensor_settings(params: object) -> bool:
 
 
 def set_parameter(params: P, path: str, names: list[str], text: str) -> P:
-    """Return a copy of `params` with the parameter of these names set; `path` is what errors call it.
-
-    Raises:
-        ConfigError: for an unknown name (with the nearest one), or a value of another type.
+    """Return a copy of `params` with the parameter of these names set; `path` is what errors call it. Raises
+    ConfigError for an unknown name (with the nearest one), or a value of another type.
     """
-    changed: P = _with(params, path, names, text)
-    return changed
-
-
-def _with(params: Any, path: str, names: list[str], text: str) -> Any:
     name, *rest = names
     known = typing.get_type_hints(type(params))
     if name not in known or name == BY_SENSOR:
@@ -73,19 +63,17 @@ def _with(params: Any, path: str, names: list[str], text: str) -> Any:
         raise ConfigError(f"unknown parameter '{path}'{did_you_mean(path, paths)}")
     value = getattr(params, name)
     if rest and is_dataclass(value):
-        return replace(params, **{name: _with(value, path, rest, text)})
-    if rest or is_dataclass(value):
+        changed: object = set_parameter(value, path, rest, text)
+    elif rest or is_dataclass(value):
         raise ConfigError(f"'{path}' isn't a single parameter{did_you_mean(path, parameter_paths(params))}")
-    return replace(params, **{name: _parse(path, known[name], text)})
+    else:
+        changed = _parse(path, known[name], text)
+    return replace(params, **{name: changed})  # type: ignore[type-var]
 
 
 def _parse(path: str, hint: Any, text: str) -> object:
-    """Convert text to the type of a field."""
-    options = (
-        typing.get_args(hint)
-        if isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union
-        else (hint,)
-    )
+    is_union = isinstance(hint, types.UnionType) or typing.get_origin(hint) is typing.Union
+    options = typing.get_args(hint) if is_union else (hint,)
     if text == "none" and type(None) in options:
         return None
     for option in options:
@@ -107,10 +95,10 @@ def _convert(kind: Any, text: str) -> object:
             raise ValueError(text)
         return text
     if typing.get_origin(kind) is tuple:
-        parts, kinds = text.split(","), [k for k in typing.get_args(kind) if k is not Ellipsis]
-        if Ellipsis not in typing.get_args(kind) and len(parts) != len(kinds):
+        parts, kinds, is_open = text.split(","), typing.get_args(kind), Ellipsis in typing.get_args(kind)
+        if not is_open and len(parts) != len(kinds):
             raise ValueError(text)
-        return tuple(_convert(kinds[i if Ellipsis not in typing.get_args(kind) else 0], p) for i, p in enumerate(parts))
+        return tuple(_convert(kinds[0 if is_open else i], part) for i, part in enumerate(parts))
     if kind is Path:
         return expand_user(text)
     if kind in (int, float, str):
@@ -130,20 +118,19 @@ def _walk(params: object) -> list[tuple[str, object]]:
     if not is_dataclass(params) or isinstance(params, type):
         return []
     rows: list[tuple[str, object]] = []
-    for f in fields(params):
-        if f.name == BY_SENSOR:
-            continue
-        value = getattr(params, f.name)
-        inner = _walk(value)
-        rows += [(f"{f.name}.{path}", v) for path, v in inner] if is_dataclass(value) else [(f.name, value)]
+    for name in (f.name for f in fields(params) if f.name != BY_SENSOR):
+        value = getattr(params, name)
+        rows += [(f"{name}.{path}", v) for path, v in _walk(value)] if is_dataclass(value) else [(name, value)]
     return rows
 
 
 def describe(params: object) -> dict[str, object]:
     """Return all parameters by dotted name, JSON-ready; a file becomes its name and sha256."""
-    rows = _walk(params)
-    described = {path: _describe(value) for path, value in rows}
-    return described | (_describe_by_sensor(params) if has_sensor_settings(params) else {})
+    described = {path: _describe(value) for path, value in _walk(params)}
+    for setting in getattr(params, BY_SENSOR) if has_sensor_settings(params) else ():
+        path, _, text = setting.partition("=")
+        described[path] = _describe(expand_user(text)) if names_file(params, path, text) else text
+    return described
 
 
 def describe_file(path: Path) -> dict[str, object]:
@@ -159,20 +146,10 @@ def describe_file(path: Path) -> dict[str, object]:
 def names_file(params: object, path: str, text: str) -> bool:
     """Tell whether what a parameter is set to, whose dotted name may begin with that of a sensor, is a file."""
     name = path.rpartition(".")[2]
-    return any(name == known and _is_file(hint, text) for known, hint in _hints(type(params)))
-
-
-def _is_file(hint: Any, text: str) -> bool:
+    hints = [hint for known, hint in _hints(type(params)) if known == name]
     # Other types take some texts as words of their own, such as `none`.
-    return Path in (hint, *typing.get_args(hint)) and isinstance(_parse("", hint, text), Path)
-
-
-def _describe_by_sensor(params: Any) -> dict[str, object]:
-    described: dict[str, object] = {}
-    for setting in getattr(params, BY_SENSOR):
-        path, _, text = setting.partition("=")
-        described[path] = _describe(expand_user(text)) if names_file(params, path, text) else text
-    return described
+    may_be = (hint for hint in hints if Path in (hint, *typing.get_args(hint)))
+    return any(isinstance(_parse("", hint, text), Path) for hint in may_be)
 
 
 def _hints(cls: type) -> list[tuple[str, Any]]:
@@ -184,9 +161,9 @@ def _hints(cls: type) -> list[tuple[str, Any]]:
 
 
 def _describe(value: object) -> object:
-    if isinstance(value, Path) and not is_file(value):
-        raise ConfigError(f"{value}: no such file")
     if isinstance(value, Path):
+        if not is_file(value):
+            raise ConfigError(f"{value}: no such file")
         return describe_file(value)
     if isinstance(value, tuple):
         return [_describe(item) for item in value]

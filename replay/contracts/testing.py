@@ -1,11 +1,11 @@
 """Conformance tests for plug-ins, for their authors; the built-ins pass them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from fbench.replay.contracts.importing import FrameRange, ImportWish, check_items
-from fbench.replay.contracts.protocols import Importer, Recording
+from fbench.replay.contracts.protocols import Importer
 from fbench.replay.data.messages import Image, PointCloud, RadarScan, Truth
 from fbench.replay.logs.container import header_of, header_record
 from fbench.replay.runs.digest import Digest, digest
@@ -13,15 +13,12 @@ from fbench.replay.runs.digest import Digest, digest
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a recording gave."""
-
     header: dict[str, str]
     rig: str
     digest: str
     num: int
-    num_told: int
-    numbers: frozenset[int]
-    """Of frames."""
+    num_announced: int
+    numbers: frozenset[int]  # Of frames
     lines: tuple[str, ...]
 
 
@@ -45,59 +42,51 @@ def check_importer(make: Callable[[], Importer], source: Path, max_recordings: i
     _require(bool(names), "names() finds no sequence")
     _require(len(set(names)) == len(names), f"names() gives one twice: {names}")
     _require(list(make().names(source)) == names, "names() gives other names the second time")
-    wish = ImportWish(tuple(names[:max_recordings]))
-    first = dict(_seen(make(), source, wish))
-    second = dict(_seen(make(), source, ImportWish(wish.names)))
+    wanted = tuple(names[:max_recordings])
+    first, second = (_read(make(), source, ImportWish(wanted)) for _ in range(2))
     for found in (first, second):
-        _require(tuple(found) == wish.names, f"recordings() gives {list(found)}, wanted were {list(wish.names)}")
+        _require(tuple(found) == wanted, f"recordings() gives {list(found)}, wanted were {list(wanted)}")
     for name, seen in first.items():
-        _check(name, seen)
+        _require(bool(seen.lines), f"{name}: summary() says nothing")
+        bad = [line for line in seen.lines if not line or not line.isprintable()]
+        _require(not bad, f"{name}: summary() has lines that aren't one printable line each: {bad}")
+        near = seen.num / 2 - 10 <= seen.num_announced <= seen.num * 2 + 10
+        _require(near, f"{name}: num_items says {seen.num_announced}, there are {seen.num}")
+        for key in ("metadata.dataset", "metadata.licence"):
+            _require(key in seen.header, f"{name}: info lacks {key}")
         _require(seen == second[name], f"{name}: is another the second time")
     ids = [seen.header["log_id"] for seen in first.values()]
     _require(len(set(ids)) == len(ids), f"sequences have the same id: {ids}")
-    for name, seen in first.items():
-        if len(seen.numbers) > 1:
-            _check_frames(make(), source, name, seen)
+    for name, whole in first.items():
+        if len(whole.numbers) > 1:
+            numbers = sorted(whole.numbers)
+            frames = FrameRange(numbers[0], numbers[len(numbers) // 2])
+            found = _read(make(), source, ImportWish((name,), frames))
+            _require(tuple(found) == (name,), f"recordings() gives {list(found)}, wanted was {name}")
+            outside = sorted(number for number in found[name].numbers if number not in frames)
+            _require(not outside, f"{name}: gives frames {outside[:5]} where {frames} are wanted")
+            is_other = found[name].header["log_id"] != whole.header["log_id"]
+            _require(is_other, f"{name}: has the same id where other frames are wanted")
 
 
-def _check(name: str, seen: _Seen) -> None:
-    _require(bool(seen.lines), f"{name}: summary() says nothing")
-    bad = [line for line in seen.lines if not line or not line.isprintable()]
-    _require(not bad, f"{name}: summary() has lines that aren't one printable line each: {bad}")
-    near = seen.num / 2 - 10 <= seen.num_told <= seen.num * 2 + 10
-    _require(near, f"{name}: num_items says {seen.num_told}, there are {seen.num}")
-    for key in ("metadata.dataset", "metadata.licence"):
-        _require(key in seen.header, f"{name}: info lacks {key}")
-
-
-def _check_frames(importer: Importer, source: Path, name: str, whole: _Seen) -> None:
-    numbers = sorted(whole.numbers)
-    frames = FrameRange(numbers[0], numbers[len(numbers) // 2])
-    found = dict(_seen(importer, source, ImportWish((name,), frames)))
-    _require(tuple(found) == (name,), f"recordings() gives {list(found)}, wanted was {name}")
-    part = found[name]
-    outside = sorted(number for number in part.numbers if number not in frames)
-    _require(not outside, f"{name}: gives frames {outside[:5]} where {frames} are wanted")
-    _require(part.header["log_id"] != whole.header["log_id"], f"{name}: has the same id where other frames are wanted")
-
-
-def _seen(importer: Importer, source: Path, wish: ImportWish) -> Iterator[tuple[str, _Seen]]:
+def _read(importer: Importer, source: Path, wish: ImportWish) -> dict[str, _Seen]:
+    found: dict[str, _Seen] = {}
     for recording in importer.recordings(source, wish):
-        yield recording.name, _read(recording)
-
-
-def _read(recording: Recording) -> _Seen:
-    rig, info, num_told = recording.rig, recording.info, recording.num_items
-    cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
-    _require(set(rig.cameras) == cameras, f"{recording.name}: the rig's cameras and its mounts of kind camera differ")
-    items, num, numbers = Digest(), 0, set[int]()
-    for item in check_items(recording.name, rig, recording.items()):
-        items.add(item)
-        num += 1
-        if isinstance(item, Image | PointCloud | RadarScan | Truth) and item.frame_number is not None:
-            numbers.add(item.frame_number)
-    header, lines = header_record(header_of(info, rig)), tuple(recording.summary())
-    return _Seen(header, digest(rig), items.hex(), num, num_told, frozenset(numbers), lines)
+        rig, info, num_announced = recording.rig, recording.info, recording.num_items
+        cameras = {sensor for sensor, mount in rig.mounts.items() if mount.kind == "camera"}
+        _require(
+            set(rig.cameras) == cameras, f"{recording.name}: the rig's cameras and its mounts of kind camera differ"
+        )
+        items, num, numbers = Digest(), 0, set[int]()
+        for item in check_items(recording.name, rig, recording.items()):
+            items.add(item)
+            num += 1
+            if isinstance(item, Image | PointCloud | RadarScan | Truth) and item.frame_number is not None:
+                numbers.add(item.frame_number)
+        header, lines = header_record(header_of(info, rig)), tuple(recording.summary())
+        seen = _Seen(header, digest(rig), items.hex(), num, num_announced, frozenset(numbers), lines)
+        found[recording.name] = seen
+    return found
 
 
 def _require(holds: bool, text: str) -> None:

@@ -26,20 +26,13 @@ _MAX_INT = 2**63
 class Variant:
     """A pipeline with parameters and sensors of its own choice."""
 
-    name: str
-    """What runs are called by: `GROUP/NAME` where it is built in."""
-    title: str
-    """What it is, in one line; may be empty."""
-    base: str
-    """Name of the pipeline."""
-    settings: tuple[tuple[str, str], ...]
-    """Parameters that it sets: dotted names and values, as `--set` takes them."""
-    sensors: tuple[str, ...]
-    """Patterns of sensors, as `--sensors` takes them; empty: all."""
-    where: str
-    """The file, for errors."""
-    folder: Path | None
-    """What relative paths of files are relative to; `None`: nothing is."""
+    name: str  # What runs are called by: `GROUP/NAME` where it is built in
+    title: str  # What it is, in one line; may be empty
+    base: str  # Name of the pipeline
+    settings: tuple[tuple[str, str], ...]  # Parameters that it sets: dotted names and values, as `--set` takes them
+    sensors: tuple[str, ...]  # Patterns of sensors, as `--sensors` takes them; empty: all
+    where: str  # The file, for errors
+    folder: Path | None  # What relative paths of files are relative to; `None`: nothing is
 
     @property
     def file_name(self) -> str:
@@ -48,8 +41,6 @@ class Variant:
 
 
 class _Table(BaseModel):
-    """What a file may hold."""
-
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     name: str
@@ -61,19 +52,15 @@ class _Table(BaseModel):
 
 
 def read_variant(path: Path) -> Variant:
-    """Read a file.
-
-    Raises:
-        ConfigError: where it can't be read, isn't TOML, or holds what isn't known; names file and key.
+    """Read a file. Raises ConfigError where it can't be read, isn't TOML, or holds what isn't known; names file and
+    key.
     """
-    return parse_variant(_content(path), str(path), path.parent)
+    return parse_variant(read_config(path, "name the TOML file of a variant", "variant"), str(path), path.parent)
 
 
 def parse_variant(content: bytes, where: str, folder: Path | None, group: str = "") -> Variant:
-    """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one.
-
-    Raises:
-        ConfigError: as `read_variant` does.
+    """Return the variant that a file's content defines; `group` is what precedes the name of a built-in one. Raises
+    ConfigError as `read_variant` does.
     """
     try:
         table = _Table.model_validate(parse_toml(content))
@@ -115,21 +102,23 @@ def _text(name: str, value: object) -> str:
     raise TomlError(f"'{name}': expected text, a number, true or false, or a list of these")
 
 
-def _content(path: Path) -> bytes:
+def read_config(path: Path, hint: str, what: str) -> bytes:
+    """Return the content of a file that somebody wrote for fbench. Raises ConfigError where it can't be read, isn't a
+    file, which `hint` then follows, or is larger than any such file need be, `what` it is.
+    """
     try:
         if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-            raise ConfigError(f"{path}: not a regular file; name the TOML file of a variant")
+            raise ConfigError(f"{path}: not a regular file; {hint}")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
     if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no variant needs", "CFG003")
+        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no {what} needs", "CFG003")
     return data
 
 
 def _first(error: ValidationError) -> str:
-    """The first thing that is wrong, with its key."""
     found = error.errors(include_url=False, include_context=False)[0]
     keys = [str(part) for part in found["loc"]]
     if found["type"] == "extra_forbidden":
@@ -144,10 +133,8 @@ _BUILT_IN = re.compile(r"[\w.-]+/[\w.-]+")
 
 
 def variant_of(pipeline: str) -> Variant | None:
-    """Return the variant that a pipeline's name means; `None` where it means none, or nothing.
-
-    Raises:
-        ConfigError: where its file can't be used, or a group has none of that name (with the nearest one).
+    """Return the variant that a pipeline's name means; `None` where it means none, or nothing. Raises ConfigError where
+    its file can't be used, or a group has none of that name (with the nearest one).
     """
     if pipeline.endswith(SUFFIX):
         return read_variant(Path(pipeline))
@@ -175,10 +162,8 @@ def sensors_of(pipeline: str, given: Sequence[str]) -> list[str]:
 
 
 def variant_settings(variant: Variant, params: Any) -> list[str]:
-    """Return what a variant sets, as `--set` takes it, checked against the parameters of its base.
-
-    Raises:
-        ConfigError: naming the file, for an unknown parameter (with the nearest one) or a wrong value.
+    """Return what a variant sets, as `--set` takes it, checked against the parameters of its base. Raises ConfigError
+    naming the file, for an unknown parameter (with the nearest one) or a wrong value.
     """
     if params is None and variant.settings:
         raise ConfigError(f"{variant.where}: pipeline '{variant.base}' takes no parameters")
@@ -206,11 +191,7 @@ def _groups() -> dict[str, EntryPoint]:
 
 
 def _files(point: EntryPoint) -> dict[str, Traversable]:
-    """Files of a package, by name, sorted.
-
-    Raises:
-        ConfigError: where the package can't be imported.
-    """
+    """Files of a package, by name, sorted. Raises ConfigError where the package can't be imported."""
     try:
         found = [file for file in files(point.value).iterdir() if file.name.endswith(SUFFIX)]
     except (ImportError, TypeError, OSError) as error:

@@ -12,7 +12,7 @@ import numpy as np
 
 from fbench.replay.contracts.errors import INTERRUPTS, LogError, RunError, one_line
 from fbench.replay.contracts.faults import FaultBudget, FaultLog
-from fbench.replay.contracts.plugins import guarded
+from fbench.replay.contracts.plugins import guard
 from fbench.replay.contracts.protocols import Pipeline, Reader, TellsIdentity
 from fbench.replay.data.boxes import finite
 from fbench.replay.data.frames import Frame, Output
@@ -111,7 +111,7 @@ class _Loop:
                     "([sensors.NAME] with its topic), or leave it out with --topics"
                 )
         try:
-            with guarded(f"pipeline '{self._plan.name}' can't start"):
+            with guard(f"pipeline '{self._plan.name}' can't start"):
                 self._plan.pipeline.start(self._rig, self._info)
         except LogError as error:
             if self._plan.variant is None:
@@ -220,7 +220,7 @@ class _Loop:
         plan, stream, info, records = self._plan, self.stream, self._info, self._writer.records
         identity: dict[str, object] = {}
         if isinstance(plan.pipeline, TellsIdentity):
-            with guarded(f"pipeline '{plan.name}' can't say what tells it apart"):
+            with guard(f"pipeline '{plan.name}' can't say what tells it apart"):
                 identity = dict(plan.pipeline.identity())
                 json.dumps(identity, allow_nan=False)
         first, *changed = (manifest.rig_entry(segment, rig) for segment, rig in sorted(stream.rigs.items()))

@@ -52,7 +52,7 @@ def open_ahead(open_log: Callable[[FaultLog], Reader], faults: FaultLog, limit: 
         finally:
             ahead.stop()
     finally:
-        staged.tell(faults)
+        staged.pass_to(faults)
 
 
 class _Item(NamedTuple, Generic[R]):
@@ -143,7 +143,7 @@ class _AheadReader:
         try:
             while True:
                 item = queue.get()
-                item.faults.tell(self._faults)
+                item.faults.pass_to(self._faults)
                 if isinstance(item.content, BaseException):
                     raise item.content
                 if item.content is None:
@@ -156,9 +156,9 @@ class _AheadReader:
         """Ground truth, not read ahead."""
         self.stop()
         for truth in self._reader.truths():
-            self._staged.tell(self._faults)
+            self._staged.pass_to(self._faults)
             yield truth
-        self._staged.tell(self._faults)
+        self._staged.pass_to(self._faults)
 
     def stop(self) -> None:
         """End the thread, and forget what was read but not delivered."""
@@ -172,7 +172,7 @@ class _AheadReader:
 
     def _describe(self, value: T) -> T:
         if self._running is None:
-            self._staged.tell(self._faults)
+            self._staged.pass_to(self._faults)
         return value
 
     def _read(self, queue: _Queue[R], messages: Callable[[], Iterator[R]]) -> None:
@@ -182,8 +182,8 @@ class _AheadReader:
                 values = [getattr(message, f.name) for f in fields(message)]
                 num_bytes = sum(v.nbytes for v in values if isinstance(v, np.ndarray))
                 num_bytes += sum(len(v) for v in values if isinstance(v, bytes))
-                if not queue.put(_Item(message, self._staged.taken(), num_bytes)):
+                if not queue.put(_Item(message, self._staged.take(), num_bytes)):
                     return
         except BaseException as error:  # noqa: BLE001  # whatever it is, it is raised where the message is wanted
             end = error
-        queue.put(_Item(end, self._staged.taken(), 0))
+        queue.put(_Item(end, self._staged.take(), 0))

@@ -69,23 +69,16 @@ class Digest:
         if array.dtype.kind == "U":
             self.add(["text", *array.tolist()])
             return
-        if array.dtype.kind == "f":
-            array = _canonical_floats(array)
+        if array.dtype.kind == "f":  # one NaN and one zero
+            array = np.asarray(array + array.dtype.type(0))
+            if (odd := np.isnan(array)).any():
+                array[odd] = np.nan
         little = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
         self._head("array", f"{little.dtype.str}{array.shape}")
         self._add_bytes(little.data.cast("B") if little.size else b"")
 
     def _add_bytes(self, data: bytes | memoryview) -> None:
         self._hash.update(data if len(data) < _BULK else xxhash.xxh3_128_digest(data))
-
-
-def _canonical_floats(array: Array) -> Array:
-    """One NaN and one zero."""
-    plain: Array = array + array.dtype.type(0)
-    odd = np.isnan(plain)
-    if odd.any():
-        plain[odd] = np.nan
-    return plain
 
 
 def digest(value: object) -> str:

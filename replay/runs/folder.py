@@ -57,15 +57,20 @@ class RunWriter:
     def __init__(self, folder: Path, overwrite: bool = False) -> None:
         try:
             if folder.exists():
-                _require_replaceable(folder, overwrite)
+                if not overwrite:
+                    raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
+                load_manifest(folder / "manifest.json")
             self.folder = folder.resolve()
             self.partial = self.folder.with_name(f".{self.folder.name}.partial-{os.getpid()}")
             self.partial.mkdir(parents=True)
+        except RunError:
+            raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
         except OSError as error:
             raise ConfigError(f"{folder}: can't be written ({error.strerror})") from error
         self._records: list[FrameRecord] = []
         self._rows: dict[int, int] = {}
-        self._timings = _Timings()
+        self._timings = {name: array("q") for name in ("frame", "stage", "ns", "clock")}
+        self._stages: dict[str, int] = {}
         self._writers: dict[str, BoxWriter] = {}
         self._poses: Float64 | None = None
 
@@ -88,7 +93,10 @@ class RunWriter:
         """Append one frame, and how long it took by that clock."""
         self._rows[record.index] = len(self._records)
         self._records.append(record)
-        self._timings.add(record.index, stage_ns, clock)
+        for stage, ns in stage_ns.items():
+            row = (record.index, self._stages.setdefault(stage, len(self._stages)), ns, _CLOCKS.index(clock))
+            for column, value in zip(self._timings.values(), row, strict=True):
+                column.append(value)
 
     def add_boxes(self, table: str, frame: int, boxes: Boxes) -> None:
         """Append the boxes of one frame to `detections`, `tracks`, `truth` or `truth_2d`."""
@@ -130,72 +138,15 @@ class RunWriter:
         self._writers = {}
         rows = [record.index for record in self._records]
         write_frames(self.partial / FRAMES, self._records, None if self._poses is None else self._poses[rows])
-        write_table(self.partial / "timings.parquet", self._timings.columns())
+        timings = {name: pa.array(np.frombuffer(column, np.int64)) for name, column in self._timings.items()}
+        for name, texts in (("stage", [*self._stages]), ("clock", _CLOCKS)):
+            coded = pa.DictionaryArray.from_arrays(timings[name], pa.array(texts, pa.string()))
+            timings[name] = coded.dictionary_decode()
+        write_table(self.partial / "timings.parquet", timings)
         save_manifest(self.partial / "manifest.json", manifest)
         complete(self.partial)
         swap(self.partial, self.folder)
         return self.folder
-
-
-def _require_replaceable(folder: Path, overwrite: bool) -> None:
-    """Refuse to replace a folder, unless that is wanted and it holds a run."""
-    if not overwrite:
-        raise ConfigError(f"{folder}: exists already; choose another with --out, or --overwrite it")
-    try:
-        load_manifest(folder / "manifest.json")
-    except RunError:
-        raise ConfigError(f"{folder}: exists and isn't a run folder, so --overwrite doesn't touch it") from None
-
-
-class _Timings:
-    """Time of each stage in each frame, as compact columns."""
-
-    def __init__(self) -> None:
-        self._frames, self._stages, self._ns, self._clocks = array("q"), array("q"), array("q"), array("q")
-        self._names: dict[str, int] = {}
-
-    def add(self, frame: int, stage_ns: Mapping[str, int], clock: ClockName) -> None:
-        for stage, ns in stage_ns.items():
-            self._frames.append(frame)
-            self._stages.append(self._names.setdefault(stage, len(self._names)))
-            self._ns.append(ns)
-            self._clocks.append(_CLOCKS.index(clock))
-
-    def columns(self) -> dict[str, pa.Array]:
-        return {
-            "frame": _int64(self._frames),
-            "stage": _texts(self._stages, list(self._names)),
-            "ns": _int64(self._ns),
-            "clock": _texts(self._clocks, _CLOCKS),
-        }
-
-
-def _texts(indices: "array[int]", texts: Sequence[str]) -> pa.Array:
-    return pa.DictionaryArray.from_arrays(_int64(indices), pa.array(texts, pa.string())).dictionary_decode()
-
-
-def _int64(values: "array[int]") -> pa.Array:
-    return pa.array(np.frombuffer(values, np.int64), pa.int64())
-
-
-def _record(row: dict[str, Any]) -> FrameRecord:
-    return FrameRecord(**{**row, "missing": json.loads(row["missing"])})
-
-
-def _frame_columns(records: Sequence[FrameRecord]) -> dict[str, pa.Array]:
-    missing = [json.dumps(dict(sorted(r.missing.items()))) for r in records]
-    return {
-        "index": pa.array([r.index for r in records], pa.int64()),
-        "stamp_ns": pa.array([r.stamp_ns for r in records], pa.int64()),
-        "segment": pa.array([r.segment for r in records], pa.int64()),
-        "frame_number": pa.array([r.frame_number for r in records], pa.int64()),
-        "missing": pa.array(missing, pa.string()),
-        "digest": pa.array([r.digest for r in records], pa.string()),
-        "chain": pa.array([r.chain for r in records], pa.string()),
-        "failed": pa.array([r.failed for r in records], pa.string()),
-        "truth_stamp_ns": pa.array([r.truth_stamp_ns for r in records], pa.int64()),
-        "truth_spaces": pa.array([r.truth_spaces for r in records], pa.string()),
-    }
 
 
 def with_truth(record: FrameRecord, truth: Truth | None) -> FrameRecord:
@@ -208,23 +159,19 @@ def with_truth(record: FrameRecord, truth: Truth | None) -> FrameRecord:
 
 
 def write_frames(path: Path, records: Sequence[FrameRecord], poses: Float64 | None) -> None:
-    """Write the table of frames.
-
-    Args:
-        path: Of the file.
-        records: The frames.
-        poses: (N, 7) where the body was at each: position [m] and quaternion x, y, z, w, NaN where unknown.
+    """Write the table of frames. `path`: of the file; `records`: the frames; `poses`: (N, 7) where the body was at
+    each: position [m] and quaternion x, y, z, w, NaN where unknown.
     """
-    write_table(path, {**_frame_columns(records), **({} if poses is None else _pose_column(poses))})
-
-
-def _pose_column(poses: Float64) -> dict[str, pa.Array]:
-    """None where no pose is known."""
-    known = np.isfinite(poses).all(axis=1)
-    if not known.any():
-        return {}
-    rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
-    return {POSE: pa.FixedSizeListArray.from_arrays(rows, poses.shape[1], mask=pa.array(~known))}
+    columns: dict[str, pa.Array] = {}
+    for f in fields(FrameRecord):
+        values = [getattr(record, f.name) for record in records]
+        if f.name == "missing":
+            values = [json.dumps(dict(sorted(why.items()))) for why in values]
+        columns[f.name] = pa.array(values, pa.int64() if int in (f.type, *get_args(f.type)) else pa.string())
+    if poses is not None and (known := np.isfinite(poses).all(axis=1)).any():
+        rows = pa.array(np.ascontiguousarray(poses).ravel(), pa.float64())
+        columns[POSE] = pa.FixedSizeListArray.from_arrays(rows, poses.shape[1], mask=pa.array(~known))
+    write_table(path, columns)
 
 
 @dataclass(frozen=True)
@@ -247,8 +194,8 @@ class Run:
         if sorted(set(table.column_names) - {POSE}) != sorted(names):
             raise RunError(f"{path}: can't be read (not a table of frames)")
         # In small pieces: Python objects of whole columns would take more memory than all else.
-        batches = table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE)
-        return tuple(_record(row) for batch in batches for row in batch.to_pylist())
+        rows = (row for b in table.select(names).to_batches(max_chunksize=_FRAMES_AT_ONCE) for row in b.to_pylist())
+        return tuple(FrameRecord(**{**row, "missing": json.loads(row["missing"])}) for row in rows)
 
     @cached_property
     def poses(self) -> Float64:

@@ -163,10 +163,7 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
     }
     cameras = {
         n: CameraEntry(
-            K=c.K.tolist(),
-            size_wh=c.size_wh,
-            distortion_model=c.distortion_model,
-            distortion=c.distortion.tolist(),
+            K=c.K.tolist(), size_wh=c.size_wh, distortion_model=c.distortion_model, distortion=c.distortion.tolist()
         )
         for n, c in sorted(rig.cameras.items())
     }
@@ -175,14 +172,12 @@ def rig_entry(segment: int, rig: Rig) -> RigEntry:
 
 def save_manifest(path: Path, manifest: Manifest) -> None:
     """Write the manifest as JSON, without credentials; one that is redacted without names of files."""
-    kept = Manifest.model_validate(clean_mapping((_unnamed(manifest) if manifest.redacted else manifest).model_dump()))
+    if manifest.redacted:
+        inputs = [entry.model_copy(update={"name": ""}) for entry in manifest.inputs]
+        truth = None if manifest.truth is None else manifest.truth.model_copy(update={"name": ""})
+        manifest = manifest.model_copy(update={"inputs": inputs, "truth": truth})
+    kept = Manifest.model_validate(clean_mapping(manifest.model_dump()))
     path.write_text(kept.model_dump_json(indent=1) + "\n", encoding="utf-8")
-
-
-def _unnamed(manifest: Manifest) -> Manifest:
-    inputs = [entry.model_copy(update={"name": ""}) for entry in manifest.inputs]
-    truth = None if manifest.truth is None else manifest.truth.model_copy(update={"name": ""})
-    return manifest.model_copy(update={"inputs": inputs, "truth": truth})
 
 
 def load_manifest(path: Path) -> Manifest:

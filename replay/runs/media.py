@@ -72,17 +72,13 @@ class MediaKeeper:
 def keep(rig: Rig, frame: Frame) -> MediaFrame:
     """Scale images down and thin points out; an image that can't be decoded is left out."""
     messages = sorted(frame.messages.items())
-    pictures = {name: _picture(m) for name, m in messages if isinstance(m, Image)}
+    pictures: dict[str, Picture] = {}
+    for name, m in messages:
+        if isinstance(m, Image) and (pixels := decode(m)) is not None:
+            small = scale_down(pixels, MAX_WIDTH_PX)
+            pictures[name] = Picture(encode_jpeg(small), (small.shape[1], small.shape[0]))
     points = {name: _points(rig, m) for name, m in messages if isinstance(m, PointCloud | RadarScan)}
-    return MediaFrame(frame.index, {n: p for n, p in pictures.items() if p is not None}, points)
-
-
-def _picture(image: Image) -> Picture | None:
-    pixels = decode(image)
-    if pixels is None:
-        return None
-    small = scale_down(pixels, MAX_WIDTH_PX)
-    return Picture(encode_jpeg(small), (small.shape[1], small.shape[0]))
+    return MediaFrame(frame.index, pictures, points)
 
 
 def _points(rig: Rig, message: PointCloud | RadarScan) -> Points:
@@ -104,8 +100,7 @@ def write_media(path: Path, frames: Sequence[MediaFrame]) -> None:
     names = ("frame", "kind", "sensor", "width", "height", "data")
     kinds = (pa.int64(), pa.string(), pa.string(), pa.int64(), pa.int64(), pa.binary())
     write_table(
-        path,
-        {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))},
+        path, {n: pa.array([row[i] for row in rows], k) for i, (n, k) in enumerate(zip(names, kinds, strict=True))}
     )
 
 

@@ -14,7 +14,6 @@ from fbench.replay.runs.manifest import Manifest
 
 _NEEDED = re.compile(r"reference|radar\..+|kitti\.camera0")  # Keys of a log's metadata that pipelines and reports read
 _FILE = re.compile(r"[/\\]|\w\.[A-Za-z]")  # What texts have in which a file may be named
-_COMMANDS = ("command",)
 _REDACTED = "redacted"
 
 
@@ -42,14 +41,12 @@ def redact_manifest(manifest: Manifest) -> Manifest:
         update={
             "redacted": True,
             "log": log.model_copy(update={"name": name, "log_id": digest(log.log_id), "metadata": metadata}),
-            "parameters": _parameters(manifest.parameters),
+            "parameters": {
+                key: _parameter(key.rpartition(".")[2], value) for key, value in manifest.parameters.items()
+            },
             "variant": None if manifest.variant is None else manifest.variant.model_copy(update={"title": ""}),
         }
     )
-
-
-def _parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _parameter(key.rpartition(".")[2], value) for key, value in parameters.items()}
 
 
 def _parameter(key: str, value: Any) -> Any:
@@ -57,7 +54,7 @@ def _parameter(key: str, value: Any) -> Any:
         return {k: _parameter(k, v) for k, v in value.items() if k != "file"}
     if isinstance(value, list | tuple):
         return [_parameter(key, item) for item in value]
-    if isinstance(value, str) and key in _COMMANDS:
+    if isinstance(value, str) and key == "command":
         return public_pipeline(f"exec:{value}").removeprefix("exec:")
     return _REDACTED if isinstance(value, str) and _FILE.search(value) else value
 

@@ -109,7 +109,6 @@ def _without_users(text: str) -> str:
 
 
 def _starts(text: str) -> "list[re.Match[str]]":
-    """Where the `://` of URLs are."""
     return [found for found in _START.finditer(text) if _is_url(text, found)]
 
 
@@ -123,7 +122,6 @@ def _is_url(text: str, found: "re.Match[str]") -> bool:
 
 
 def _end(text: str, at: int) -> int:
-    """Where the URL ends that begins before `at`."""
     end = _END.search(text, at)
     return len(text) if end is None else end.start()
 
@@ -165,7 +163,7 @@ def _without_named(text: str) -> str:
             continue
         value = _value(text, word)
         if value is not None:
-            pieces += [text[done : value.start()], _hidden(value[0])]
+            pieces += [text[done : value.start()], _hide(value[0])]
             done = value.end()
     return "".join([*pieces, text[done:]])
 
@@ -186,7 +184,7 @@ def _value(text: str, word: "re.Match[str]") -> "re.Match[str] | None":
     return None if given is None else _VALUE.match(text, given.end())
 
 
-def _hidden(value: str) -> str:
+def _hide(value: str) -> str:
     """`***`, with the quotes and brackets that don't belong to it."""
     if value[0] in "\"'":
         return f"{value[0]}{HIDDEN}{value[-1] if len(value) > 1 and value[-1] == value[0] else ''}"

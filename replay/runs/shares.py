@@ -53,17 +53,13 @@ class Coverage:
         """Such as `97.8 % of outputs had truth (176 of 180 frames)`."""
         frames = f"{self.num_labeled} of {self.num_frames} {'frame' if self.num_frames == 1 else 'frames'}"
         between = f", {self.num_between} of them by interpolation" if self.num_between else ""
-        return f"{_percent(self)} % of outputs had truth ({frames}{between})"
+        # Only all is 100, and only nothing is 0.
+        percent, is_plain = 100 * self.share, self.share in (0.0, 1.0)
+        share = f"{percent:.0f}" if is_plain else f"{min(max(percent, 0.1), 99.9):.1f}"
+        return f"{share} % of outputs had truth ({frames}{between})"
 
 
 def coverage_of(run: Run) -> Coverage:
     """How many frames of a run have truth."""
     num_labeled = sum(frame.truth_stamp_ns is not None for frame in run.frames)
     return Coverage(num_labeled, len(run.frames), run.manifest.interpolation.num_frames)
-
-
-def _percent(coverage: Coverage) -> str:
-    """Only all is 100, and only nothing is 0."""
-    if coverage.share in (0.0, 1.0):
-        return f"{100 * coverage.share:.0f}"
-    return f"{min(max(100 * coverage.share, 0.1), 99.9):.1f}"

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -109,13 +108,10 @@ def read_boxes(path: Path) -> BoxTable:
     # The names are kept apart, since a table without rows can't show which fields its boxes had.
     present = (pq.read_metadata(path).metadata or {}).get(b"present", b"").decode().split(",")
     arrays = {f.name: column_array(table.column(f.name)) for f in fields(kind) if f.name in present}
-    frames, boxes = table.column("frame").to_numpy(), _boxes(kind, arrays)
+    frames = table.column("frame").to_numpy()
+    boxes = replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
     order = np.argsort(frames, kind="stable")
     return BoxTable(frames[order], boxes[order])
-
-
-def _boxes(kind: type[Boxes2D] | type[Boxes3D], arrays: dict[str, Any]) -> Boxes:
-    return replace(Boxes2D.empty(), **arrays) if kind is Boxes2D else replace(Boxes3D.empty(), **arrays)
 
 
 def column_array(column: pa.ChunkedArray) -> Array:
@@ -136,10 +132,7 @@ def column_array(column: pa.ChunkedArray) -> Array:
 
 
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a Parquet file, or some of its columns, checksums verified.
-
-    Raises RunError where it is missing or damaged.
-    """
+    """Read a Parquet file, or some of its columns, checksums verified. Raises RunError where it can't be read."""
     try:
         return pq.read_table(
             path, columns=columns, page_checksum_verification=True, use_threads=False, pre_buffer=False

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from fbench.replay.contracts.errors import ConfigError, did_you_mean
+from fbench.replay.contracts.variants import read_config
 from fbench.replay.data.boxes import LABELS
 from fbench.replay.data.classes import IGNORE
 from fbench.replay.data.rig import Kind
@@ -76,12 +77,10 @@ class Config(_Strict):
     version: Literal[1]
     frames: FramesTable = FramesTable()
     body: BodyTable = BodyTable()
-    sensors: dict[Name, SensorTable] = {}
-    """By name: these topics and no others; without any, the log decides."""
+    sensors: dict[Name, SensorTable] = {}  # By name: these topics and no others; without any, the log decides
     truth: BoxesTable = BoxesTable()
     results: BoxesTable = BoxesTable()
-    classes: dict[str, str] = {}
-    """Label of fbench, or `ignore`, by the name that the log gives to a class."""
+    classes: dict[str, str] = {}  # Label of fbench, or `ignore`, by the name that the log gives to a class
 
     @field_validator("classes")
     @classmethod
@@ -93,7 +92,6 @@ class Config(_Strict):
         return classes
 
 
-MAX_BYTES = 1024 * 1024
 _TABLES: Mapping[str, type[BaseModel]] = {
     "frames": FramesTable, "body": BodyTable, "sensors": SensorTable, "truth": BoxesTable, "results": BoxesTable,
 }  # fmt: skip
@@ -101,15 +99,7 @@ _TABLES: Mapping[str, type[BaseModel]] = {
 
 def load_config(path: Path) -> Config:
     """Read a file. Raises ConfigError where it can't be read, isn't TOML, or holds what isn't known; names the key."""
-    try:
-        if path.exists() and not path.is_file():  # a FIFO would block, a device could go on for ever
-            raise ConfigError(f"{path}: not a regular file; name an fbench.toml")
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise ConfigError(f"{path}: can't be read ({error.strerror})") from error
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{path}: larger than {MAX_BYTES} bytes, which no configuration needs", "CFG003")
+    data = read_config(path, "name an fbench.toml", "configuration")
     try:
         return Config.model_validate(parse_toml(data))
     except TomlError as error:
@@ -119,7 +109,6 @@ def load_config(path: Path) -> Config:
 
 
 def _describe_first(error: ValidationError) -> str:
-    """The first thing that is wrong, with its key."""
     found = error.errors(include_url=False, include_context=False)[0]
     keys = [str(part) for part in found["loc"]]
     place = ".".join(keys)
@@ -184,9 +173,8 @@ def _is_inside(folder: Path, path: Path) -> bool:
 
 
 def config_place(log: Path) -> Path:
-    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log.
-
-    A Parquet folder holds what its `log.json` lists and nothing else.
+    """Return where the configuration of a log belongs: in a folder of parts or of rosbag2, else beside the log. A
+    Parquet folder holds what its `log.json` lists and nothing else.
     """
     if log.name in ("log.json", "metadata.yaml"):
         log = log.parent

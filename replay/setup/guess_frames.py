@@ -121,7 +121,6 @@ def _timeout_line(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks
 
 def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, tolerance_ns: int) -> tuple[Int64, int]:
     """How long after the reference the last sensor came [ns], for each frame that has all; and how many there are.
-
     Instants at the borders of a window, where messages lie outside, don't count.
     """
     waits: list[int] = []
@@ -146,7 +145,6 @@ def _waits_ns(chosen: Candidate, others: Sequence[Candidate], clocks: Clocks, to
 
 
 def _times_in(window: int, sensor: Candidate, clocks: Clocks) -> tuple[Int64, Int64]:
-    """Stamps and times of recording in a window, by stamp."""
     rows = np.array([s.window == window for s in sensor.sampled.samples], bool)
     stamps = clocks.stamps_ns(sensor)[rows]
     logs = np.array([s.log_ns for s in sensor.sampled.samples], np.int64)[rows]

@@ -32,8 +32,6 @@ _STILL_MPS = 0.2
 
 @dataclass(frozen=True)
 class _Vote:
-    """What one scan says."""
-
     window: int
     ahead_mps: float  # What the scan says of things straight ahead that stand still, with the sign of its numbers
     is_still: bool
@@ -144,10 +142,9 @@ _MAX_BINS = 4096
 
 
 def period_lines(sensors: Sequence[Candidate]) -> dict[str, Line]:
-    """Guess the period of each radar, by name, whose velocities wrap around.
-
-    Velocities thin out towards the fastest that was seen. Where they fill a range around zero up to both of its ends
-    instead, what was faster has come in again at the other end.
+    """Guess the period of each radar, by name, whose velocities wrap around. Velocities thin out towards the fastest
+    that was seen. Where they fill a range around zero up to both of its ends instead, what was faster has come in again
+    at the other end.
     """
     found = {s.name: _period_line(s) for s in sensors if s.kind == "radar" and not s.is_own}
     return {name: line for name, line in found.items() if line is not None}

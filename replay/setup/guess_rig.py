@@ -126,8 +126,10 @@ def calibration_line(camera: Candidate, known: Sequence[Intrinsics]) -> Line | N
     sampled = camera.sampled
     if camera.is_own:
         return None
-    for folder in _namespaces(sampled.topic):
-        near = [i for i in known if i.topic.rpartition("/")[0] == folder]
+    folder, _, last = sampled.topic.rpartition("/")
+    # `image_raw/compressed` lies one deeper than its `camera_info`.
+    for namespace in (folder, folder.rpartition("/")[0]) if last in _TRANSPORTS else (folder,):
+        near = [i for i in known if i.topic.rpartition("/")[0] == namespace]
         if near:
             best = min(near, key=lambda i: (not i.topic.endswith("/camera_info"), i.topic))
             why, is_guess = "in the same namespace", len(near) > 1
@@ -147,14 +149,8 @@ def calibration_line(camera: Candidate, known: Sequence[Intrinsics]) -> Line | N
     return Line("calibration", best.topic, why + wrong, is_guess=is_guess or bool(wrong))
 
 
-def _namespaces(topic: str) -> list[str]:
-    """The namespace of a topic, and that around it: `image_raw/compressed` lies one deeper than its `camera_info`."""
-    folder, _, last = topic.rpartition("/")
-    return [folder, folder.rpartition("/")[0]] if last in _TRANSPORTS else [folder]
-
-
 def _distance(a: str, b: str) -> int:
     """Parts of two topics that they don't have in common from the start."""
-    parts_a, parts_b = a.split("/"), b.split("/")
-    num = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(parts_a, parts_b, strict=False)))
-    return len(parts_a) + len(parts_b) - 2 * num
+    parts = a.split("/"), b.split("/")
+    num = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(*parts, strict=False)))
+    return len(parts[0]) + len(parts[1]) - 2 * num

@@ -44,11 +44,8 @@ def _stem(parts: Sequence[str]) -> str:
 
 
 def name_sensors(kinds: Mapping[str, str], stems: Mapping[str, str]) -> dict[str, str]:
-    """Return a name for the sensor of each topic: short, unique, the same for the same topics.
-
-    Args:
-        kinds: Kind of sensor by topic.
-        stems: See `find_stems`.
+    """Return a name for the sensor of each topic: short, unique, the same for the same topics. `kinds` are the kinds of
+    sensor by topic; `stems`: see `find_stems`.
     """
     found: dict[str, str] = {}
     taken: set[str] = set()
@@ -121,7 +118,6 @@ def choose_sensors(topics: Sequence[SampledTopic]) -> tuple[tuple[Candidate, ...
 
 
 def _guess_kind(topic: SampledTopic) -> tuple[Kind, str, bool]:
-    """Kind, why, and whether it is a guess."""
     kind, field = KINDS[topic.role.kind], _doppler_field(topic.fields)
     num = topic.median_points or 0
     if kind == "radar" and field:
@@ -200,17 +196,14 @@ def _drop_repeated(kind: str, topics: Sequence[SampledTopic], stems: Mapping[str
 
     kept: list[SampledTopic] = []
     for t in sorted(topics, key=rank):
-        same = next((other for other in kept if _is_same(t, other, stems)), None)
+        stem, frame = stems[t.topic], t.role.frame_id
+        own_frame = frame if frame.strip("/") not in BODIES else ""
+        is_same = (o for o in kept if stems[o.topic] == stem or (own_frame and o.role.frame_id == own_frame))
+        same = next(is_same, None)
         if same is None:
             kept.append(t)
         else:
             out[t.topic] = _why_not(kind, t, same, stems)
-
-
-def _is_same(a: SampledTopic, b: SampledTopic, stems: Mapping[str, str]) -> bool:
-    frame = a.role.frame_id
-    is_same_frame = bool(frame) and frame == b.role.frame_id and frame.strip("/") not in BODIES
-    return stems[a.topic] == stems[b.topic] or is_same_frame
 
 
 def _why_not(kind: str, t: SampledTopic, better: SampledTopic, stems: Mapping[str, str]) -> str:

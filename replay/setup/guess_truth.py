@@ -37,21 +37,17 @@ def find_neighbors(config: Path, log: Path) -> Neighbors:
     except OSError:
         return Neighbors()
     items = [item for item in items if not item[0].startswith(".") and item[0] not in (log.name, config.name)]
-    boxes = [name for name, is_dir in items if _is_boxes(name, is_dir)]
-    rigs = [name for name, is_dir in items if not is_dir and _is_rig(name)]
+    boxes, rigs = [], []
+    for name, is_dir in items:
+        stem, suffix = os.path.splitext(name.lower())
+        words = {word.rstrip("s") for word in stem.replace("-", "_").replace(".", "_").split("_")}
+        is_called = "label" in stem or any(known.rstrip("s") in words for known in _BOX_WORDS)
+        if is_called and (is_dir or suffix in (".csv", ".parquet", ".json", ".txt")):
+            boxes.append(name)
+        has_rig_word = suffix in (".yaml", ".yml", ".toml") and any(word in stem for word in _RIG_WORDS)
+        if not is_dir and (suffix == ".urdf" or has_rig_word):
+            rigs.append(name)
     return Neighbors(tuple(boxes[:_MAX_SHOWN]), tuple(rigs[:_MAX_SHOWN]))
-
-
-def _is_boxes(name: str, is_dir: bool) -> bool:
-    stem, suffix = os.path.splitext(name.lower())
-    words = stem.replace("-", "_").replace(".", "_").split("_")
-    is_called = any(word.rstrip("s") == known.rstrip("s") for word in words for known in _BOX_WORDS) or "label" in stem
-    return is_called and (is_dir or suffix in (".csv", ".parquet", ".json", ".txt"))
-
-
-def _is_rig(name: str) -> bool:
-    stem, suffix = os.path.splitext(name.lower())
-    return suffix == ".urdf" or (suffix in (".yaml", ".yml", ".toml") and any(word in stem for word in _RIG_WORDS))
 
 
 _MAX_ENTRIES = 500  # Messages with boxes of a window that are read for their classes

@@ -12,7 +12,7 @@ from fbench.replay.setup.guess_frames import Clocks, frames_table, guess_clocks,
 from fbench.replay.setup.guess_radar import doppler_lines, period_lines
 from fbench.replay.setup.guess_rig import Body, calibration_line, guess_body, guess_pose, read_intrinsics
 from fbench.replay.setup.guess_sensors import Candidate, choose_sensors
-from fbench.replay.setup.guess_truth import Neighbors, classes_table, find_neighbors, results_table, truth_table
+from fbench.replay.setup.guess_truth import classes_table, find_neighbors, results_table, truth_table
 from fbench.replay.setup.inspection import Draft, LeftOut, Line, SampledTopic, Table, Value, inspect_log
 
 _OF_INTEREST = ("scan", "packet", "radar", "lidar", "image", "video", "depth", "cloud", "detection", "track", "object",
@@ -22,15 +22,8 @@ _UPRIGHT = 0.9  # Cosine between two axes that are nearly one
 
 
 def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
-    """Look at a log and say what it most probably holds.
-
-    Args:
-        log: The log.
-        config: Where the configuration will be; files beside it are suggested.
-        faults: Where faults of the log are counted.
-
-    Raises:
-        LogError: where it can't be read, or holds no sensor.
+    """Look at a log and say what it most probably holds. Files beside `config`, where the configuration will be, are
+    suggested; faults of the log are counted in `faults`. Raises LogError where it can't be read, or holds no sensor.
     """
     found = inspect_log(open_container(log, faults))
     sensors, left_out = choose_sensors(found.topics)
@@ -46,9 +39,15 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
     clocks = guess_clocks(placed, str(reference.value))
     poses, pose_lines = guess_pose(found, body)
     neighbors = find_neighbors(config, log)
+    notes = ("The log says where its sensors are.",) if body.line is None else ()
+    rigs = []
+    if neighbors.rigs:
+        rigs = [Line("rig", neighbors.rigs, "beside the log; is it its calibration?", is_active=False)]
+    elif body.problems:
+        rigs = [Line("rig", ("rig.toml",), "calibration of sensors that the log has none for", is_active=False)]
     tables = [
         frames_table(placed, reference, clocks),
-        _body_table(body, pose_lines, neighbors),
+        Table(("body",), (*([] if body.line is None else [body.line]), *pose_lines, *rigs), notes=notes),
         *_sensor_tables(sensors, body, calibrations, clocks, poses),
         truth_table(found, neighbors), results_table(found), classes_table(found),
     ]  # fmt: skip
@@ -58,17 +57,6 @@ def draft_of(log: Path, config: Path, faults: FaultLog) -> Draft:
     rest = len(found.unread) - len(shown)
     more = (LeftOut(f"{rest} more topics", "see fbench log info"),) if rest else ()
     return Draft(log.name, tuple(t for t in tables if t is not None), (*left_out, *shown, *more))
-
-
-def _body_table(body: Body, poses: Sequence[Line], neighbors: Neighbors) -> Table:
-    first = [] if body.line is None else [body.line]
-    notes = ("The log says where its sensors are.",) if body.line is None else ()
-    rigs = []
-    if neighbors.rigs:
-        rigs = [Line("rig", neighbors.rigs, "beside the log; is it its calibration?", is_active=False)]
-    elif body.problems:
-        rigs = [Line("rig", ("rig.toml",), "calibration of sensors that the log has none for", is_active=False)]
-    return Table(("body",), (*first, *poses, *rigs), notes=notes)
 
 
 def _sensor_tables(
@@ -183,14 +171,12 @@ def plain(text: str) -> str:
 
 
 def _quote(text: str) -> str:
-    return '"' + "".join(_ESCAPES.get(c) or (c if c.isprintable() else _escape(c)) for c in text) + '"'
-
-
-def _escape(character: str) -> str:
-    number = ord(character)
-    if 0xD800 <= number <= 0xDFFF:  # TOML has no code for half a surrogate pair
-        number = 0xFFFD
-    return f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+    quoted = '"'
+    for c in text:
+        number = 0xFFFD if 0xD800 <= ord(c) <= 0xDFFF else ord(c)  # TOML has no code for half a surrogate pair
+        code = f"\\u{number:04x}" if number < 0x10000 else f"\\U{number:08x}"
+        quoted += _ESCAPES.get(c) or (c if c.isprintable() else code)
+    return quoted + '"'
 
 
 def _clip(text: str) -> str:

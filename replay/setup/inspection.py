@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
@@ -75,7 +75,6 @@ def sample_messages(
     container: Container, channels: frozenset[int], times: Mapping[int, Int64] | None, max_entries: int = MAX_ENTRIES
 ) -> Iterator[tuple[int, Entry]]:
     """Yield at most `max_entries` messages of these channels from each of a few windows of time, spread over the log.
-
     Each comes with the number of its window: messages of one window follow each other without a gap. `times` are the
     log times of all channels, where the index tells them.
     """
@@ -177,7 +176,7 @@ class Inspection:
 
 
 def inspect_log(container: Container) -> Inspection:
-    """SampledMessage a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
+    """Sample a log; what can't be decoded is passed over. Raises LogError where it can't be read."""
     found, times = roles(container), container.log_times()
     measured = {id_: role for id_, role in sorted(found.items()) if role.kind in _MEASURED}
     topics: dict[str, SampledTopic] = {}
@@ -198,21 +197,15 @@ def inspect_log(container: Container) -> Inspection:
             continue
         if isinstance(message, Image):
             topic.size_wh = topic.size_wh or message.size_wh
-        sample = SampledMessage(
-            window,
-            message.stamp_ns,
-            entry.log_ns,
-            num_points=len(message.xyz) if isinstance(message, (PointCloud, RadarScan)) else None,
-            pose=message if isinstance(message, Pose) else None,
-        )
-        if isinstance(message, RadarScan):
-            num_scans[topic.topic, window] += 1
-            if num_scans[topic.topic, window] <= _MAX_SCANS:
-                sample = replace(sample, scan=message)
-        topic.samples.append(sample)
-    return Inspection(
-        container, found, times, tuple(topic for _, topic in sorted(topics.items())), _unread_topics(container, found)
-    )
+        num_points = len(message.xyz) if isinstance(message, PointCloud | RadarScan) else None
+        scan = message if isinstance(message, RadarScan) else None
+        pose = message if isinstance(message, Pose) else None
+        num_scans[topic.topic, window] += scan is not None
+        if num_scans[topic.topic, window] > _MAX_SCANS:
+            scan = None
+        topic.samples.append(SampledMessage(window, message.stamp_ns, entry.log_ns, num_points, scan, pose))
+    by_name = tuple(topic for _, topic in sorted(topics.items()))
+    return Inspection(container, found, times, by_name, _unread_topics(container, found))
 
 
 def _cloud_fields(channel: Channel, entry: Entry) -> tuple[str, ...]:
@@ -243,7 +236,6 @@ def _decode(role: Role, entry: Entry) -> Message:
 
 
 def _unread_topics(container: Container, found: Mapping[int, Role]) -> tuple[LeftOut, ...]:
-    """Topics without a use, once each, with the reason."""
     used, codecs = {role.topic for role in found.values()}, Codecs()
     topics = {c.topic: id_ for id_, c in sorted(container.channels.items(), reverse=True) if c.topic not in used}
     result = []

@@ -142,11 +142,9 @@ class ReplayOptions:
     sync: SyncParams
     stamps: StampParams
     excerpt: Excerpt
-    max_between_ns: int
-    """Frames between truths at most this far apart get truth by interpolation [ns]; 0: none does."""
+    max_between_ns: int  # Frames between truths at most this far apart get truth by interpolation [ns]; 0: none does
     sensors: tuple[str, ...]
-    read_ahead: int | None
-    """Messages to decode in advance; `None`: as many as fit into the memory set aside for it."""
+    read_ahead: int | None  # Messages to decode in advance; `None`: as many as fit into the memory set aside for it
     budget: FaultBudget
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.contracts.plugins import make_pipeline, opened_pipeline, parse_name, with_absolute_files
+from fbench.replay.contracts.plugins import make_pipeline, open_pipeline, parse_name, with_absolute_files
 
 
 @pytest.mark.parametrize(
@@ -59,12 +59,12 @@ class Talks:
 def test_pipelines_are_closed_after_errors_too(tmp_path):
     path = tmp_path / "talks.py"
     path.write_text(WITH_ARGUMENT)
-    with opened_pipeline(f"{path}:Talks", ["word=x"]) as (pipeline, parameters):
+    with open_pipeline(f"{path}:Talks", ["word=x"]) as (pipeline, parameters):
         assert parameters == {"word": "x"}
         log = vars(type(pipeline))["log"]
         assert log == []
     assert log == ["closed"]
-    failing = opened_pipeline(f"{path}:Talks", [])
+    failing = open_pipeline(f"{path}:Talks", [])
     log = vars(type(failing.__enter__()[0]))["log"]
     assert not failing.__exit__(KeyError, KeyError(), None)
     assert log == ["closed"]

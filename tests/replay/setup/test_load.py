@@ -3,7 +3,8 @@
 import pytest
 
 from fbench.replay.contracts.errors import ConfigError
-from fbench.replay.setup.configuration import MAX_BYTES, load_config, setup_of
+from fbench.replay.contracts.variants import MAX_BYTES
+from fbench.replay.setup.configuration import load_config, setup_of
 
 GOOD = """\
 version = 1
