@@ -9,25 +9,15 @@ from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 
 
 def match_greedily(
-    similarity: Float64,
-    truth_start: Int64,
-    estimate_start: Int64,
-    block_start: Int64,
-    order: Int64,
-    floors: Sequence[float],
-    strict: bool = False,
-    rank: Array | None = None,
+    pairs: Blocks, order: Int64, floors: Sequence[float], strict: bool = False, rank: Array | None = None,
     shared: Bool | None = None,
-) -> Int64:
+) -> Int64:  # fmt: skip
     """Give each estimate in turn the most similar truth box of its step that is free; returns truth rows (T, M) or -1.
 
     The rule of COCO, nuScenes and Pascal VOC. Equally similar truth boxes: the lower row, so sort rows by content.
 
     Args:
-        similarity: (B,) as in `Problem`; NaN and -inf never match.
-        truth_start: (S + 1,) offsets of steps in N truth rows.
-        estimate_start: (S + 1,) in M estimates.
-        block_start: (S + 1,) in `similarity`.
+        pairs: Similarity of N truth boxes and M estimates; NaN and -inf never match.
         order: (M,) rows of estimates in the order in which they choose, step by step: see `score_order`.
         floors: T similarities from which on boxes match; each is matched for itself.
         strict: Whether boxes at the floor itself don't match (nuScenes).
@@ -37,13 +27,11 @@ def match_greedily(
     """
     from fbench.metrics.core.assignment_kernel import greedy_blocks  # numba takes a while to import
 
-    num = int(truth_start[-1])
-    # All are copied, because kernels are compiled for writeable arrays.
+    num = pairs.shape[0]
     return greedy_blocks(
-        np.array(similarity, np.float64), np.array(truth_start, np.int64), np.array(estimate_start, np.int64),
-        np.array(block_start, np.int64), np.array(order, np.int64), np.array(floors, np.float64), strict,
-        np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64),
-        np.zeros(num, bool) if shared is None else np.array(shared, bool),
+        pairs.values, pairs.row_start, pairs.column_start, pairs.start, np.array(order, np.int64),
+        np.array(floors, np.float64), strict, np.zeros(num, np.int64) if rank is None else np.array(rank, np.int64),
+        np.zeros(num, bool) if shared is None else np.array(shared, bool),  # copied: kernels want writeable arrays
     )  # fmt: skip
 
 

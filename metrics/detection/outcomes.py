@@ -84,19 +84,17 @@ def compare_class(sequence: Sequence, group: Group, match: Match) -> Candidates:
     """
     truth, estimate_row = sequence.truth, np.flatnonzero(group.holds(sequence.estimates))
     estimates = sequence.estimates[estimate_row]
-    starts = truth.starts(len(sequence.steps)), estimates.starts(len(sequence.steps))
     invalid = ~is_valid(estimates, match.likeness)
-    values, start = blocks(truth, estimates, *starts, match.likeness, sequence.ego_m)
-    shares = values
+    pairs = blocks(truth, estimates, len(sequence.steps), match.likeness, sequence.ego_m)
+    shares = pairs.values
     if match.likeness == "iou2d":
-        shares, _ = image_overlaps(truth, estimates, *starts, np.ones(len(truth), bool))
-    pairs = Blocks(*starts, start, values)
+        shares = image_overlaps(truth, estimates, len(sequence.steps), np.ones(len(truth), bool)).values
     usable = ~invalid[pairs.pairs[1]]
     excused = usable & group.excuses(truth, estimates, pairs.pairs)
     return Candidates(
         sequence, match, group.counts(truth), estimate_row,
         np.ones(len(estimates), bool) if estimates.inside is None else estimates.inside, invalid,
-        replace(pairs, values=np.where(usable, values, -np.inf)),
+        replace(pairs, values=np.where(usable, pairs.values, -np.inf)),
         replace(pairs, values=np.where(excused, shares, -np.inf)),
     )  # fmt: skip
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fbench.metrics.core.exact import Counts
+from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
-from fbench.metrics.core.similarity import block_starts
 from fbench.metrics.core.slices import Group, Heading, Part
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
 from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
@@ -76,22 +76,16 @@ def _clear_rules(match: Match) -> ClearRules:
 
 def _follow(judgement: Judgement) -> Followed:
     candidates, used = judgement.candidates, judgement.used
-    steps, truth, estimates = candidates.sequence.steps, candidates.truth, candidates.estimates[used]
-    truth_start, estimate_start = truth.starts(len(steps)), estimates.starts(len(steps))
+    truth, estimates, steps = candidates.truth, candidates.estimates[used], candidates.sequence.steps
+    pairs = candidates.similarity.select(np.ones(len(truth), bool), used)
+    # Those without an id are tracks of their own.
+    alone = (np.where(o.track_id < 0, np.arange(len(o)) - len(o), o.track_id) for o in (truth, estimates))
+    truth_id, estimate_id = map(number_tracks, alone, (steps.stream[truth.step], steps.stream[estimates.step]))
     problem = Problem(
-        truth_start, estimate_start, block_starts(truth_start, estimate_start),
-        candidates.similarity.values[used[candidates.similarity.pairs[1]]], steps.stream,
-        _number_tracks(truth.track_id, steps.stream[truth.step]),
-        _number_tracks(estimates.track_id, steps.stream[estimates.step]), estimates.score, candidates.truth_row,
-        candidates.estimate_row[used],
+        pairs.row_start, pairs.column_start, pairs.start, pairs.values, steps.stream, truth_id, estimate_id,
+        estimates.score, candidates.truth_row, candidates.estimate_row[used],
     )  # fmt: skip
     return Followed(judgement, problem, clear_pairs(problem, _clear_rules(candidates.match)))
-
-
-def _number_tracks(ids: Int64, stream: Int64) -> Int64:
-    """Number tracks from 0 on; an id in two streams is two tracks, a box without id one of its own."""
-    alone = np.where(ids < 0, np.arange(len(ids)), -1)
-    return np.unique(np.column_stack([stream, ids, alone]), axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def tracking_counts(sequence: Sequence, group: Group, match: Match, part: Part | None = None) -> TrackingCounts:
@@ -132,16 +126,13 @@ def require_unique_ids(sequence: Sequence, where: str = "") -> None:
     Raises MetricError naming frame and id (fault GT003).
     """
     for what, objects in (("truth", sequence.truth), ("tracks", sequence.estimates)):
-        named = objects.track_id >= 0
-        both = np.column_stack([objects.step[named], objects.track_id[named]])
-        pairs, times = np.unique(both, axis=0, return_counts=True)
-        if (times > 1).any():
-            step, twice = pairs[times > 1][0].tolist()
-            steps = sequence.steps
+        named, steps = np.flatnonzero(objects.track_id >= 0), sequence.steps
+        if (row := find_twice(objects.step[named], objects.track_id[named])) is not None:
+            step = objects.step[named[row]]
             image = f", camera {steps.camera[step]}" if steps.camera else ""
             raise MetricError(
-                f"{where or sequence.name}: frame {steps.frame[step]}{image}: {what} has id {twice} twice; "
-                "an id names one object of a frame",
+                f"{where or sequence.name}: frame {steps.frame[step]}{image}: {what} has id "
+                f"{objects.track_id[named[row]]} twice; an id names one object of a frame",
                 "GT003",
             )
 

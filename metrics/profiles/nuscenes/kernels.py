@@ -12,12 +12,7 @@ from fbench.replay.geometry.kernels import kernel
 
 @kernel
 def match_nearest(
-    truth_xy: Float64,
-    truth_start: Int64,
-    estimate_xy: Float64,
-    estimate_start: Int64,
-    invalid: Bool,
-    limits_m: Float64,
+    truth_xy: Float64, truth_start: Int64, estimate_xy: Float64, estimate_start: Int64, invalid: Bool, limits_m: Float64
 ) -> Array:
     """Return the truth row (M, D) of each estimate at each of D largest distances, -1 where there is none.
 
