@@ -89,15 +89,8 @@ def best_places(
 ) -> Int64:
     """Return the place in `score` of the pair of each row (N,), such that scores plus `offset` sum up to the most.
 
-    That is in each step for itself. -1 for rows without a pair; one that would add 0 or less isn't made.
-
-    Args:
-        row_start: (S + 1,)
-        column_start: (S + 1,)
-        block_start: (S + 1,)
-        score: (B,)
-        floor: Score that a pair needs.
-        offset: How much any pair is worth.
+    That is in each step for itself. -1 for rows without a pair; one that would add 0 or less isn't made, nor one whose
+    score (B,) is below `floor`. Any pair is worth `offset` more. Offsets of steps are (S + 1,).
     """
     place = np.empty(row_start[-1], np.int64)
     for step in range(len(row_start) - 1):

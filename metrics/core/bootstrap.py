@@ -1,6 +1,6 @@
 """Confidence intervals by the percentile bootstrap."""
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
 from functools import cache, reduce
@@ -94,9 +94,8 @@ class Bootstrap:
 
     def __post_init__(self) -> None:
         if self.num < 1 or not 0 < self.share < 1:
-            raise ConfigError(
-                f"bootstrap: {self.num} resamples, {self.share:g}: expected 1 or more, and a share in 0-1"
-            )
+            own = f"{self.num} resamples, {self.share:g}"
+            raise ConfigError(f"bootstrap: {own}: expected 1 or more, and a share in 0-1")
 
     def times(self, num_units: int) -> Int64:
         """Return how often each unit (num, U) is in each resample; depends on the seed and the number of units only,
@@ -139,33 +138,27 @@ def intervals(
         for name, value in values(total).items():
             if value is not None and name in found:
                 found[name] += [value] * num
-    return {name: _interval(own, how) for name, own in found.items()}
-
-
-def _interval(values: Sequence[float], how: Bootstrap) -> Interval | str:
-    missing = how.num - len(values)
-    if missing > MOST_UNDEFINED * how.num:
-        return f"undefined in {missing} of {how.num} resamples"
-    rest = (1 - how.share) / 2
-    low, high = np.quantile(np.array(values), [rest, 1 - rest]).tolist()
-    return Interval(low, high)
+    result: dict[Key, Interval | str] = {}
+    for name, own in found.items():
+        missing, rest = how.num - len(own), (1 - how.share) / 2
+        if missing > MOST_UNDEFINED * how.num:
+            result[name] = f"undefined in {missing} of {how.num} resamples"
+        else:
+            result[name] = Interval(*np.quantile(np.array(own), [rest, 1 - rest]).tolist())
+    return result
 
 
 def with_intervals(
-    statistics: Mapping[str, S],
-    rows_of: Callable[[S], Sequence[Score]],
-    how: Bootstrap,
-    unit: str,
-    metrics: Iterable[str] | None = None,
-) -> list[Score]:
+    statistics: Mapping[str, S], rows_of: Callable[[S], Sequence[Score]], how: Bootstrap, unit: str,
+    metrics: Sequence[str] | None = None,
+) -> list[Score]:  # fmt: skip
     """Return the rows of all units added, with intervals: of these metrics, or of all.
 
     `rows_of` is called for every resample: a thousand times as long as it takes once.
     """
-    wanted = None if metrics is None else frozenset(metrics)
 
     def values(total: S) -> dict[tuple[str, str, str, str], float | None]:
-        return {row.key: row.value for row in rows_of(total) if wanted is None or row.metric in wanted}
+        return {row.key: row.value for row in rows_of(total) if metrics is None or row.metric in metrics}
 
     found = intervals(statistics, values, how, unit)
     made = f"{100 * how.share:g} % of {how.num} bootstrap resamples of {len(statistics)} {unit}"

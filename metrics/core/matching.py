@@ -48,13 +48,10 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
 
     Args:
         similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
-            match.
-        floor: Pairs match from this similarity on.
-        score: (M,) of the estimates.
-        late: (M,) estimates that choose after all others; none by default.
+        match. floor: Pairs match from this similarity on. score: (M,) of the estimates. late: (M,) estimates that
+        choose after all others; none by default.
 
-    Returns:
-        (M,) the truth box of each estimate, -1 where it has none.
+    Returns (M,) the truth box of each estimate, -1 where it has none.
     """
     from fbench.metrics.core.assignment_kernel import first_come  # numba takes a while to import
 
@@ -68,16 +65,9 @@ def match_greedy(similarity: Blocks, floor: float, score: Float64, late: Bool | 
 def match_best(similarity: Blocks, floor: float, late: Bool | None = None) -> Int64:
     """Pair as many as possible in each step; among these, use fewest late estimates; among these, the highest total.
 
-    Pairs below the floor are not only dropped, they can't displace a valid pair either.
-
-    Args:
-        similarity: Of N truth boxes and M estimates, higher is nearer (distances are negated); NaN and -inf never
-            match.
-        floor: Pairs match from this similarity on.
-        late: (M,) estimates to use only where no other will do; none by default.
-
-    Returns:
-        (M,) the truth box of each estimate, -1 where it has none.
+    Pairs below the floor are not only dropped, they can't displace a valid pair either. As `match_greedy`, but `late`
+    (M,) are estimates to use only where no other will do; returns (M,) the truth box of each estimate, -1 where it has
+    none.
     """
     from fbench.metrics.core.assignment_kernel import assign  # numba takes a while to import
 

@@ -27,11 +27,8 @@ def content_ranks(columns: Sequence[Array]) -> Int64:
 def life_ranks(box: Int64, track: Int64) -> Int64:
     """Return the rank (N,) of each box's track among all tracks, compared by their boxes from the first on.
 
-    The one that goes on comes before the one that ends.
-
-    Args:
-        box: (N,) `content_ranks` of the boxes, with time as the first column.
-        track: (N,) any number for each track; where all boxes of two are equal the lower one comes first.
+    The one that goes on comes before the one that ends. `box` (N,) are `content_ranks` of the boxes, with time as the
+    first column, `track` (N,) is any number for each track; where all boxes of two are equal the lower one comes first.
     """
     order = np.lexsort((box, track))
     names, first = np.unique(track[order], return_index=True)

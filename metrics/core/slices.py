@@ -123,6 +123,12 @@ def label_group(label: str) -> Group:
     return Group(label, (label,), agnostic=False)
 
 
+def find_labels(truth: Objects, estimates: Objects) -> set[str]:
+    """Return the labels of estimates and of truth that isn't ignored."""
+    asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
+    return {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
+
+
 S = TypeVar("S", bound=Statistics)
 
 

@@ -7,7 +7,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from fbench.metrics.core.slices import VEHICLE, Entry, Group, label_group
+from fbench.metrics.core.slices import VEHICLE, Entry, Group, find_labels, label_group
 from fbench.metrics.runs.columns import Labelled, View, objects_of
 from fbench.metrics.runs.places import find_seen, on_ground, once
 from fbench.replay.contracts.errors import MetricError
@@ -225,9 +225,7 @@ def measure_classes(
     """
     classes = [(view, VEHICLE) for view in spaces]
     if table.boxes.label is not None:
-        truth, estimates = spaces[0].sequence.truth, spaces[0].sequence.estimates
-        asked = truth.label if truth.ignore is None else truth.label[~truth.ignore]
-        met = {*np.unique(asked).tolist(), *np.unique(estimates.label).tolist()}
+        met = find_labels(spaces[0].sequence.truth, spaces[0].sequence.estimates)
         classes += [(spaces[0], label_group(label)) for label in LABELS if label in met]
     return tuple(
         Entry(view.heading(group.name), nothing if view.reason else measure(view.sequence, group, view.match))

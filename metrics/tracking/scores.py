@@ -9,8 +9,7 @@ from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.slices import Group, Heading, Part
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
-from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
-from fbench.metrics.tracking.clear_events import SWITCH
+from fbench.metrics.tracking.clear import SWITCH, ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
 from fbench.metrics.tracking.hota import HotaCounts, hota_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
 from fbench.metrics.tracking.survival import SurvivalCounts, survival_counts, survival_rows
@@ -138,63 +137,41 @@ def require_unique_ids(sequence: Sequence, where: str = "") -> None:
 
 
 def tracking_rows(n: TrackingCounts, head: Heading, unit: str) -> list[Score]:
-    """Return the rows of one class, MOTA first.
+    """Return the rows of one class, MOTA first, those of HOTA as means over its 19 thresholds.
 
-    Args:
-        n: What was counted.
-        head: What it is of.
-        unit: Of MOTP: `m` where boxes match by distance, else `iou`.
+    `unit` is that of MOTP: `m` where boxes match by distance, else `iou`.
     """
-    nothing = head.reason or (None if n.boxes.gt else "no truth boxes")
-    undefined = nothing
+    boxes, clear, i, h = n.boxes, n.clear, n.identity, n.hota
+    nothing = undefined = head.reason or (None if boxes.gt else "no truth boxes")
     if nothing is None and not n.num_truth_ids:
         undefined = "truth has no track ids"
     elif nothing is None and n.num_estimates and not n.num_estimate_ids:
         undefined = "tracks have no ids"
-    rows = [*_clear_rows(n, head, nothing, undefined, unit), *_identity_rows(n.identity, head, undefined)]
-    return [*rows, *_hota_rows(n.hota, head, undefined), *survival_rows(n.survival, head, undefined)]
-
-
-def _clear_rows(n: TrackingCounts, head: Heading, nothing: str | None, undefined: str | None, unit: str) -> list[Score]:
-    boxes, clear = n.boxes, n.clear
+    why, gt, found = undefined or "", 0 if undefined else boxes.gt, boxes.gt - boxes.fn - clear.switches
     counts = {**boxes.as_dict(), "gt": boxes.gt, "idsw": clear.switches, "frames": head.num_frames}
-    gt, why = (0 if undefined else boxes.gt), undefined or ""
-    found = boxes.gt - boxes.fn - clear.switches
     similarity = float(clear.similarity)
-    total = abs(similarity) if unit == "m" else similarity
-    with_sum = {**counts, "similarity_sum": similarity}
+    total, with_sum = abs(similarity) if unit == "m" else similarity, {**counts, "similarity_sum": similarity}
     lives = {"mt": clear.mostly_tracked, "pt": clear.partly_tracked, "ml": clear.mostly_lost}
+    of_lives = {**lives, "tracks": clear.num_tracks}
+
+    of_ids = {"idtp": i.tp, "idfp": i.fp, "idfn": i.fn}
+    bottoms = {"idf1": i.tp + i.fp / 2 + i.fn / 2, "idp": i.tp + i.fp, "idr": i.tp + i.fn}
+
+    of_hota = {"gt": h.tp[0] + h.fn[0], "estimates": h.tp[0] + h.fp[0], "tp_sum": sum(h.tp)}
+    det = [float(t / (t + fn + fp)) if t + fn + fp else 0.0 for t, fn, fp in zip(h.tp, h.fn, h.fp, strict=True)]
+    ass = [float(a / t) if t else 0.0 for a, t in zip(h.ass_a, h.tp, strict=True)]
+    loc = [float(s / t) for s, t in zip(h.similarity, h.tp, strict=True) if t]
+    means = {"hota": [(d * a) ** 0.5 for d, a in zip(det, ass, strict=True)], "deta": det, "assa": ass}
+    loca, no_loca = (sum(loc) / len(loc), undefined or "") if loc else (None, undefined or "no matches")
     return [
         head.ratio("mota", found - boxes.fp, gt, why, counts),
         head.ratio("mota_no_fp", found, gt, why, counts),
         head.ratio("motp", total, boxes.tp, nothing or "no matches", with_sum, unit),
         head.score("idsw", float(clear.switches), undefined, counts),
         head.score("frag", float(clear.fragmentations), undefined, {"frag": clear.fragmentations}),
-        *(
-            head.score(name, float(num), undefined, {**lives, "tracks": clear.num_tracks})
-            for name, num in lives.items()
-        ),
-    ]
-
-
-def _identity_rows(n: IdentityCounts, head: Heading, undefined: str | None) -> list[Score]:
-    counts = {"idtp": n.tp, "idfp": n.fp, "idfn": n.fn}
-    bottoms = {"idf1": n.tp + n.fp / 2 + n.fn / 2, "idp": n.tp + n.fp, "idr": n.tp + n.fn}
-    return [
-        head.ratio(name, n.tp, 0 if undefined else bottom, undefined or "no tracks", counts)
-        for name, bottom in bottoms.items()
-    ]
-
-
-def _hota_rows(n: HotaCounts, head: Heading, undefined: str | None) -> list[Score]:
-    """Means over the 19 thresholds."""
-    counts = {"gt": n.tp[0] + n.fn[0], "estimates": n.tp[0] + n.fp[0], "tp_sum": sum(n.tp)}
-    det = [float(t / (t + fn + fp)) if t + fn + fp else 0.0 for t, fn, fp in zip(n.tp, n.fn, n.fp, strict=True)]
-    ass = [float(a / t) if t else 0.0 for a, t in zip(n.ass_a, n.tp, strict=True)]
-    loc = [float(s / t) for s, t in zip(n.similarity, n.tp, strict=True) if t]
-    hota = [(d * a) ** 0.5 for d, a in zip(det, ass, strict=True)]
-    means = {"hota": hota, "deta": det, "assa": ass}
-    return [
-        *(head.score(name, sum(values) / len(values), undefined, counts) for name, values in means.items()),
-        head.score("loca", sum(loc) / len(loc) if loc else None, undefined or ("" if loc else "no matches"), counts),
+        *(head.score(name, float(num), undefined, of_lives) for name, num in lives.items()),
+        *(head.ratio(m, i.tp, 0 if undefined else own, undefined or "no tracks", of_ids) for m, own in bottoms.items()),
+        *(head.score(name, sum(own) / len(own), undefined, of_hota) for name, own in means.items()),
+        head.score("loca", loca, no_loca, of_hota),
+        *survival_rows(n.survival, head, undefined),
     ]

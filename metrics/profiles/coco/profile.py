@@ -7,8 +7,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from fbench.metrics.profiles.coco.measure import measure
-from fbench.metrics.profiles.coco.statistics import ClassStatistics, CocoRules, CocoStatistics, Outcome
+from fbench.metrics.profiles.coco.measure import ClassStatistics, CocoRules, CocoStatistics, Outcome, measure
 from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Array, Int64

@@ -26,14 +26,10 @@ class ClassCounts(Counts):
 
 
 @dataclass(frozen=True)
-class TrackingCounts:
+class TrackingCounts(Counts):
     """Statistics of all classes."""
 
     classes: Mapping[str, ClassCounts]  # By name, in the profile's order
-
-    def __add__(self, other: "TrackingCounts") -> "TrackingCounts":
-        names, none = dict.fromkeys((*self.classes, *other.classes)), ClassCounts()
-        return TrackingCounts({n: self.classes.get(n, none) + other.classes.get(n, none) for n in names})
 
     @property
     def together(self) -> ClassCounts:
