@@ -10,12 +10,11 @@ from fbench.metrics.reference_runs.rows import Rows, join_sides, objects_of
 from fbench.metrics.runs.columns import Labelled
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.contracts.profiles import Family
-from fbench.replay.contracts.sensor_settings import choose_sensors
 from fbench.replay.data.arrays import Float64
 from fbench.replay.data.boxes import Boxes, Boxes2D, Boxes3D, finite
 from fbench.replay.data.metadata import CAMERA0
 from fbench.replay.data.sequences import Objects, Sequence, Space
-from fbench.replay.formats.sequence import ImageRows, body_T_level
+from fbench.replay.formats.sequence import body_T_level
 from fbench.replay.geometry.camera import not_projectable, project_boxes
 from fbench.replay.geometry.transforms import inverse, transform
 from fbench.replay.runs.folder import Run
@@ -51,9 +50,13 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     if wanted not in spaces:
         what = "truth in 3D" if spaces else "truth"
         raise MetricError(f"{run.folder}: no {what}, so there is nothing to score", "GT001")
-    labeled = Labelled.of(run, wanted)
-    cameras = _cameras(run, boxes, is_recorded)
-    bent = _bent(run, cameras) if isinstance(boxes, Boxes3D) or not is_recorded else ""
+    labeled, known = Labelled.of(run, wanted), run.manifest.rig.cameras
+    # KITTI's own camera, where the log is KITTI's.
+    kept = _KITTI_CAMERA if run.manifest.log.metadata.get(CAMERA0) is not None else ""
+    cameras, bent = labeled.cameras(boxes, kept), ""
+    if isinstance(boxes, Boxes3D) or not is_recorded:  # cameras whose lens isn't modeled, or that the rig doesn't know
+        unknown = (name for name in cameras if name not in known or not_projectable(known[name]) is not None)
+        bent = next(unknown, "")
     if space == "2d":
         if not cameras:
             raise MetricError(f"{run.folder}: no camera, in whose image boxes could be scored")
@@ -64,29 +67,6 @@ def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     return View(labeled, space, cameras, is_recorded)
 
 
-def _cameras(run: Run, boxes: Boxes, is_recorded: bool) -> tuple[str, ...]:
-    """KITTI's own camera, else those of the truth in images, else all; of results in images those that the pipeline
-    got.
-    """
-    rig, owners = run.manifest.rig, set(run.manifest.rig.cameras)
-    if is_recorded:
-        truth = run.truth_table("2d").boxes
-        own = set(np.unique(truth.camera).tolist()) if isinstance(truth, Boxes2D) else set()
-        owners = own or owners
-    if run.manifest.log.metadata.get(CAMERA0) is not None and _KITTI_CAMERA in owners:
-        return (_KITTI_CAMERA,)
-    if isinstance(boxes, Boxes2D):
-        names = rig.sensors("camera", "lidar", "radar")
-        owners -= set(names) - set(choose_sensors(names, run.manifest.frames.sensors))
-    return tuple(sorted(owners))
-
-
-def _bent(run: Run, cameras: tuple[str, ...]) -> str:
-    """The first camera whose lens isn't modeled, or that the rig doesn't know."""
-    known = run.manifest.rig.cameras
-    return next((name for name in cameras if name not in known or not_projectable(known[name]) is not None), "")
-
-
 def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> Sequence:
     """Return truth and results of a run by the names of a benchmark; solids are in body coordinates.
 
@@ -95,13 +75,20 @@ def image_sequence(run: Run, table: BoxTable, family: Family, space: Space) -> S
     rectangle. Raises MetricError where the run has no such truth (GT001), or no image.
     """
     view = view_of(run, table.boxes, space)
+    frame, boxes, nothing = *view.labeled.rows(table), np.zeros(0, np.int64)
+
+    def results(camera: str) -> Rows:
+        if isinstance(boxes, Boxes2D):
+            return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
+        return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
+
     truth = _objects(view, family, lambda camera: _truth(view, camera))
     bad = find_unreal(truth)
     return Sequence(
         run.manifest.log.name,
         view.labeled.steps(view.cameras if len(view.cameras) > 1 else ()),
         truth[~bad],
-        _objects(view, family, lambda camera: _results(view, camera, table)),
+        _objects(view, family, results),
         view.labeled.num_unlabeled,
         int(bad.sum()),
     )
@@ -114,11 +101,10 @@ def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Obje
     alpha = np.concatenate([_alphas(view, camera, part) for camera, part in zip(cameras, parts, strict=True)])
     step = np.concatenate([part.frame * len(cameras) + i for i, part in enumerate(parts)])
     order = np.argsort(step, kind="stable")
-    first = parts[0].found
     xyxy, flat_rows, solid_rows = (
         np.concatenate([getattr(part.found, name) for part in parts]) for name in ("xyxy_px", "flat_rows", "solid_rows")
     )
-    found = ImageRows(xyxy, first.flat, flat_rows, first.solid, solid_rows)
+    found = replace(parts[0].found, xyxy_px=xyxy, flat_rows=flat_rows, solid_rows=solid_rows)
     rows = Rows(np.concatenate([part.frame for part in parts]), found)
     return objects_of(rows[order], family, step[order], alpha[order])
 
@@ -132,14 +118,6 @@ def _truth(view: View, camera: str) -> Rows:
     if view.space == "2d":
         return rows[rows.found.flat_rows >= 0] if view.is_recorded else rows
     return rows[(rows.found.solid_rows >= 0) | rows.ignored] if view.space == "3d" else rows
-
-
-def _results(view: View, camera: str, table: BoxTable) -> Rows:
-    frame, boxes = view.labeled.rows(table)
-    nothing = np.zeros(0, np.int64)
-    if isinstance(boxes, Boxes2D):
-        return join_sides(frame, boxes, np.flatnonzero(boxes.camera == camera), nothing, Boxes3D.empty())
-    return join_sides(nothing, Boxes2D.empty(), nothing, frame, boxes)
 
 
 def _place(view: View, camera: str, rows: Rows) -> Rows:

@@ -51,21 +51,13 @@ def find_seen(labeled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOpt
     images shows and doesn't ignore; where no image has truth, that of which at least `SHOWN_FROM` is visible. A box
     counts as seen unless every kind of sensor that the rig has tells that it doesn't see it.
 
-    Args:
-        labeled: The run's frames with 3D truth.
-        frame: (N,) which of these frames each box belongs to.
-        truth: The boxes.
-        options: How many points it takes.
-
-    Raises:
-        ConfigError: where only what is seen is to be scored, and truth doesn't tell.
+    `frame` (N,) is which of the run's frames with 3D truth each box belongs to. Raises ConfigError where only what is
+    seen is to be scored, and truth doesn't tell.
     """
-    num = max(options.seen, 1)
-    answers = {
-        "camera": _in_images(labeled, frame, truth),
-        "lidar": _by_points(truth.num_lidar_pts, len(truth), num),
-        "radar": _by_points(truth.num_radar_pts, len(truth), num),
-    }
+    answers = {"camera": _in_images(labeled, frame, truth)}
+    for kind, points in (("lidar", truth.num_lidar_pts), ("radar", truth.num_radar_pts)):
+        known = np.full(len(truth), -1) if points is None else points
+        answers[kind] = _answers(known >= max(options.seen, 1), known >= 0)
     found, is_told = np.full(len(truth), _UNTOLD, np.int8), True
     for rig, rows in labeled.rigs(frame):
         kinds = {mount.kind for mount in rig.mounts.values()}
@@ -85,11 +77,6 @@ def find_seen(labeled: Labelled, frame: Int64, truth: Boxes3D, options: ScoreOpt
 def _answers(seen: Bool, unseen: Bool) -> Array:
     """What a kind of sensor tells of each box (N,)."""
     return np.select([seen, unseen], [_SEEN, _UNSEEN], _UNTOLD).astype(np.int8)
-
-
-def _by_points(points: Int64 | None, num_boxes: int, at_least: int) -> Array:
-    known = np.full(num_boxes, -1) if points is None else points
-    return _answers(known >= at_least, known >= 0)
 
 
 def _in_images(labeled: Labelled, frame: Int64, truth: Boxes3D) -> Array:
