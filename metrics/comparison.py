@@ -51,18 +51,11 @@ class Comparison:
 
 
 def compare(base: Sequence[Score], head: Sequence[Score], tolerance: float) -> Comparison:
-    """Compare the scores of two runs.
+    """Compare the scores of two runs: `base`, what is compared with, primary rows first, and `head`, what is judged.
 
-    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching.
-
-    Args:
-        base: What is compared with, primary rows first.
-        head: What is judged.
-        tolerance: Change up to which a number counts as the same, in the number's unit.
-
-    Raises:
-        ConfigError: where the tolerance isn't a number from 0 on.
-        MetricError: where the two have no primary row in common, so that nothing can be said.
+    Primary are F1 and MOTA (higher is better) of the base's first row: its class, slice and matching. Up to a change of
+    `tolerance`, in the number's unit, a number counts as the same. Raises ConfigError where that isn't a number from 0
+    on. Raises MetricError where the two have no primary row in common, so that nothing can be said.
     """
     if not tolerance >= 0:
         raise ConfigError(f"tolerance {tolerance}: expected a number from 0 on")

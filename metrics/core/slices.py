@@ -146,9 +146,8 @@ class Heading:
         self, metric: str, value: float | None, reason: str | None, counts: Mapping[str, int | float], unit: str = "1"
     ) -> Score:
         """Return one row; null with the reason where there is one."""
-        return Score(
-            metric, self.class_, self.slice, self.matching, None if reason else value, reason or None, unit, counts
-        )
+        own = (self.class_, self.slice, self.matching)
+        return Score(metric, *own, None if reason else value, reason or None, unit, counts)
 
     def ratio(
         self, metric: str, top: float, bottom: float, why: str, counts: Mapping[str, int | float], unit: str = "1"
