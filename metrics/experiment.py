@@ -112,9 +112,8 @@ def condition_table(runs: Sequence[ScoredRun], conditions: Sequence[str]) -> Res
 def latency_table(timings: Mapping[str, Sequence[Mapping[str, Sequence[int]]]]) -> ResultTable:
     """Return the median wall time of each stage, a line for each stage and a column for each configuration.
 
-    Args:
-        timings: For each configuration, of each of its runs the times [ns] by stage, in the order of frames. The first
-            of each stage in each run, which also compiles and loads, doesn't count.
+    `timings` are, for each configuration, of each of its runs the times [ns] by stage, in the order of frames. The
+    first of each stage in each run, which also compiles and loads, doesn't count.
     """
     times = {
         name: {stage: [ns for own in runs for ns in own.get(stage, ())[1:]] for run in runs for stage in run}

@@ -26,13 +26,10 @@ def weighted_sums(units: Sequence[Summed], total: Summed, times: Int64) -> Itera
     intervals don't need them exactly.
     """
     try:
-        form, numbers = _split(total)
-        parts = [_split(unit) for unit in units]
+        (form, numbers), *parts = map(_split, (total, *units))
     except _NotAddedError:
         return None
-    if any(own != form for own, _ in parts):
-        return None
-    if [sum(column) for column in zip(*(row for _, row in parts), strict=True)] != numbers:
+    if any(own != form for own, _ in parts) or numbers != list(map(sum, zip(*(row for _, row in parts), strict=True))):
         return None
     sums = np.zeros((len(times), len(numbers)))
     for unit, (_, row) in enumerate(parts):  # not a product of matrices: BLAS may round in another order
@@ -121,11 +118,8 @@ def intervals(
     Units are drawn with replacement, as many as there are, and their statistics added, so that ratios are taken of
     sums, as in the number itself. The order in which units come doesn't matter.
 
-    Args:
-        statistics: Of each unit, by name: logs, sequences, segments.
-        values: Numbers of a sum, by key; `None` where undefined.
-        how: Seed and number of resamples.
-        unit: What is drawn, for reasons.
+    `statistics` are those of each unit by name: logs, sequences, segments, which `unit` says in reasons. `values` are
+    the numbers of a sum by key; `None` where undefined.
     """
     names = values(reduce(add, statistics.values())) if statistics else {}
     units = [statistics[name] for name in sorted(statistics)]

@@ -78,9 +78,8 @@ def by_source(sequence: Sequence) -> Iterator[Part]:
 
 def ground_range(objects: Objects) -> Float64 | None:
     """Distance (N,) from the body in the ground plane [m], else as the source reports it."""
-    if objects.center_m is None:
-        return objects.distance_m
-    return np.asarray(np.hypot(objects.center_m[:, 0], objects.center_m[:, 1]))
+    c = objects.center_m
+    return objects.distance_m if c is None else np.asarray(np.hypot(c[:, 0], c[:, 1]))
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,7 @@ class Group:
         always = self.holds(truth)
         if truth.ignore is not None:
             always |= truth.ignore & np.isin(truth.label, ["", "other"])
-        excused: Bool = always[pairs[0]] | (estimates.label == "")[pairs[1]]
-        return excused
+        return np.asarray(always[pairs[0]] | (estimates.label == "")[pairs[1]])
 
 
 VEHICLE = Group("vehicle", VEHICLES, agnostic=True)

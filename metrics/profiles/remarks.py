@@ -62,14 +62,25 @@ class Remarks:
         truth, results = (self.truth, "truth boxes", self.tally.truth), (self.what, "results", self.tally.results)
         for where, what, side in (truth, results):
             if side.num and not side.num_ids:
-                raise MetricError(
-                    f"{where}: none of the {side.num} {what} has a track id; {self.profile.name} needs them"
-                )
+                none = f"none of the {side.num} {what} has a track id"
+                raise MetricError(f"{where}: {none}; {self.profile.name} needs them")
 
     def lines(self) -> list[str]:
         """Return what there is to say, a line a matter."""
-        found = [*_about_classes(self.tally, self.profile), *_about_ids(self.tally, self.profile)]
-        return [f"{self.what}: {line}" for line in [*found, *_about_ties(self.tally)]]
+        tally, found = self.tally, list(_about_classes(self.tally, self.profile))
+        what = "count as tracks of their own" if self.profile.name == _OWN else "are left out"
+        for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
+            if self.profile.facts.judges_tracks and 0 < side.num_ids < side.num:
+                found.append(f"{side.num - side.num_ids} of {side.num} {name} have no id and {what}")
+        num = 0
+        for parts in tally.scores.values():
+            scores = np.concatenate(parts)
+            times = np.unique(scores[np.isfinite(scores)], return_counts=True)[1]
+            num += int(times[times > 1].sum())
+        if num:
+            ranks = "tools rank them as the file does, here content decides"
+            found.append(f"{num} results share their score with another of their class: {ranks}")
+        return [f"{self.what}: {line}" for line in found]
 
 
 def tally_of(sequence: Sequence, profile: AnyProfile) -> Tally:
@@ -109,26 +120,6 @@ def _about_classes(tally: Tally, profile: AnyProfile) -> Iterator[str]:
         shown = ", ".join(f"{name or 'without a class'} ({strange[name]})" for name in names[:_NAMED])
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         yield f"{num} {'result is' if num == 1 else 'results are'} of classes that {which}: {shown}{more}"
-
-
-def _about_ids(tally: Tally, profile: AnyProfile) -> Iterator[str]:
-    if not profile.facts.judges_tracks:
-        return
-    what = "count as tracks of their own" if profile.name == _OWN else "are left out"
-    for name, side in (("results", tally.results), ("truth boxes", tally.truth)):
-        if 0 < side.num_ids < side.num:
-            yield f"{side.num - side.num_ids} of {side.num} {name} have no id and {what}"
-
-
-def _about_ties(tally: Tally) -> Iterator[str]:
-    num = 0
-    for parts in tally.scores.values():
-        scores = np.concatenate(parts)
-        times = np.unique(scores[np.isfinite(scores)], return_counts=True)[1]
-        num += int(times[times > 1].sum())
-    if num:
-        ranks = "tools rank them as the file does, here content decides"
-        yield f"{num} results share their score with another of their class: {ranks}"
 
 
 @dataclass(frozen=True)

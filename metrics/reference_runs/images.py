@@ -34,11 +34,6 @@ class View:
     image."""
     is_recorded: bool  # Whether truth has rectangles of its own
 
-    @property
-    def run(self) -> Run:
-        """The run."""
-        return self.labeled.run
-
 
 def view_of(run: Run, boxes: Boxes, space: Space) -> View:
     """Return how results are scored against the truth of their run. Raises MetricError where there is no such truth
@@ -110,8 +105,8 @@ def _objects(view: View, family: Family, rows_in: Callable[[str], Rows]) -> Obje
 
 
 def _truth(view: View, camera: str) -> Rows:
-    frame2d, flat = view.labeled.rows(view.run.truth_table("2d"))
-    frame3d, solid = view.labeled.rows(view.run.truth_table("3d"))
+    frame2d, flat = view.labeled.rows(view.labeled.run.truth_table("2d"))
+    frame3d, solid = view.labeled.rows(view.labeled.run.truth_table("3d"))
     flat = flat if isinstance(flat, Boxes2D) else Boxes2D.empty()
     solid = solid if isinstance(solid, Boxes3D) else Boxes3D.empty()
     rows = join_sides(frame2d, flat, np.flatnonzero(flat.camera == camera), frame3d, solid)
@@ -140,7 +135,10 @@ def _alphas(view: View, camera: str, rows: Rows) -> Float64:
     """Angles (N,) at which the camera sees the solids, as KITTI has them; NaN where there is none."""
     angles = np.full(len(rows), np.nan)
     has = np.flatnonzero(rows.found.solid_rows >= 0)
-    solid, owner = rows.found.solid[rows.found.solid_rows[has]], view.run.manifest.log.metadata.get(CAMERA0, camera)
+    solid, owner = (
+        rows.found.solid[rows.found.solid_rows[has]],
+        view.labeled.run.manifest.log.metadata.get(CAMERA0, camera),
+    )
     for rig, own in view.labeled.rigs(rows.frame[has]):
         body_T = body_T_level(owner, rig) if owner else None
         center, yaw = solid[own].center_m, solid[own].yaw_rad

@@ -36,9 +36,8 @@ def world_sequence(run: Run, table: BoxTable, family: Family, needs_world: bool)
     found = run.poses[[row_of[frame.index] for frame in labeled.frames]]
     has_poses = bool(np.isfinite(found).all())
     if needs_world and not has_poses:
-        raise MetricError(
-            f"{run.folder}: its log doesn't tell where the body was, without which tracks can't be scored in the world"
-        )
+        why = "its log doesn't tell where the body was, without which tracks can't be scored in the world"
+        raise MetricError(f"{run.folder}: {why}")
     poses = pose_matrices(found[:, :3], found[:, 3:]) if has_poses else np.tile(np.eye(4), (len(found), 1, 1))
     truth = in_world(*labeled.rows(run.truth_table("3d")), poses, family, is_truth=True)
     bad = find_unreal(truth)

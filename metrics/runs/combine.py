@@ -135,10 +135,7 @@ def combine_runs(runs: Iterable[RunStatistics], how: Bootstrap | None = None) ->
     """Return the rows of all runs added, then those of each log, scenario, condition and other word by which they
     differ, as slices such as `condition fog`.
 
-    Args:
-        runs: Of one pipeline, in any order.
-        how: Resamples of runs for confidence intervals of all runs together; none by default.
-
+    Runs are of one pipeline, in any order; with resamples of them, `how`, all together have confidence intervals.
     Raises MetricError where there is no run, runs are of several pipelines, or one is there twice; ConfigError where
     runs count different boxes in the pipeline's own space.
     """
@@ -192,9 +189,7 @@ def _parts(runs: Sequence[RunStatistics]) -> Iterator[tuple[str, list[RunStatist
 
 
 def describe_gaps(runs: Sequence[RunStatistics]) -> list[str]:
-    """Say which rows only some of the runs have that are scored together, as those in images where a rig has no
-    cameras.
-    """
+    """Say which rows only some of the runs scored together have, as those in images where a rig has no cameras."""
     logs: dict[str, list[str]] = {}
     for run in runs:
         for matching in _matchings(run):
@@ -208,10 +203,9 @@ def describe_gaps(runs: Sequence[RunStatistics]) -> list[str]:
 
 def resample(tables: Mapping[str, RunTable], how: Bootstrap, unit: str, metrics: Sequence[str]) -> list[Score]:
     """Return the rows of all tables added, those of these metrics about all boxes of a class with intervals."""
-    # Curves would take long to resample.
-    no_curve = DetectionCounts().ranking
+    no_curve = DetectionCounts().ranking  # Curves would take long to resample.
     bare = {
-        name: [Entry(entry.heading, replace(entry.counts, ranking=no_curve)) for entry in table.detection]
+        name: [replace(entry, counts=replace(entry.counts, ranking=no_curve)) for entry in table.detection]
         for name, table in tables.items()
     }
     tracks = {name: table.tracking for name, table in tables.items()}
@@ -230,10 +224,8 @@ def _resample_entries(
     for total in add_entries(tables[name] for name in sorted(tables)):
         if total.heading.slice != "all" or total.heading.reason is not None:
             continue
-        units = {
-            name: next((entry.counts for entry in table if entry.key == total.key), nothing)
-            for name, table in tables.items()
-        }
+        own = {name: {entry.key: entry.counts for entry in table} for name, table in tables.items()}
+        units = {name: counts.get(total.key, nothing) for name, counts in own.items()}
 
         def rows(counts: S, total: Entry[S] = total) -> list[Score]:
             return rows_of(Entry(total.heading, counts))

@@ -132,7 +132,7 @@ def on_ground(run: Run, kinds: Sequence[str], frame: Int64, center_m: Float64) -
         if kind not in known:
             raise ConfigError(f"log '{run.manifest.log.name}' has no region '{kind}'{did_you_mean(kind, known)}")
     if not has_poses(run):
-        raise ConfigError(f"log '{run.manifest.log.name}' doesn't tell where the body was, so that its regions can't "
-                          "be used; score without --region")  # fmt: skip
+        why = "doesn't tell where the body was, so that its regions can't be used; score without --region"
+        raise ConfigError(f"log '{run.manifest.log.name}' {why}")
     chosen = [region for region in regions if region.kind in kinds]
     return np.asarray(inside(chosen, ground_points(run, frame, center_m)), bool)

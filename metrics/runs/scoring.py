@@ -103,13 +103,9 @@ def _say(row: Score, why: str, metrics: Sequence[str]) -> Score:
 def own_rows(runs: Sequence[Run], match: Match | None, how: Bootstrap | None) -> tuple[list[Score], list[str]]:
     """Return the rows that runs have in their own `scores.json`, or together, and what there is to say of them.
 
-    Args:
-        runs: Of one pipeline, with truth.
-        match: Instead of how fbench matches; the region of interest stays.
-        how: Resamples for confidence intervals; none by default.
-
-    Raises MetricError where the match needs 3D boxes and the results are in images, or an id is twice in a frame
-    (GT003); ConfigError where runs count different boxes.
+    Runs are of one pipeline, with truth; a `match` stands instead of how fbench matches, the region of interest stays;
+    with resamples, `how`, there are confidence intervals. Raises MetricError where the match needs 3D boxes and the
+    results are in images, or an id is twice in a frame (GT003); ConfigError where runs count different boxes.
     """
     options = ScoreOptions()
     measured = [combine.measure_run(run, options, match) for run in runs]

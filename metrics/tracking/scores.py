@@ -66,9 +66,7 @@ def follow_tracks(sequence: Sequence, group: Group, match: Match, part: Part | N
 
 
 def _clear_rules(match: Match) -> ClearRules:
-    """A pair of the previous step stays while it is inside the threshold; the rest is matched for most pairs, then best
-    total.
-    """
+    """A pair of the previous step stays while inside the threshold; the rest: most pairs, then best total."""
     offset = match.threshold if match.is_distance else 0.0
     return ClearRules(floor=match.floor, margin=0.0, offset=offset, settle_first=True, most_pairs=True)
 

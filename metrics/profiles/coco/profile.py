@@ -1,6 +1,5 @@
 """The profile `coco`."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import fsum
 from typing import ClassVar, Self
@@ -12,16 +11,13 @@ from fbench.replay.contracts.errors import ConfigError
 from fbench.replay.contracts.profiles import Facts, Headlines, Match
 from fbench.replay.data.arrays import Array, Int64
 from fbench.replay.data.scores import Score
-from fbench.replay.data.sequences import Sequence as Sequence_of_sequence
+from fbench.replay.data.sequences import Sequence
 
 
 def average_precision(outcome: Array, num_truth: int, num_recalls: int) -> float:
-    """Mean of the best precision at or beyond each of `num_recalls` recalls from 0 to 1, 0 where none is reached.
-
-    Args:
-        outcome: (M,) `Outcome` of estimates, the best score first.
-        num_truth: Boxes to be found, at least 1.
-        num_recalls: 101 in COCO.
+    """Mean of the best precision at or beyond each of `num_recalls` recalls from 0 to 1, 101 in COCO; 0 where none is
+    reached. `outcome` (M,) are `Outcome`s of estimates, the best score first; `num_truth`, boxes to be found, is above
+    0.
     """
     hits, counted = np.cumsum(outcome == Outcome.HIT), np.cumsum(outcome != Outcome.IGNORED)
     precision = np.append(hits / np.maximum(counted, 1), 0.0)
@@ -57,42 +53,6 @@ def kinds(rules: CocoRules) -> list[Kind]:
         *(Kind(f"ar{num}", 0, every, num, True) for num in rules.max_estimates),
         *(Kind(f"ar{area.name}", i, every, most, True) for i, area in areas[1:]),
     ]
-
-
-def rows(statistics: CocoStatistics, rules: CocoRules, classes: Sequence[str], part: str) -> list[Score]:
-    """Return rows of the mean over the classes that have truth, then the average precision of each class.
-
-    Counts of the mean are summed. `classes` are those shown, in their order; empty: those that truth has, sorted.
-    """
-    found, wanted = statistics.classes, kinds(rules)
-    shown = [name for name in classes or sorted(found) if name in found]
-    shown = [name for name in shown if classes or found[name].num_truth[0] or found[name].num_crowds]
-    ranked = {name: found[name].rank() for name in shown}
-    cells = {(name, kind): _cell(kind, rules, found[name], *ranked[name]) for kind in wanted for name in shown}
-
-    def row(kind: Kind, class_: str, value: float | None, counts: dict[str, int]) -> Score:
-        chosen, area = [rules.thresholds[i] for i in kind.thresholds], rules.areas[kind.area]
-        iou = f"{chosen[0]:g}" if len(chosen) == 1 else f"{chosen[0]:g}:{chosen[-1]:g}"
-        sizes = f", area {area.low_px2:g} to {area.high_px2:g} px2" if kind.area else ""
-        reason = "no truth boxes (pycocotools prints -1)" if value is None else None
-        matching = f"iou2d {iou}, {kind.max_estimates} an image{sizes}"
-        return Score(kind.name, class_, part, matching, value, reason, "1", counts)
-
-    result = []
-    for kind in wanted:
-        values = [value for name in shown if (value := cells[name, kind][0]) is not None]
-        sums = (sum(cells[name, kind][1][count] for name in shown) for count in _COUNTS)
-        counts = {
-            **dict(zip(_COUNTS, sums, strict=True)), "classes": len(values), "images": statistics.num_images,
-            "invalid_truth": statistics.num_invalid_truth, "invalid_estimates": statistics.num_invalid_estimates,
-        }  # fmt: skip
-        result.append(row(kind, "all", fsum(values) / len(values) if values else None, counts))
-    for name in shown:
-        for kind in wanted:
-            if kind.area == 0 and not kind.is_recall:
-                value, own = cells[name, kind]
-                result.append(row(kind, name, value, {**own, "images": statistics.num_images}))
-    return result
 
 
 _COUNTS = ("truth", "crowds", "estimates", "tp", "fp")
@@ -153,7 +113,7 @@ class CocoProfile:
             raise ConfigError(f"profile coco: can't match by {match.likeness}, use iou2d")
         return replace(self, rules=replace(self.rules, thresholds=(match.threshold,)))
 
-    def measure(self, sequence: Sequence_of_sequence) -> CocoStatistics:
+    def measure(self, sequence: Sequence) -> CocoStatistics:
         """Return outcomes of the estimates of one sequence.
 
         Estimates that aren't finite or have a negative size are false alarms, such truth is left out and counted.
@@ -162,5 +122,37 @@ class CocoProfile:
         return measure(sequence, self.rules, self.classes)
 
     def scores(self, statistics: CocoStatistics, part: str) -> list[Score]:
-        """Return COCO's twelve numbers, then average precisions of each class."""
-        return rows(statistics, self.rules, self.classes, part)
+        """Return COCO's twelve numbers over the classes that have truth, then average precisions of each class.
+
+        Counts of the means are summed. Classes are shown in the profile's order, else those that truth has, sorted.
+        """
+        rules, classes = self.rules, self.classes
+        found, wanted = statistics.classes, kinds(rules)
+        shown = [name for name in classes or sorted(found) if name in found]
+        shown = [name for name in shown if classes or found[name].num_truth[0] or found[name].num_crowds]
+        ranked = {name: found[name].rank() for name in shown}
+        cells = {(name, kind): _cell(kind, rules, found[name], *ranked[name]) for kind in wanted for name in shown}
+
+        def row(kind: Kind, class_: str, value: float | None, counts: dict[str, int]) -> Score:
+            chosen, area = [rules.thresholds[i] for i in kind.thresholds], rules.areas[kind.area]
+            iou = f"{chosen[0]:g}" if len(chosen) == 1 else f"{chosen[0]:g}:{chosen[-1]:g}"
+            sizes = f", area {area.low_px2:g} to {area.high_px2:g} px2" if kind.area else ""
+            reason = "no truth boxes (pycocotools prints -1)" if value is None else None
+            matching = f"iou2d {iou}, {kind.max_estimates} an image{sizes}"
+            return Score(kind.name, class_, part, matching, value, reason, "1", counts)
+
+        result = []
+        for kind in wanted:
+            values = [value for name in shown if (value := cells[name, kind][0]) is not None]
+            sums = (sum(cells[name, kind][1][count] for name in shown) for count in _COUNTS)
+            counts = {
+                **dict(zip(_COUNTS, sums, strict=True)), "classes": len(values), "images": statistics.num_images,
+                "invalid_truth": statistics.num_invalid_truth, "invalid_estimates": statistics.num_invalid_estimates,
+            }  # fmt: skip
+            result.append(row(kind, "all", fsum(values) / len(values) if values else None, counts))
+        for name in shown:
+            for kind in wanted:
+                if kind.area == 0 and not kind.is_recall:
+                    value, own = cells[name, kind]
+                    result.append(row(kind, name, value, {**own, "images": statistics.num_images}))
+        return result

@@ -86,7 +86,11 @@ def object_table(
     Results of any class that are low have a part too: the devkit looks at the height first and excuses them. It
     compares orientation, and excuses results in "don't care" regions, in the image only.
     """
-    missing, is_flat, num_steps = _missing(sequence, likeness), likeness == "iou2d", len(sequence.steps)
+    missing, is_flat, num_steps = "", likeness == "iou2d", len(sequence.steps)
+    for side, objects in (("results", sequence.estimates), ("truth", sequence.truth)):
+        boxes = objects.xyxy_px if is_flat else objects.center_m
+        if len(objects) and (boxes is None or np.isnan(boxes).all()):
+            missing = f"{side} of {sequence.name}: no {'boxes in images' if is_flat else '3D boxes'}"
     low = np.abs(_heights(sequence.estimates)) < max(one.min_height_px for one in difficulties)
     truth = sequence.truth[np.isin(sequence.truth.label, kind.labels) & (not missing)]
     results = sequence.estimates[((sequence.estimates.label == kind.label) | low) & (not missing)]
@@ -129,15 +133,6 @@ def observation_angles(objects: Objects) -> Float64:
         return np.full(len(objects), np.nan)
     bearing: Float64 = np.arctan2(objects.center_m[:, 1], objects.center_m[:, 0])
     return bearing - objects.yaw_rad - np.pi / 2
-
-
-def _missing(sequence: Sequence, likeness: Likeness) -> str:
-    """Which side has boxes and none of the kind that is compared."""
-    for side, objects in (("truth", sequence.truth), ("results", sequence.estimates)):
-        boxes = objects.xyxy_px if likeness == "iou2d" else objects.center_m
-        if len(objects) and (boxes is None or np.isnan(boxes).all()):
-            return f"{side} of {sequence.name}: no {'boxes in images' if likeness == 'iou2d' else '3D boxes'}"
-    return ""
 
 
 NUM_RECALLS = 40

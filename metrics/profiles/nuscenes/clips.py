@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -71,8 +71,17 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
     return points[np.lexsort((points.track, points.xy[:, 1], points.xy[:, 0], points.step))]
 
 
-if TYPE_CHECKING:
-    from fbench.metrics.profiles.nuscenes.kernels import Candidates
+class Candidates(NamedTuple):
+    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
+
+    truth_start: Array  # (S + 1,) offsets of steps
+    truth_track: Array  # (N,)
+    estimate_start: Array  # (S + 1,)
+    estimate_track: Array  # (M,)
+    score: Array  # (M,)
+    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
+    pair_estimate: Array  # (P,) rows
+    pair_m: Array  # (P,) distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +113,8 @@ class Clip:
         )  # fmt: skip
 
     @property
-    def candidates(self) -> "Candidates":
+    def candidates(self) -> Candidates:
         """What the kernels read."""
-        from fbench.metrics.profiles.nuscenes.kernels import Candidates  # numba takes a while to import
-
         return Candidates(*(getattr(self, name) for name in Candidates._fields))
 
 

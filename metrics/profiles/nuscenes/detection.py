@@ -22,27 +22,6 @@ from fbench.replay.data.arrays import Float64
 from fbench.replay.data.scores import Score
 from fbench.replay.data.sequences import Sequence
 
-
-def detection_rows(settings: DetectionSettings, statistics: DetectionStatistics, part: str) -> list[Score]:
-    """Return NDS, mAP and mean errors, then AP and errors of each class.
-
-    A class counts as in the devkit: where it has no truth, AP is 0 and the errors are 1; NaN where none is defined.
-    """
-    names, at = settings.rules.classes, settings.error_index
-    rankings = ranking.class_rankings(statistics, len(names))
-    precisions, errors = [], []
-    for name, one in zip(names, rankings, strict=True):
-        curves = [ranking.precision_curve(one.score, hit, one.num_truth) for hit in one.hit.T]
-        limits = settings.min_recall, settings.min_precision
-        precisions.append(np.array([ranking.average_precision(c.precision, *limits) for c in curves], np.float64))
-        errors.append(ranking.mean_errors(one, one.hit[:, at], curves[at], settings.min_recall))
-        errors[-1][[ERRORS.index(error) for error in UNDEFINED.get(name, ())]] = np.nan
-    rows = _overall_rows(settings, rankings, precisions, errors, asdict(statistics.left_out), part)
-    for name, one, ap, own in zip(names, rankings, precisions, errors, strict=True):
-        rows += _class_rows(settings, name, one, ap, own, part)
-    return rows
-
-
 _PRINTS = "no truth boxes (nuscenes-devkit prints {})"
 
 
@@ -151,5 +130,21 @@ class NuscenesDetection:
         return DetectionStatistics((own,), boxes.left_out)
 
     def scores(self, statistics: DetectionStatistics, part: str) -> list[Score]:
-        """Return NDS, mAP and mean errors, then AP and errors of each class."""
-        return detection_rows(self.settings, statistics, part)
+        """Return NDS, mAP and mean errors, then AP and errors of each class.
+
+        A class counts as in the devkit: where it has no truth, AP is 0 and the errors are 1; NaN where none is defined.
+        """
+        settings = self.settings
+        names, at = settings.rules.classes, settings.error_index
+        rankings = ranking.class_rankings(statistics, len(names))
+        precisions, errors = [], []
+        for name, one in zip(names, rankings, strict=True):
+            curves = [ranking.precision_curve(one.score, hit, one.num_truth) for hit in one.hit.T]
+            limits = settings.min_recall, settings.min_precision
+            precisions.append(np.array([ranking.average_precision(c.precision, *limits) for c in curves], np.float64))
+            errors.append(ranking.mean_errors(one, one.hit[:, at], curves[at], settings.min_recall))
+            errors[-1][[ERRORS.index(error) for error in UNDEFINED.get(name, ())]] = np.nan
+        rows = _overall_rows(settings, rankings, precisions, errors, asdict(statistics.left_out), part)
+        for name, one, ap, own in zip(names, rankings, precisions, errors, strict=True):
+            rows += _class_rows(settings, name, one, ap, own, part)
+        return rows

@@ -86,8 +86,7 @@ class Curve:
     @property
     def last(self) -> int:
         """Index of the highest recall achieved: the last score that isn't 0."""
-        used = np.flatnonzero(self.confidence)
-        return int(used[-1]) if len(used) else 0
+        return int(np.flatnonzero(self.confidence).max(initial=0))
 
 
 def precision_curve(score: Float64, hit: Bool, num_truth: int) -> Curve:
@@ -102,7 +101,7 @@ def precision_curve(score: Float64, hit: Bool, num_truth: int) -> Curve:
 
 def average_precision(precision: Float64, min_recall: float, min_precision: float) -> float:
     """Mean of precision (101,) above `min_recall`, less `min_precision` and floored at 0, as share of its maximum."""
-    kept = np.maximum(precision[_first(min_recall) :] - min_precision, 0.0)
+    kept = np.maximum(precision[round((NUM_RECALLS - 1) * min_recall) + 1 :] - min_precision, 0.0)
     return float(np.mean(kept)) / (1.0 - min_precision)
 
 
@@ -112,8 +111,7 @@ def mean_errors(ranking: ClassRanking, hit: Bool, curve: Curve, min_recall: floa
     Recalls up to `min_recall` are left out; where no higher one is achieved, every error is 1. An error that no hit
     has (NaN) is 1 too.
     """
-    first, last = _first(min_recall), curve.last
-    num = ranking.error.shape[1]
+    first, last, num = round((NUM_RECALLS - 1) * min_recall) + 1, curve.last, ranking.error.shape[1]
     if last < first or not hit.any():
         return np.ones(num)
     score, errors = ranking.score[hit][::-1], ranking.error[hit]
@@ -130,10 +128,6 @@ def cumulative_mean(values: Array) -> Float64:
     num = np.cumsum(known)
     mean: Float64 = np.cumsum(np.where(known, values, 0.0)) / np.maximum(num, 1)
     return mean
-
-
-def _first(min_recall: float) -> int:
-    return round((NUM_RECALLS - 1) * min_recall) + 1
 
 
 ERRORS = ("ate", "ase", "aoe", "ave", "aae")

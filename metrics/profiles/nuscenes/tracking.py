@@ -117,38 +117,6 @@ def _mean(curve: Float64, worst: float, settings: TrackingSettings) -> float:
     return float(np.mean(np.append(np.full(missing, worst), np.where(np.isnan(curve), worst, curve))))
 
 
-def tracking_rows(settings: TrackingSettings, statistics: TrackingStatistics, part: str) -> list[Score]:
-    """Return all metrics over the classes, then of each class."""
-    classes = {
-        name: class_values([clip for clip in statistics.clips if clip.kind == kind], settings)
-        for kind, name in enumerate(settings.rules.classes)
-    }
-    found = [one for one in classes.values() if one.num_truth]
-    known = {m: [one.values[m] for one in found if not np.isnan(one.values[m])] for m in UNITS}
-    sums = {name: int(sum(known[name])) for name in ("tp", "fp", "fn", "ids")}
-    counts: dict[str, int | float] = {"gt": sum(one.num_truth for one in found), **sums, **asdict(statistics.left_out)}
-    counts["classes_without_truth"] = len(classes) - len(found)
-
-    def row(metric: str, class_: str, value: float, why: str, counts: Mapping[str, int | float]) -> Score:
-        printed = 0 if class_ == "all" and metric in SUMMED else "nan"
-        reason = f"{why} (nuscenes-devkit prints {printed})" if np.isnan(value) else None
-        number = None if reason else float(value)
-        return Score(metric, class_, part, settings.matching, number, reason, UNITS[metric], counts)
-
-    why = "nothing matched in any class" if found else "no truth boxes"
-    rows = []
-    for metric, values in known.items():
-        total = np.nan if not values else np.sum(values) if metric in SUMMED else np.mean(values)
-        rows.append(row(metric, "all", float(total), why, counts))
-    for name, one in classes.items():
-        why = "nothing matched" if one.num_truth else "no truth boxes"
-        own: dict[str, int | float] = {"gt": one.num_truth, "frames": one.frames, "recalls_reached": one.num_reached}
-        own |= {n: int(one.values[n]) for n in ("tp", "fp", "fn", "ids") if not np.isnan(one.values[n])}
-        own |= {} if one.threshold is None else {"score": one.threshold}
-        rows += [row(metric, name, one.values[metric], why, own) for metric in UNITS]
-    return rows
-
-
 @dataclass(frozen=True)
 class NuscenesTracking:
     """nuScenes' tracking benchmark (AMOTA, AMOTP and CLEAR at the best score) as nuscenes-devkit 1.2.0 counts it.
@@ -198,4 +166,39 @@ class NuscenesTracking:
 
     def scores(self, statistics: TrackingStatistics, part: str) -> list[Score]:
         """Return all metrics over the classes, then of each class."""
-        return tracking_rows(self.settings, statistics, part)
+        classes = {
+            name: class_values([clip for clip in statistics.clips if clip.kind == kind], self.settings)
+            for kind, name in enumerate(self.settings.rules.classes)
+        }
+        found = [one for one in classes.values() if one.num_truth]
+        known = {m: [one.values[m] for one in found if not np.isnan(one.values[m])] for m in UNITS}
+        sums = {name: int(sum(known[name])) for name in ("tp", "fp", "fn", "ids")}
+        counts: dict[str, int | float] = {
+            "gt": sum(one.num_truth for one in found),
+            **sums,
+            **asdict(statistics.left_out),
+        }
+        counts["classes_without_truth"] = len(classes) - len(found)
+
+        def row(metric: str, class_: str, value: float, why: str, counts: Mapping[str, int | float]) -> Score:
+            printed = 0 if class_ == "all" and metric in SUMMED else "nan"
+            reason = f"{why} (nuscenes-devkit prints {printed})" if np.isnan(value) else None
+            number = None if reason else float(value)
+            return Score(metric, class_, part, self.settings.matching, number, reason, UNITS[metric], counts)
+
+        why = "nothing matched in any class" if found else "no truth boxes"
+        rows = []
+        for metric, values in known.items():
+            total = np.nan if not values else np.sum(values) if metric in SUMMED else np.mean(values)
+            rows.append(row(metric, "all", float(total), why, counts))
+        for name, one in classes.items():
+            why = "nothing matched" if one.num_truth else "no truth boxes"
+            own: dict[str, int | float] = {
+                "gt": one.num_truth,
+                "frames": one.frames,
+                "recalls_reached": one.num_reached,
+            }
+            own |= {n: int(one.values[n]) for n in ("tp", "fp", "fn", "ids") if not np.isnan(one.values[n])}
+            own |= {} if one.threshold is None else {"score": one.threshold}
+            rows += [row(metric, name, one.values[metric], why, own) for metric in UNITS]
+        return rows

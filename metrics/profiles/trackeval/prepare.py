@@ -96,10 +96,22 @@ def problems(sequence: Sequence, preparation: Preparation, match: Match) -> Iter
     """Yield what counts of each class. Raises MetricError where an id is missing or twice in a step (GT003), or labels
     are of another benchmark.
     """
-    _check_labels(sequence, preparation)
-    tracked = _select_tracked(sequence, preparation)
+    sides = ((sequence.truth, "truth"), (sequence.estimates, "results"))
+    for (objects, what), allowed in zip(sides, (preparation.known_labels, preparation.only_labels), strict=True):
+        strange = ~_select_labels(objects, allowed)
+        if allowed and strange.any():
+            row = int(np.argmax(strange))
+            where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"
+            names = ", ".join(sorted(allowed - {""}))
+            raise MetricError(f"{where}: {what} of class '{objects.label[row]}', expected {names}")
+    has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
+    for (objects, what), has in zip(sides, has_id, strict=True):
+        fine = has if objects.ignore is None or not preparation.drops_ignored else has | objects.ignore
+        if not preparation.drops_missing_ids and not fine.all():
+            frame = sequence.steps.frame[objects.step[np.argmin(fine)]]
+            raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
     for rule in preparation.classes:
-        yield _problem(sequence, rule, preparation, match, _of_class(*tracked, sequence, rule, preparation))
+        yield _problem(sequence, rule, preparation, match, _of_class(*has_id, sequence, rule, preparation))
 
 
 def _problem(
@@ -109,7 +121,13 @@ def _problem(
     steps = sequence.steps
     truth, estimates = _columns(sequence.truth, rows[0], match), _columns(sequence.estimates, rows[1], match)
     pairs = blocks(truth, estimates, len(steps), match.likeness, sequence.ego_m)
-    counts = _counts(truth, rule, preparation)
+    counts = _select_labels(truth, rule.labels) if rule.labels else np.ones(len(truth), bool)  # is to be found
+    limits = (truth.truncation, preparation.max_truncation), (truth.occlusion, preparation.max_occlusion)
+    for level, limit in limits:
+        if level is not None and limit is not None:
+            counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
+    if preparation.drops_ignored and truth.ignore is not None:
+        counts &= ~truth.ignore
     kept = counts, ~_excuse(sequence, pairs, truth, estimates, counts, rule, preparation, match)
     ids = []
     for objects, own, what in ((truth, kept[0], "truth"), (estimates, kept[1], "results")):
@@ -123,18 +141,6 @@ def _problem(
         left.row_start, left.column_start, left.start, left.values, steps.stream, truth_id, estimate_id,
         estimates.score[kept[1]], rows[0][kept[0]], rows[1][kept[1]],
     )  # fmt: skip
-
-
-def _counts(truth: Objects, rule: ClassRule, preparation: Preparation) -> Bool:
-    """Which truth (N,) is to be found."""
-    p = preparation
-    counts = _select_labels(truth, rule.labels) if rule.labels else np.ones(len(truth), bool)
-    for level, limit in ((truth.truncation, p.max_truncation), (truth.occlusion, p.max_occlusion)):
-        if level is not None and limit is not None:
-            counts &= ~(np.trunc(np.nan_to_num(level)) > limit)
-    if p.drops_ignored and truth.ignore is not None:
-        counts &= ~truth.ignore
-    return counts
 
 
 def _excuse(
@@ -183,18 +189,6 @@ def _select_labels(objects: Objects, labels: set[str] | frozenset[str]) -> Bool:
     return found
 
 
-def _select_tracked(sequence: Sequence, preparation: Preparation) -> tuple[Bool, Bool]:
-    """Which truth (N,) and estimates (M,) have ids."""
-    has_id = sequence.truth.track_id >= 0, sequence.estimates.track_id >= 0
-    if not preparation.drops_missing_ids:
-        for side, has, what in zip((sequence.truth, sequence.estimates), has_id, ("truth", "results"), strict=True):
-            fine = has if side.ignore is None or not preparation.drops_ignored else has | side.ignore
-            if not fine.all():
-                frame = sequence.steps.frame[side.step[np.argmin(fine)]]
-                raise MetricError(f"{sequence.name}, frame {frame}: {what} without an id can't be scored as tracks")
-    return has_id
-
-
 def _of_class(
     truth: Bool, estimates: Bool, sequence: Sequence, rule: ClassRule, preparation: Preparation
 ) -> tuple[Int64, Int64]:
@@ -207,18 +201,6 @@ def _of_class(
     if preparation.order == "as given":
         return rows, others
     return rows[content_order(sequence.truth[rows])], others[content_order(sequence.estimates[others])]
-
-
-def _check_labels(sequence: Sequence, preparation: Preparation) -> None:
-    """Refuse results and truth of another benchmark."""
-    truth, results = (sequence.truth, preparation.known_labels), (sequence.estimates, preparation.only_labels)
-    for (objects, allowed), what in ((truth, "truth"), (results, "results")):
-        strange = ~_select_labels(objects, allowed)
-        if allowed and strange.any():
-            row = int(np.argmax(strange))
-            where = f"{sequence.name}, frame {sequence.steps.frame[objects.step[row]]}"
-            names = ", ".join(sorted(allowed - {""}))
-            raise MetricError(f"{where}: {what} of class '{objects.label[row]}', expected {names}")
 
 
 def overlaps(problem: Problem, match: Match) -> Float64:

@@ -28,28 +28,6 @@ class _Block(NamedTuple):
     slice: str
 
 
-def tracking_scores(statistics: TrackingCounts, part: str, match: Match) -> list[Score]:
-    """Return rows of all classes: means over thresholds and CLEAR and Identity first, then each threshold's HOTA."""
-    classes = dict(statistics.classes)
-    is_combined = len(classes) > 1 and part == "all"
-    if is_combined:
-        classes[CLASS_SUM] = statistics.together
-    blocks = {name: _blocks(c, part, match) for name, c in classes.items()}
-    if is_combined:  # over classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed
-        used = [blocks[name] for name, c in statistics.classes.items() if c.clear.tp + c.clear.fn + c.clear.fp]
-        blocks[CLASS_MEAN] = [
-            summed._replace(fields=list(map(_mean, summed.fields, *(block.fields for block in own))))
-            for summed, *own in zip(blocks[CLASS_SUM], *used, strict=True)
-        ]
-    return [
-        field.score(name, block.slice, block.matching, block.counts)
-        for which in (slice(0, 4), slice(4, None))
-        for name, own in blocks.items()
-        for block in own[which]
-        for field in block.fields
-    ]
-
-
 def _blocks(c: ClassCounts, part: str, match: Match) -> list[_Block]:
     hota, own, at = c.hota, str(match), f"{match}, similarity" if match.is_distance else match.likeness
     by_alpha = [of.alpha_fields(hota, a) for a in range(len(LABELS))]
@@ -139,11 +117,28 @@ class TrackEvalProfile(TracksProfile):
         return Facts(True, "2d", self.family, _HEADLINES)
 
     def scores(self, statistics: TrackingCounts, part: str) -> list[Score]:
-        """Return rows of all classes: means over thresholds first, then those of each threshold.
+        """Return rows of all classes: means over thresholds, CLEAR and Identity first, then HOTA of each threshold.
 
         Over all sequences of several classes also their mean (`cls_comb_cls_av`) and their sum (`cls_comb_det_av`).
         """
-        return tracking_scores(statistics, part, self.match)
+        classes = dict(statistics.classes)
+        is_combined = len(classes) > 1 and part == "all"
+        if is_combined:
+            classes[CLASS_SUM] = statistics.together
+        blocks = {name: _blocks(c, part, self.match) for name, c in classes.items()}
+        if is_combined:  # over classes that have boxes (`ignore_empty_classes` of TrackEval); counts are summed
+            used = [blocks[name] for name, c in statistics.classes.items() if c.clear.tp + c.clear.fn + c.clear.fp]
+            blocks[CLASS_MEAN] = [
+                summed._replace(fields=list(map(_mean, summed.fields, *(block.fields for block in own))))
+                for summed, *own in zip(blocks[CLASS_SUM], *used, strict=True)
+            ]
+        return [
+            field.score(name, block.slice, block.matching, block.counts)
+            for which in (slice(0, 4), slice(4, None))
+            for name, own in blocks.items()
+            for block in own[which]
+            for field in block.fields
+        ]
 
     def clear_rules(self) -> ClearRules:
         """Return the rules of CLEAR with the floor of the match."""
