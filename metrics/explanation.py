@@ -85,7 +85,7 @@ class _Judged:
     """Of estimates that are another track than the one that was on their truth before: its id, and its last frame."""
 
     @cached_property
-    def found_by(self) -> Int64:
+    def estimate_on(self) -> Int64:
         """(N,) which estimate is on each truth box; -1: none."""
         found = np.full(len(self.judgement.candidates.truth_row), -1, np.int64)
         hits = np.flatnonzero(self.judgement.truth_of_estimate >= 0)
@@ -127,7 +127,7 @@ class _Step:
     def _of_truth(self, row: int, n: int | None) -> Verdict:
         if n is None:
             return self._verdict("truth", row, "ignored", self._why_ignored(row))
-        what, m = self.judged.what, int(self.judged.found_by[n])
+        what, m = self.judged.what, int(self.judged.estimate_on[n])
         values = self.similarity[n - self.first_n]
         if m >= 0:
             near = float(values[m - self.first_m])
@@ -175,7 +175,7 @@ class _Step:
         elif near < self.match.floor:
             why = f"no truth {self._limit()}; nearest is {self._truth(best + self.first_n)}, {self._reach(near)}"
         else:
-            taker = self._estimate(int(judged.found_by[best + self.first_n]))
+            taker = self._estimate(int(judged.estimate_on[best + self.first_n]))
             why = f"{self._truth(best + self.first_n)}, {self._reach(near)}, is taken by {taker}"
         return self._verdict(what, row, "false alarm", why)
 

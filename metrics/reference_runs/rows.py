@@ -120,21 +120,21 @@ def objects_of(rows: Rows, family: Family | None, step: Int64, alpha_rad: Float6
             alpha[row] = np.nan if float(given[1]) == _UNKNOWN_ALPHA else float(given[1])
 
     names = ("occlusion", "truncation", "visibility")
-    levels: dict[str, Any] = {name: _known(np.asarray(found.column(name, np.nan), np.float64)) for name in names}
+    levels: dict[str, Any] = {name: _if_known(np.asarray(found.column(name, np.nan), np.float64)) for name in names}
     return Objects(
         step=step,
         label=names_of(family, found.column("source_label", ""), found.column("label", ""), ignored),
         track_id=ids,
         score=np.asarray(found.column("score", 0.0), np.float64),
-        xyxy_px=_known(found.xyxy_px),
+        xyxy_px=_if_known(found.xyxy_px),
         center_m=center if has.any() else None,
         size_lwh_m=size if has.any() else None,
         yaw_rad=yaw if has.any() else None,
-        alpha_rad=_known(alpha),
+        alpha_rad=_if_known(alpha),
         ignore=ignored if ignored.any() else None,
         **levels,
     )
 
 
-def _known(values: Float64) -> Float64 | None:
+def _if_known(values: Float64) -> Float64 | None:
     return None if np.isnan(values).all() else values

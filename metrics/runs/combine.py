@@ -25,8 +25,6 @@ _ORDER = (
     "range_rate_error",
 )  # fmt: skip
 
-_FIRST = ("f1", "mota")  # A metric's first row of these is in the pipeline's own space
-
 
 def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> list[Score]:
     """Return the rows of all metrics, primary rows first.
@@ -40,7 +38,8 @@ def score_run(run: Run, options: ScoreOptions, metrics: Sequence[Metric]) -> lis
 
 
 def _sort_rows(rows: Sequence[Score]) -> list[Score]:
-    native = next((row.matching for row in rows if row.metric in _FIRST), "")
+    # The first row of these metrics is in the pipeline's own space.
+    native = next((row.matching for row in rows if row.metric in ("f1", "mota")), "")
     classes = list(dict.fromkeys(row.class_ for row in rows))
     slices = list(dict.fromkeys(row.slice for row in rows))
 

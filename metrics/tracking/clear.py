@@ -8,14 +8,8 @@ import numpy as np
 
 from fbench.metrics.core.exact import Counts, exact_sum
 from fbench.metrics.core.problem import Problem
+from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
 from fbench.replay.data.arrays import Int64, freeze_fields
-
-# Events that a match can be, as bits.
-SWITCH = 1  # The truth track's last match, after any gap, was with another id
-START = 2  # The first match of its truth track, or the first after a miss
-ASCEND = 4  # A switch to an id that was never matched before
-TRANSFER = 8  # The id goes over from another truth track
-MIGRATE = 16  # A transfer to a truth track that was never matched before
 
 
 @dataclass(frozen=True)
@@ -50,7 +44,7 @@ class ClearPairs:
 
     estimate_of: Int64  # (N,)
     truth_of: Int64  # (M,)
-    event: Int64  # (N,) bits of `SWITCH`, `START` ...; 0 for misses
+    event: Int64  # (N,) bits of `fbench.metrics.tracking.clear_events`; 0 for misses
 
     def __post_init__(self) -> None:
         freeze_fields(self, estimate_of=("i8", ("N",)), truth_of=("i8", ("M",)), event=("i8", ("N",)))

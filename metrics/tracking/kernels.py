@@ -3,7 +3,7 @@
 import numpy as np
 
 from fbench.metrics.core.assignment_kernel import assign
-from fbench.metrics.tracking.clear import ASCEND, MIGRATE, START, SWITCH, TRANSFER
+from fbench.metrics.tracking.clear_events import ASCEND, MIGRATE, START, SWITCH, TRANSFER
 from fbench.replay.data.arrays import Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 

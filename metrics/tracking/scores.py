@@ -9,7 +9,8 @@ from fbench.metrics.core.ordering import find_twice, number_tracks
 from fbench.metrics.core.problem import Problem
 from fbench.metrics.core.slices import Group, Heading, Part
 from fbench.metrics.detection.outcomes import BoxCounts, Judgement, Outcome, compare_class, judge_tracks
-from fbench.metrics.tracking.clear import SWITCH, ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
+from fbench.metrics.tracking.clear import ClearCounts, ClearPairs, ClearRules, clear_counts, clear_pairs
+from fbench.metrics.tracking.clear_events import SWITCH
 from fbench.metrics.tracking.hota import HotaCounts, hota_counts
 from fbench.metrics.tracking.identity import IdentityCounts, identity_counts
 from fbench.metrics.tracking.survival import SurvivalCounts, survival_counts, survival_rows

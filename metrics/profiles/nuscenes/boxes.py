@@ -203,3 +203,16 @@ def sort_groups(side: Side, num_classes: int, num_steps: int, by_score: bool = F
 def centers_xy(side: Side) -> Float64:
     """Return centers (N, 2) in the ground plane [m]."""
     return np.ascontiguousarray(solids(side.boxes).center_m[:, :2])
+
+
+class Candidates(NamedTuple):
+    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
+
+    truth_start: Array  # (S + 1,) offsets of steps
+    truth_track: Array  # (N,)
+    estimate_start: Array  # (S + 1,)
+    estimate_track: Array  # (M,)
+    score: Array  # (M,)
+    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
+    pair_estimate: Array  # (P,) rows
+    pair_m: Array  # (P,) distances

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from fbench.metrics.core.ordering import content_ranks, life_ranks, number_tracks
-from fbench.metrics.profiles.nuscenes.boxes import LeftOut, Side, centers_xy
+from fbench.metrics.profiles.nuscenes.boxes import Candidates, LeftOut, Side, centers_xy
 from fbench.replay.contracts.errors import MetricError
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64, freeze_fields
 from fbench.replay.data.sequences import Sequence
@@ -69,19 +68,6 @@ def track_points(sequence: Sequence, side: Side) -> TrackPoints:
     added = TrackPoints(step, after.track, after.kind, xy, score, after.invalid)
     points = TrackPoints(*map(np.concatenate, zip(points.columns, added.columns, strict=True)))
     return points[np.lexsort((points.track, points.xy[:, 1], points.xy[:, 0], points.step))]
-
-
-class Candidates(NamedTuple):
-    """Boxes of one class of one sequence, by step, and the pairs of them that are near; int32 but for the reals."""
-
-    truth_start: Array  # (S + 1,) offsets of steps
-    truth_track: Array  # (N,)
-    estimate_start: Array  # (S + 1,)
-    estimate_track: Array  # (M,)
-    score: Array  # (M,)
-    pair_start: Array  # (N + 1,) offsets of the pairs of each truth box
-    pair_estimate: Array  # (P,) rows
-    pair_m: Array  # (P,) distances
 
 
 @dataclass(frozen=True, eq=False)

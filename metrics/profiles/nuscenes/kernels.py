@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from fbench.metrics.core.assignment_kernel import assign
-from fbench.metrics.profiles.nuscenes.clips import Candidates
+from fbench.metrics.profiles.nuscenes.boxes import Candidates
 from fbench.replay.data.arrays import Array, Bool, Float64, Int64
 from fbench.replay.geometry.kernels import kernel
 

@@ -10,8 +10,8 @@ from tests.metrics.tracking.problems_by_hand import sequence, track
 from fbench.metrics.profiles.motmetrics import MOTMETRICS, MOTMETRICS_RULES
 from fbench.metrics.profiles.trackeval.fields import clear_fields
 from fbench.metrics.profiles.trackeval.prepare import EVERYTHING, HALF, problems
-from fbench.metrics.tracking import clear
 from fbench.metrics.tracking.clear import TRACKEVAL_RULES, ClearCounts, ClearRules, clear_counts, clear_pairs
+from fbench.metrics.tracking.clear_events import START, SWITCH
 from fbench.replay.contracts.profiles import Match
 from fbench.replay.data.sequences import Steps
 
@@ -128,8 +128,8 @@ def test_partners_are_told_for_both_sides():
     pairs = clear_pairs(one, ClearRules())
     assert pairs.estimate_of.tolist() == [0, -1, 1, 3]
     assert pairs.truth_of.tolist() == [0, 2, -1, 3]
-    assert (pairs.event & clear.SWITCH).tolist() == [0, 0, clear.SWITCH, 0]
-    assert (pairs.event & clear.START).tolist() == [clear.START, 0, 0, 0]
+    assert (pairs.event & SWITCH).tolist() == [0, 0, SWITCH, 0]
+    assert (pairs.event & START).tolist() == [START, 0, 0, 0]
 
 
 def test_most_pairs_go_before_the_best_sum_only_where_rules_say_so():
